@@ -1,0 +1,344 @@
+"""Components: frozen descriptions with validated fields and scalar kernels.
+
+A component class declares its fields with :func:`parameter` and its physics as
+*kernels*: static functions of scalars, without ``self``. Defining the class makes
+it a frozen dataclass and checks the names of every kernel's arguments, so that a
+mistake is reported where it was made and not when a simulation compiles.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+import math
+import types
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, Self, dataclass_transform
+
+import numpy as np
+
+from impactlab.errors import InvalidInput
+
+_REGISTRY: dict[str, dict[str, type[Component]]] = {}
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a clause that names the nearest known name, or all of them.
+
+    Parameters
+    ----------
+    name : str
+        What was given.
+    known : iterable of str
+        What is allowed.
+
+    Returns
+    -------
+    str
+    """
+    known = [str(item) for item in known]
+    near = difflib.get_close_matches(str(name), known, n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"allowed are {', '.join(map(repr, known))}" if known else "none is allowed here"
+
+
+def parameter(
+    default: Any = dataclasses.MISSING,
+    *,
+    units: str = "1",
+    minimum: float | None = None,
+    above: float | None = None,
+    maximum: float | None = None,
+    kw_only: bool | dataclasses._MISSING_TYPE = dataclasses.MISSING,
+) -> Any:
+    """Declare a field of a component.
+
+    Parameters
+    ----------
+    default : optional
+        Value of the field when it is not given. Without it the field is required.
+    units : str
+        Units in the notation of UDUNITS, such as ``"N m-1"``.
+    minimum, maximum : float, optional
+        Smallest and largest value allowed.
+    above : float, optional
+        The value must be larger than this.
+    kw_only : bool, optional
+        Whether the field must be given by name. By default all fields but the
+        first of a class must.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum}
+    return dataclasses.field(default=default, metadata=metadata, kw_only=kw_only)  # type: ignore[call-overload]
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(parameter,))
+class Component:
+    """Base of oscillators, contact laws, excitations, integrators, records and studies.
+
+    Subclasses become frozen dataclasses when they are defined. Two components are
+    equal when they have the same class and the same values.
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Kernels of the family: name to kinematic arguments, in order."""
+
+    required: ClassVar[tuple[str, ...]] = ()
+    """Names of what a class must define; one without is abstract."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _make_first_field_positional(cls)
+        dataclasses.dataclass(frozen=True, kw_only=True, repr=False)(cls)
+        for name, kinematic in cls.kernels.items():
+            if name in cls.__dict__:
+                _make_kernel(cls, name, kinematic)
+        _REGISTRY.setdefault(cls.__name__, {})[cls.__module__] = cls
+
+    def __new__(cls, *values: Any, **fields: Any) -> Self:
+        missing = [name for name in cls.required if getattr(cls, name, None) is None]
+        if missing:
+            raise InvalidInput(
+                f"{cls.__name__} is abstract: it does not define {', '.join(missing)}. "
+                f"Use one of its subclasses or define {missing[0]} in one of your own."
+            )
+        _check_arguments(cls, values, fields)
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            object.__setattr__(self, field.name, _validated(type(self), field, value))
+
+    def __repr__(self) -> str:
+        shown = [
+            f"{field.name}={getattr(self, field.name)!r}"
+            for field in dataclasses.fields(self)  # type: ignore[arg-type]
+            if field.default is dataclasses.MISSING or getattr(self, field.name) != field.default
+        ]
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def __reduce__(self) -> Any:
+        return _remake, (type(self), {name: getattr(self, name) for name in self.field_names()})
+
+    @classmethod
+    def field_names(cls) -> tuple[str, ...]:
+        """Names of the fields, in the order of their declaration."""
+        return tuple(field.name for field in dataclasses.fields(cls))  # type: ignore[arg-type]
+
+    @classmethod
+    def units(cls, name: str) -> str:
+        """Units of a field."""
+        fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        return str(fields[name].metadata.get("units", "1"))
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with some fields changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the class name and the fields as plain data that JSON can hold."""
+        fields = {name: _plain(getattr(self, name)) for name in self.field_names()}
+        return {"type": type(self).__name__, **fields}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Make a component from what :meth:`to_dict` returned.
+
+        The class is looked up by name among the classes that are defined; nothing
+        is imported.
+
+        Raises
+        ------
+        InvalidInput
+            If the class is not defined, is defined twice, or belongs to another family.
+        """
+        fields = dict(data)
+        name = fields.pop("type", cls.__name__)
+        found = list(_REGISTRY.get(name, {}).values())
+        if not found:
+            raise InvalidInput(
+                f"No component class named {name!r} is defined; {suggestion(name, _REGISTRY)} "
+                "Import the module that defines it first."
+            )
+        if len(found) > 1:
+            places = ", ".join(item.__module__ for item in found)
+            raise InvalidInput(f"{name!r} is defined more than once ({places}); rename one of them.")
+        if not issubclass(found[0], cls):
+            raise InvalidInput(f"{name!r} is not a {cls.__name__}.")
+        return found[0](**fields)
+
+    @classmethod
+    def has_kernel(cls, name: str) -> bool:
+        """Whether the class defines this kernel."""
+        return callable(getattr(cls, name, None))
+
+    @classmethod
+    def kernel(cls, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
+        """Return a kernel with the names of its kinematic arguments and of its fields."""
+        function = getattr(cls, name)
+        names = tuple(inspect.signature(function).parameters)
+        kinematic = tuple(item for item in cls.kernels[name] if item in names)
+        return function, kinematic, names[len(kinematic) :]
+
+    def call(self, name: str, *kinematic: Any) -> np.ndarray:
+        """Evaluate a kernel on arrays, in Python, with the fields filled in.
+
+        Parameters
+        ----------
+        name : str
+            Name of the kernel.
+        *kinematic : array_like
+            All kinematic arguments of the family's kernel, in order.
+
+        Returns
+        -------
+        ndarray of float
+        """
+        function, used, fields = self.kernel(name)
+        values = dict(zip(self.kernels[name], kinematic, strict=True))
+        filled = [getattr(self, field) for field in fields]
+        shape = np.broadcast_shapes(*(np.shape(value) for value in kinematic))
+        scalar = np.vectorize(lambda *arguments: function(*arguments, *filled), otypes=[float])
+        arguments = [np.asarray(values[item], dtype=float) for item in used]
+        result = scalar(*arguments) if arguments else np.float64(function(*filled))
+        return np.broadcast_to(result, shape)
+
+
+def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
+    return cls(**fields)
+
+
+def _make_first_field_positional(cls: type) -> None:
+    """Let the first field that a class itself declares be given by position."""
+    inherited = {name for base in cls.__mro__[1:] for name in base.__dict__.get("__annotations__", ())}
+    for name in inspect.get_annotations(cls):
+        value = cls.__dict__.get(name, dataclasses.MISSING)
+        if name in inherited or _is_class_variable(cls, name):
+            continue
+        if not isinstance(value, dataclasses.Field):
+            value = dataclasses.field(default=value)
+            setattr(cls, name, value)
+        if value.kw_only is dataclasses.MISSING:
+            value.kw_only = False
+        return
+
+
+def _is_class_variable(cls: type, name: str) -> bool:
+    return "ClassVar" in str(inspect.get_annotations(cls)[name])
+
+
+def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) -> None:
+    """Turn a bare function of the class body into a checked static method."""
+    value = cls.__dict__[name]
+    if value is None:
+        return
+    function = value.__func__ if isinstance(value, staticmethod) else value
+    if not isinstance(function, types.FunctionType):
+        raise InvalidInput(f"{cls.__name__}.{name} must be a plain function of scalars, not {value!r}.")
+    place = f"{cls.__name__}.{name}"
+    fields = cls.field_names()
+    form = f"{name}({', '.join(kinematic)}, then fields by name)"
+    arguments = inspect.signature(function).parameters
+    for argument in arguments.values():
+        if argument.kind is not argument.POSITIONAL_OR_KEYWORD or argument.default is not argument.empty:
+            raise InvalidInput(f"{place}: {argument} is not a plain argument; write {form}.")
+    names = list(arguments)
+    if "self" in names:
+        raise InvalidInput(
+            f"{place} must not take self: a kernel is a function of scalars, {form}. "
+            "Name the fields it needs as arguments."
+        )
+    for argument_name in names:
+        if argument_name not in kinematic and argument_name not in fields:
+            raise InvalidInput(
+                f"{place} has an argument {argument_name!r} that is neither kinematic nor a field; "
+                f"{suggestion(argument_name, (*kinematic, *fields))}"
+            )
+    used = [item for item in kinematic if item in names]
+    if names[: len(used)] != used:
+        raise InvalidInput(
+            f"{place} takes ({', '.join(names)}); the kinematic arguments come first and in order: {form}."
+        )
+    setattr(cls, name, staticmethod(function))
+
+
+def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict[str, Any]) -> None:
+    """Refuse unknown, surplus and missing arguments in the words of the component."""
+    declared = [field for field in dataclasses.fields(cls) if field.init]  # type: ignore[arg-type]
+    positional = [field.name for field in declared if not field.kw_only]
+    allowed = [field.name for field in declared]
+    for name in fields:
+        if name not in allowed:
+            raise InvalidInput(f"{cls.__name__} has no field {name!r}; {suggestion(name, allowed)}")
+    if len(values) > len(positional):
+        raise InvalidInput(
+            f"{cls.__name__} takes {len(positional)} value(s) by position, {len(values)} were given; "
+            f"name the others: {', '.join(allowed)}."
+        )
+    given = {*positional[: len(values)], *fields}
+    for field in declared:
+        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if needed and field.name not in given:
+            units = field.metadata.get("units", "1")
+            raise InvalidInput(f"{cls.__name__} needs {field.name} ({units}).")
+
+
+def _validated(cls: type, field: dataclasses.Field[Any], value: Any) -> Any:
+    """Return the value of a field in its declared type, or refuse it."""
+    place = f"{cls.__name__}.{field.name}"
+    kind = str(field.type if isinstance(field.type, str) else getattr(field.type, "__name__", field.type))
+    if kind == "float":
+        value = finite(place, value)
+    elif kind == "int":
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise InvalidInput(f"{place} must be a whole number, {value!r} was given.")
+        value = int(value)
+    elif kind == "bool":
+        if not isinstance(value, bool | np.bool_):
+            raise InvalidInput(f"{place} must be true or false, {value!r} was given.")
+        value = bool(value)
+    elif kind == "str":
+        if not isinstance(value, str):
+            raise InvalidInput(f"{place} must be a text, {value!r} was given.")
+    elif isinstance(value, list):
+        value = tuple(value)
+    _check_limits(place, field.metadata, value)
+    return value
+
+
+def _check_limits(place: str, metadata: Mapping[str, Any], value: Any) -> None:
+    units = metadata.get("units", "1")
+    minimum, above, maximum = (metadata.get(name) for name in ("minimum", "above", "maximum"))
+    for item in value if isinstance(value, tuple) else (value,):
+        if isinstance(item, bool) or not isinstance(item, int | float):
+            continue
+        finite(place, item)
+        if minimum is not None and item < minimum:
+            raise InvalidInput(f"{place} must be at least {minimum:g} {units}, {item!r} was given.")
+        if above is not None and item <= above:
+            raise InvalidInput(f"{place} must be larger than {above:g} {units}, {item!r} was given.")
+        if maximum is not None and item > maximum:
+            raise InvalidInput(f"{place} must be at most {maximum:g} {units}, {item!r} was given.")
+
+
+def finite(place: str, value: Any) -> float:
+    """Return a finite float, or raise `InvalidInput` that names the place."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+        raise InvalidInput(f"{place} must be a number, {value!r} was given.")
+    if not math.isfinite(value):
+        raise InvalidInput(f"{place} must be a finite number, {value!r} was given.")
+    return float(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Component):
+        return value.to_dict()
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value

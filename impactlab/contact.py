@@ -1,0 +1,158 @@
+"""Contacts between two bodies, or a body and a wall, and the laws of their forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.component import Component, parameter
+from impactlab.errors import InvalidInput
+
+
+class ContactLaw(Component):
+    """Force of a closed contact as a function of its indentation.
+
+    Subclasses define the kernel ``force(indentation, rate, ...)`` (N, positive in
+    compression), which must be finite at zero indentation, and, if the force has one,
+    the kernel ``potential(indentation, ...)`` (J, 0 at 0), which makes exact
+    stationary laws possible.
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "force": ("indentation", "rate"),
+        "potential": ("indentation",),
+    }
+    required: ClassVar[tuple[str, ...]] = ("force",)
+
+    def evaluate(self, indentation: Any, rate: Any = 0.0) -> np.ndarray:
+        """Return the contact force for arrays of indentations and their rates.
+
+        Parameters
+        ----------
+        indentation : array_like
+            Indentation (m); the contact is open where it is not positive.
+        rate : array_like
+            Rate of the indentation (m s-1).
+
+        Returns
+        -------
+        ndarray
+            Force (N), 0 where the contact is open.
+        """
+        indentation = np.asarray(indentation, dtype=float)
+        force = self.call("force", np.maximum(indentation, 0.0), rate)
+        return np.where(indentation > 0.0, force, 0.0)
+
+
+class HertzContact(ContactLaw):
+    """Hertz contact of two elastic bodies: force ``stiffness δ^(3/2)``.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness η (N m-3/2).
+    """
+
+    stiffness: float = parameter(units="N m-3/2", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return stiffness * indentation * math.sqrt(indentation)
+
+    @staticmethod
+    def potential(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return 0.4 * stiffness * indentation * indentation * math.sqrt(indentation)
+
+
+class LinearContact(ContactLaw):
+    """One-sided linear spring: force ``stiffness δ``.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness κ (N m-1).
+    """
+
+    stiffness: float = parameter(units="N m-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return stiffness * indentation
+
+    @staticmethod
+    def potential(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return 0.5 * stiffness * indentation * indentation
+
+
+class Wall:
+    """The fixed body at ``x = 0`` that a contact may have on one side."""
+
+    def __repr__(self) -> str:
+        return "WALL"
+
+    def __reduce__(self) -> str:
+        return "WALL"
+
+
+WALL = Wall()
+
+
+class Contact(Component):
+    """A place where two bodies can touch.
+
+    The indentation is ``δ = x_first − x_second − clearance``; for ``δ > 0`` the law's
+    force acts on `first` in the negative and on `second` in the positive direction.
+
+    Parameters
+    ----------
+    first, second : str or WALL
+        Names of the bodies. ``Contact("a", WALL, law, clearance=d)`` stops ``a`` at
+        ``x = +d``, ``Contact(WALL, "a", law, clearance=d)`` stops it at ``x = −d``.
+    law : ContactLaw
+        Law of the force.
+    clearance : float
+        Distance to be closed before the bodies touch (m); negative for a preload.
+
+    Raises
+    ------
+    InvalidInput
+        If a body is in contact with itself, or a value is not what it should be.
+    """
+
+    first: str | Wall = parameter(kw_only=False)
+    second: str | Wall = parameter(kw_only=False)
+    law: ContactLaw = parameter(kw_only=False)
+    clearance: float = parameter(0.0, units="m")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for side in ("first", "second"):
+            body = getattr(self, side)
+            if isinstance(body, Mapping) and dict(body) == _WALL_DATA:
+                object.__setattr__(self, side, WALL)
+            elif not isinstance(body, str | Wall) or body == "":
+                raise InvalidInput(f"Contact.{side} must be the name of a body or il.WALL, {body!r} was given.")
+        if isinstance(self.law, Mapping):
+            object.__setattr__(self, "law", ContactLaw.from_dict(self.law))
+        if not isinstance(self.law, ContactLaw):
+            raise InvalidInput(
+                f"Contact.law must be a contact law such as il.HertzContact(1e4), {self.law!r} was given."
+            )
+        if self.first == self.second:
+            raise InvalidInput(f"A body cannot be in contact with itself: {self.first!r} was given twice.")
+
+    def __repr__(self) -> str:
+        return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
+
+    def to_dict(self) -> dict[str, Any]:
+        data = super().to_dict()
+        for side in ("first", "second"):
+            if data[side] is WALL:
+                data[side] = dict(_WALL_DATA)
+        return data
+
+
+_WALL_DATA = {"wall": True}

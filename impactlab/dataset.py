@@ -1,0 +1,238 @@
+"""Labelled results: variables with units, provenance, and files that are whole or absent."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import impactlab
+from impactlab.errors import InvalidInput
+from impactlab.network import Network
+
+CONFIGURATION = "impactlab_configuration"
+
+STATISTICS: dict[str, tuple[str, str, str]] = {
+    "mean_displacement": ("oscillator", "m", "mean displacement"),
+    "mean_square_displacement": ("oscillator", "m2", "mean square displacement"),
+    "variance_displacement": ("oscillator", "m2", "variance of the displacement"),
+    "mean_velocity": ("oscillator", "m s-1", "mean velocity"),
+    "mean_square_velocity": ("oscillator", "m2 s-2", "mean square velocity"),
+    "contact_ratio": ("contact", "1", "fraction of time in contact"),
+    "contact_rate": ("contact", "s-1", "rate of contacts"),
+    "mean_contact_force": ("contact", "N", "mean contact force over all time"),
+    "peak_contact_force": ("contact", "N", "mean over realizations of the largest contact force"),
+}
+"""Default statistics: name to dimension, units and long name."""
+
+BALANCES: dict[str, tuple[str, str, str]] = {
+    f"balance_{name}": ("oscillator", STATISTICS[name][1], f"{STATISTICS[name][2]}: direct minus balance estimate")
+    for name in ("mean_displacement", "mean_square_displacement", "mean_square_velocity")
+}
+"""Differences between two estimates of one quantity, zero in expectation."""
+
+_LOCK = threading.RLock()  # the netCDF library is not thread-safe
+
+
+def statistics(
+    oscillators: list[str],
+    contacts: list[str],
+    values: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray] | None = None,
+    **attributes: Any,
+) -> xr.Dataset:
+    """Return a labelled dataset of statistics.
+
+    Parameters
+    ----------
+    oscillators, contacts : list of str
+        Labels of the two dimensions.
+    values : mapping of str to ndarray
+        Values by the name of the statistic, one per oscillator or contact.
+    errors : mapping of str to ndarray, optional
+        Standard errors by the name of the statistic.
+    **attributes
+        Further attributes of the dataset.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables for which there are no labels (no contacts, say) are left out.
+    """
+    labels = {"oscillator": oscillators, "contact": contacts}
+    data: dict[str, Any] = {}
+    for name, value in values.items():
+        dimension, units, long_name = {**STATISTICS, **BALANCES}[name]
+        if not labels[dimension]:
+            continue
+        attrs = {"units": units, "long_name": long_name}
+        if errors is not None and name in errors:
+            error_name = f"{name}_standard_error"
+            attrs["ancillary_variables"] = error_name
+            data[error_name] = (
+                dimension,
+                np.asarray(errors[name], dtype=float),
+                {"units": units, "long_name": f"standard error of {long_name}"},
+            )
+        data[name] = (dimension, np.asarray(value, dtype=float), attrs)
+    ordered = {name: data[name] for name in sorted(data, key=_order(values))}
+    coordinates = {
+        name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]
+    }
+    return xr.Dataset(ordered, coordinates, attributes)
+
+
+def _order(values: Mapping[str, Any]) -> Any:
+    rank = {name: index for index, name in enumerate(values)}
+    return lambda name: (rank[name.removesuffix("_standard_error")], name.endswith("_standard_error"))
+
+
+def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
+    """Return the global attributes that say what a dataset is and how to make it again.
+
+    Parameters
+    ----------
+    title : str
+        What the dataset is.
+    configuration : mapping
+        Plain data that makes it again; stored as one JSON attribute.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": f"impactlab {impactlab.__version__}",
+        "history": f"{now} made by impactlab {impactlab.__version__}",
+        "references": "https://doi.org/10.61186/engt.4.1.2868",
+        CONFIGURATION: json.dumps(configuration, sort_keys=True),
+    }
+
+
+def configuration_of(source: xr.Dataset | str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the configuration stored with a dataset or a file.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none: the dataset was not made by impactlab, or lost its attributes.
+    """
+    dataset = source if isinstance(source, xr.Dataset) else _attributes(Path(source))
+    if CONFIGURATION not in dataset.attrs:
+        raise InvalidInput(
+            f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
+        )
+    configuration: dict[str, Any] = json.loads(dataset.attrs[CONFIGURATION])
+    return configuration
+
+
+def network_of(source: xr.Dataset | str | os.PathLike[str]) -> Network:
+    """Return the network that a dataset or a file was made from.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` returned, or a netCDF file of it.
+
+    Raises
+    ------
+    InvalidInput
+        If no network is stored, or a class of its components is not defined.
+    """
+    configuration = configuration_of(source)
+    if "network" not in configuration:
+        raise InvalidInput("The configuration that is stored describes no network.")
+    return Network.from_dict(configuration["network"])
+
+
+def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
+    """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
+
+    Every array carries a checksum that the netCDF library verifies when it is read.
+
+    Parameters
+    ----------
+    dataset : Dataset or DataTree
+        What to write.
+    path : str or path
+        Where; an existing file is replaced.
+
+    Returns
+    -------
+    str
+        SHA-256 of the file, in hexadecimal.
+
+    Raises
+    ------
+    InvalidInput
+        If the folder does not exist or cannot be written to, or the path is a folder.
+    """
+    path = Path(path)
+    with _LOCK, replacing(path) as temporary:
+        if isinstance(dataset, xr.DataTree):
+            encoding = {
+                node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
+            }
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        else:
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path that replaces `path`, whole and on disk, when all went well."""
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder; give the name of a file.")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    except OSError as error:
+        raise InvalidInput(
+            f"Cannot write {path}: {error.strerror or error}. Give a folder that exists and is writable."
+        ) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Ask for a checksum on every variable that can have one: arrays of numbers."""
+    return {
+        str(name): {"fletcher32": True}
+        for name, variable in dataset.variables.items()
+        if variable.ndim and variable.size and variable.dtype.kind in "fiu"
+    }
+
+
+def _attributes(path: Path) -> xr.Dataset:
+    """Read the global attributes of a file."""
+    if not path.is_file():
+        raise InvalidInput(f"There is no file {path}.")
+    with _LOCK, xr.open_dataset(path, engine="netcdf4") as dataset:
+        return dataset.load()

@@ -1,0 +1,255 @@
+"""Networks: bodies, contacts and excitations, composed by name and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from impactlab.component import Component, suggestion
+from impactlab.contact import WALL, Contact, ContactLaw
+from impactlab.errors import InvalidInput
+from impactlab.excitation import Excitation
+from impactlab.oscillator import Oscillator
+
+if TYPE_CHECKING:
+    from impactlab.compiled import CompiledNetwork
+
+Member = TypeVar("Member", bound=Component)
+Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
+
+_SHOWN = 6
+
+
+class Network:
+    """Bodies that can touch each other and are excited from outside; immutable.
+
+    Parameters
+    ----------
+    oscillators : mapping of str to Oscillator
+        The bodies by name (a sequence of pairs will do as well).
+    contacts : mapping of str to Contact, optional
+        The places where bodies can touch, by name.
+    excitations : mapping of str to Excitation, optional
+        The excitation of a body, by the body's name.
+
+    Raises
+    ------
+    InvalidInput
+        If there are no bodies, a name is empty or given twice, a contact or an
+        excitation names a body that does not exist, or a member is of the wrong family.
+    """
+
+    __slots__ = ("_contacts", "_excitations", "_oscillators")
+
+    def __init__(
+        self,
+        oscillators: Family[Oscillator],
+        contacts: Family[Contact] | None = None,
+        excitations: Family[Excitation] | None = None,
+    ) -> None:
+        self._oscillators = _family("oscillators", oscillators, Oscillator)
+        self._contacts = _family("contacts", contacts or {}, Contact)
+        self._excitations = _family("excitations", excitations or {}, Excitation)
+        if not self._oscillators:
+            raise InvalidInput("A network needs at least one oscillator; none was given.")
+        for name, contact in self._contacts.items():
+            for side in (contact.first, contact.second):
+                if side is not WALL and side not in self._oscillators:
+                    raise InvalidInput(
+                        f"Contact {name!r} names a body {side!r} that is not in the network; "
+                        f"{suggestion(str(side), self._oscillators)}"
+                    )
+        for name in self._excitations:
+            if name not in self._oscillators:
+                raise InvalidInput(
+                    f"There is an excitation for {name!r}, which is not in the network; "
+                    f"{suggestion(name, self._oscillators)}"
+                )
+
+    @property
+    def oscillators(self) -> Mapping[str, Oscillator]:
+        """The bodies by name."""
+        return MappingProxyType(self._oscillators)
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """The contacts by name."""
+        return MappingProxyType(self._contacts)
+
+    @property
+    def excitations(self) -> Mapping[str, Excitation]:
+        """The excitations by the name of the body that they act on."""
+        return MappingProxyType(self._excitations)
+
+    def replace(
+        self,
+        *,
+        oscillators: Mapping[str, Oscillator | None] | None = None,
+        contacts: Mapping[str, Contact | None] | None = None,
+        excitations: Mapping[str, Excitation | None] | None = None,
+    ) -> Network:
+        """Return a network in which some members are changed, added or, with None, removed.
+
+        Raises
+        ------
+        InvalidInput
+            If a member to be removed does not exist, or the new network is not valid.
+        """
+        return Network(
+            _changed("oscillator", self._oscillators, oscillators),
+            _changed("contact", self._contacts, contacts),
+            _changed("excitation", self._excitations, excitations),
+        )
+
+    def compile(self) -> CompiledNetwork:
+        """Compile the network's forces and return its noise-free right-hand side."""
+        from impactlab.compiled import CompiledNetwork
+
+        return CompiledNetwork(self)
+
+    def source(self) -> str:
+        """Return the text of the module that is generated for this network."""
+        from impactlab.generate import generate
+        from impactlab.model import Model
+
+        return generate(Model.of(self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the network as plain data that JSON can hold."""
+        return {
+            "oscillators": {name: item.to_dict() for name, item in self._oscillators.items()},
+            "contacts": {name: item.to_dict() for name, item in self._contacts.items()},
+            "excitations": {name: item.to_dict() for name, item in self._excitations.items()},
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Network:
+        """Make a network from what :meth:`to_dict` returned."""
+        unknown = set(data) - {"oscillators", "contacts", "excitations"}
+        if unknown:
+            raise InvalidInput(
+                f"A network has oscillators, contacts and excitations; {sorted(unknown)[0]!r} was given."
+            )
+        return cls(
+            {name: Oscillator.from_dict(item) for name, item in data.get("oscillators", {}).items()},
+            {name: Contact.from_dict(item) for name, item in data.get("contacts", {}).items()},
+            {name: Excitation.from_dict(item) for name, item in data.get("excitations", {}).items()},
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Network):
+            return NotImplemented
+        return all(
+            list(getattr(self, name).items()) == list(getattr(other, name).items()) for name in self.__slots__
+        )
+
+    def __hash__(self) -> int:
+        return hash(tuple(tuple(getattr(self, name).items()) for name in self.__slots__))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Network, (self._oscillators, self._contacts, self._excitations)
+
+    def __repr__(self) -> str:
+        lines = [f"Network: {_count(self._oscillators, 'body', 'bodies')}, "
+                 f"{_count(self._contacts, 'contact', 'contacts')}, "
+                 f"{_count(self._excitations, 'excitation', 'excitations')}"]  # fmt: skip
+        for title in ("oscillators", "contacts", "excitations"):
+            members = getattr(self, f"_{title}")
+            if members:
+                lines.append(f"  {title}")
+            lines += [f"    {name}: {item!r}" for name, item in list(members.items())[:_SHOWN]]
+            if len(members) > _SHOWN:
+                lines.append(f"    … and {len(members) - _SHOWN} more")
+        return "\n".join(lines)
+
+
+def chain(
+    bodies: int,
+    oscillator: Oscillator | Sequence[Oscillator],
+    law: ContactLaw | Sequence[ContactLaw],
+    *,
+    clearance: float | Sequence[float] = 0.0,
+    excitation: Excitation | Sequence[Excitation | None] | None = None,
+    walls: bool = False,
+) -> Network:
+    """Return bodies in a row, each of which can touch the next.
+
+    Parameters
+    ----------
+    bodies : int
+        Number of bodies; they are named ``body_0``, ``body_1``, …
+    oscillator : Oscillator or sequence
+        One for all bodies, or one for each.
+    law : ContactLaw or sequence
+        One for all contacts (named ``contact_0``, …, from left to right), or one for each.
+    clearance : float or sequence
+        Clearance of the contacts (m).
+    excitation : Excitation or sequence, optional
+        One for all bodies (their noises are independent), or one or None for each.
+    walls : bool
+        Whether the first body can touch a wall on its left and the last on its right.
+
+    Returns
+    -------
+    Network
+
+    Raises
+    ------
+    InvalidInput
+        If the number of bodies is not positive or a sequence has the wrong length.
+    """
+    if isinstance(bodies, bool) or not isinstance(bodies, int) or bodies < 1:
+        raise InvalidInput(f"chain: bodies must be a whole number of at least 1, {bodies!r} was given.")
+    names = [f"body_{index}" for index in range(bodies)]
+    ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
+    pairs = list(zip(ends[:-1], ends[1:], strict=True))
+    oscillators = _each("oscillator", oscillator, bodies)
+    excitations = _each("excitation", excitation, bodies)
+    laws = _each("law", law, len(pairs))
+    clearances = _each("clearance", clearance, len(pairs))
+    return Network(
+        dict(zip(names, oscillators, strict=True)),
+        {
+            f"contact_{index}": Contact(*pair, laws[index], clearance=clearances[index])
+            for index, pair in enumerate(pairs)
+        },
+        {name: item for name, item in zip(names, excitations, strict=True) if item is not None},
+    )
+
+
+def _each(name: str, value: Any, count: int) -> list[Any]:
+    """Return one value per place, from one for all or a sequence of the right length."""
+    if not isinstance(value, Sequence):
+        return [value] * count
+    if len(value) != count:
+        raise InvalidInput(f"chain: {name} must be one for all or a sequence of {count}, {len(value)} were given.")
+    return list(value)
+
+
+def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str, Any]:
+    """Return the members of one family as a checked dictionary."""
+    pairs = list(members.items()) if isinstance(members, Mapping) else list(members)
+    family: dict[str, Any] = {}
+    for name, member in pairs:
+        if not isinstance(name, str) or not name.strip():
+            raise InvalidInput(f"{title}: a name must be a text that is not empty, {name!r} was given.")
+        if name in family:
+            raise InvalidInput(f"{title}: the name {name!r} was given twice.")
+        if not isinstance(member, kind):
+            raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, {member!r} was given.")
+        family[name] = member
+    return family
+
+
+def _changed(kind: str, old: Mapping[str, Any], changes: Mapping[str, Any] | None) -> dict[str, Any]:
+    changes = changes or {}
+    for name, member in changes.items():
+        if member is None and name not in old:
+            raise InvalidInput(f"There is no {kind} {name!r} to remove; {suggestion(name, old)}")
+    merged = {**old, **changes}
+    return {name: member for name, member in merged.items() if member is not None}
+
+
+def _count(members: Mapping[str, Any], one: str, many: str) -> str:
+    return f"{len(members) or 'no'} {one if len(members) == 1 else many}"
