@@ -1,0 +1,138 @@
+"""The one place that says how functions are compiled, and where the machine code is kept.
+
+All flags stand here. ``fastmath`` is never used: it removes the guards against NaN and
+makes results differ between machines. Machine code is cached in a private folder whose
+name holds a digest of the kernels' own text, so that a change in one file never meets
+stale code compiled from another.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import f8, i8, types, void
+
+Function = Callable[..., Any]
+
+BLOCK = f8[:, ::1]
+"""State or force, ``[body, lane]`` or ``[contact, lane]``."""
+
+FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
+"""Type of the function that is generated for a network's forces."""
+
+TIMETABLE = void(f8[::1], f8[::1], i8[::1], f8[:, ::1])
+"""Signature of generated functions of time: (times, parameters, indices, result[time, row])."""
+
+_dispatchers: list[Any] = []
+
+
+def jit(signature: Any) -> Callable[[Function], Function]:
+    """Compile a kernel for one signature, without the interpreter's lock, and cache it."""
+
+    def decorate(function: Function) -> Function:
+        with _cached_here():
+            compiled = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
+        _dispatchers.append(compiled)
+        return compiled  # type: ignore[no-any-return]
+
+    return decorate
+
+
+def scalar(function: Function) -> Function:
+    """Compile a function of scalars that is to be inlined into the kernels that call it."""
+    return numba.njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:
+    """Compile a function that kernels receive as an argument of one fixed type."""
+
+    def decorate(function: Function) -> Function:
+        if numba.config.DISABLE_JIT:
+            return function
+        with _cached_here():
+            compiled = numba.cfunc(function_type.signature, cache=True, error_model="numpy")(function)
+        _dispatchers.append(compiled)
+        return compiled  # type: ignore[no-any-return]
+
+    return decorate
+
+
+def compilations() -> int:
+    """Number of functions that were compiled in this process, not loaded from the cache."""
+    count = 0
+    for compiled in _dispatchers:
+        if hasattr(compiled, "stats"):
+            count += sum(compiled.stats.cache_misses.values())
+        elif hasattr(compiled, "cache_hits"):
+            count += compiled.cache_hits == 0
+    return count
+
+
+@cache
+def cache_folder() -> Path:
+    """Return the private folder for generated modules and machine code.
+
+    It is taken from the environment variable ``IMPACTLAB_CACHE``, else from the
+    system's convention. Where it cannot be written to, a temporary folder serves
+    this process.
+    """
+    folder = _user_folder() / f"{_kernel_digest()}-numba{numba.__version__}-py{sys.version_info[0]}{sys.version_info[1]}"
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
+            return folder
+    temporary = Path(tempfile.mkdtemp(prefix="impactlab-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    return temporary
+
+
+def _can_create(folder: Path) -> bool:
+    """Whether a file can be made in a folder (access rights alone do not tell)."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _user_folder() -> Path:
+    given = os.environ.get("IMPACTLAB_CACHE")
+    if given:
+        return Path(given)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "impactlab" / "cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "impactlab"
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "impactlab"
+
+
+def _kernel_digest() -> str:
+    """Digest of the text of all static kernels."""
+    package = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for folder in ("kernels", "integrators"):
+        for file in sorted((package / folder).glob("*.py")):
+            digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@contextlib.contextmanager
+def _cached_here() -> Iterator[None]:
+    """Let numba put its cache into our folder while a function is being decorated."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
