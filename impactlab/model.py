@@ -1,0 +1,206 @@
+"""From names to slots: a network as arrays of numbers. The only index arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.component import Component
+from impactlab.contact import WALL, Wall
+from impactlab.network import Network
+
+HEADER = 3
+"""Entries of `Model.indices` per kind: number of rows, first index, first parameter."""
+
+LEADING = {"force": ("slot", "first", "second"), "residual": ("body",), "forcing": ("row",), "intensity": ("row",)}
+"""Leading indices of a row of each kind; 'force' is a contact's, 'forcing' an excitation's."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """All members of a network with one class and one kernel: a loop in the generated text.
+
+    Attributes
+    ----------
+    role : str
+        A key of `LEADING`.
+    component : type
+        The class.
+    kernel : str
+        Name of its kernel.
+    """
+
+    role: str
+    component: type[Component]
+    kernel: str
+
+    @property
+    def kinematic(self) -> tuple[str, ...]:
+        """Kinematic arguments that the kernel takes."""
+        return self.component.kernel(self.kernel)[1]
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Fields that the kernel takes."""
+        return self.component.kernel(self.kernel)[2]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters of a row."""
+        return ("clearance", *self.fields) if self.role == "force" else self.fields
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A network as arrays.
+
+    Bodies have slots 0 … n − 1 in the order of their names; slot n is the wall, a body
+    that is always at rest at 0, so that walls need no code of their own.
+
+    Attributes
+    ----------
+    network : Network
+        Where the model comes from.
+    bodies, contacts : tuple of str
+        Names by slot.
+    mass, damping, stiffness : (body,) ndarray
+        Linear part (kg, N s m-1, N m-1).
+    ends : (contact, 2) ndarray of int
+        Slots of the first and second body of each contact.
+    clearance : (contact,) ndarray
+        Clearances (m).
+    kinds : tuple of Kind
+        Kinds of non-linear members, in canonical order.
+    parameters : ndarray
+        Parameters of all kinds, row by row.
+    indices : ndarray of int
+        A header of three entries per kind, then the rows of leading indices.
+    white, lines, forced : tuple of int
+        Slots of the bodies under white noise, under lines, and under a given force.
+    """
+
+    network: Network
+    bodies: tuple[str, ...]
+    contacts: tuple[str, ...]
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    ends: np.ndarray
+    clearance: np.ndarray
+    kinds: tuple[Kind, ...]
+    parameters: np.ndarray
+    indices: np.ndarray
+    white: tuple[int, ...]
+    lines: tuple[int, ...]
+    forced: tuple[int, ...]
+
+    @classmethod
+    def of(cls, network: Network) -> Model:
+        """Make the model of a network."""
+        slots = {name: slot for slot, name in enumerate(network.oscillators)}
+        bodies = list(network.oscillators.values())
+        excited = {slots[name]: item for name, item in network.excitations.items()}
+        by_kind = {kind: tuple(s for s in sorted(excited) if excited[s].kind == kind) for kind in _EXCITATIONS}
+
+        def slot_of(body: str | Wall) -> int:
+            return slots[body] if isinstance(body, str) else len(slots)
+
+        ends = [(slot_of(item.first), slot_of(item.second)) for item in network.contacts.values()]
+        members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]] = {}
+        for slot, (contact, pair) in enumerate(zip(network.contacts.values(), ends, strict=True)):
+            kind = Kind("force", type(contact.law), "force")
+            members.setdefault(kind, []).append((contact.law, (slot, *pair), (contact.clearance,)))
+        for slot, body in enumerate(bodies):
+            if body.has_kernel("residual"):
+                members.setdefault(Kind("residual", type(body), "residual"), []).append((body, (slot,), ()))
+        for row, slot in enumerate(by_kind["force"]):
+            item = excited[slot]
+            members.setdefault(Kind("forcing", type(item), "force"), []).append((item, (row,), ()))
+        for row, slot in enumerate(by_kind["intensity"]):
+            item = excited[slot]
+            members.setdefault(Kind("intensity", type(item), "intensity"), []).append((item, (row,), ()))
+        kinds = tuple(sorted(members, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
+        parameters, indices = _packed(kinds, members)
+        return cls(
+            network=network,
+            bodies=tuple(network.oscillators),
+            contacts=tuple(network.contacts),
+            mass=np.array([body.mass for body in bodies]),
+            damping=np.array([body.damping for body in bodies]),
+            stiffness=np.array([body.stiffness for body in bodies]),
+            ends=np.array(ends, dtype=np.int64).reshape(-1, 2),
+            clearance=np.array([contact.clearance for contact in network.contacts.values()]),
+            kinds=kinds,
+            parameters=parameters,
+            indices=indices,
+            white=by_kind["intensity"],
+            lines=by_kind["lines"],
+            forced=by_kind["force"],
+        )
+
+    @property
+    def wall(self) -> int:
+        """Slot of the wall."""
+        return len(self.bodies)
+
+    def of_role(self, *roles: str) -> tuple[Kind, ...]:
+        """Kinds of some roles."""
+        return tuple(kind for kind in self.kinds if kind.role in roles)
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether a contact or residual force depends on velocities."""
+        return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in self.of_role("force", "residual"))
+
+    @property
+    def time_varying(self) -> bool:
+        """Whether the intensity of a white noise depends on time."""
+        return any(kind.kinematic for kind in self.of_role("intensity"))
+
+    @property
+    def nonlinear_bodies(self) -> np.ndarray:
+        """Whether each body has contacts or a residual force, (body,) of bool."""
+        result = np.zeros(len(self.bodies) + 1, dtype=bool)
+        result[self.ends.ravel()] = True
+        for slot, body in enumerate(self.network.oscillators.values()):
+            result[slot] |= body.has_kernel("residual")
+        return result[: len(self.bodies)]
+
+    def intensities(self, time: float = 0.0) -> np.ndarray:
+        """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
+        result = np.zeros(len(self.bodies))
+        for slot in self.white:
+            result[slot] = self.network.excitations[self.bodies[slot]].call("intensity", time)
+        return result
+
+    def connected(self) -> np.ndarray:
+        """Label of the connected part of each body, (body,) of int; walls do not connect."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        between = self.ends[(self.ends < self.wall).all(axis=1)]
+        count = len(self.bodies)
+        graph = coo_array((np.ones(len(between)), (between[:, 0], between[:, 1])), shape=(count, count))
+        labels: np.ndarray = connected_components(graph, directed=False)[1]
+        return labels
+
+
+_EXCITATIONS = ("intensity", "lines", "force")
+
+
+def _packed(
+    kinds: Iterable[Kind], members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lay out the rows of all kinds in one array of numbers and one of indices."""
+    header: list[int] = []
+    rows: list[int] = []
+    parameters: list[float] = []
+    start = HEADER * len(members)
+    for kind in kinds:
+        header += [len(members[kind]), start + len(rows), len(parameters)]
+        for component, leading, extra in members[kind]:
+            rows += leading
+            parameters += [*extra, *(float(getattr(component, field)) for field in kind.fields)]
+    return np.array(parameters, dtype=np.float64), np.array([*header, *rows], dtype=np.int64)
