@@ -1,0 +1,105 @@
+"""Comparison of statistics with a reference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.dataset import STATISTICS
+from impactlab.errors import InvalidInput
+from impactlab.exact.reference import ExactReference
+
+
+def compare(result: xr.Dataset, reference: xr.Dataset | ExactReference) -> xr.Dataset:
+    """Compare the statistics of a result with those of a reference.
+
+    Parameters
+    ----------
+    result : Dataset
+        What `simulate` returned.
+    reference : Dataset or ExactReference
+        An exact reference, its statistics, or the result of another simulation.
+
+    Returns
+    -------
+    xarray.Dataset
+        One row along ``comparison`` for each statistic and each label that both have,
+        with the coordinates ``statistic``, ``label`` (of the body or the contact) and
+        ``units`` and the variables
+
+        - ``value`` and ``standard_error``: of the result, NaN if it has none;
+        - ``reference``;
+        - ``difference``: value minus reference;
+        - ``relative_difference``: divided by the size of the reference, NaN if that is 0;
+        - ``z``: difference in standard errors, which include those of the reference if it
+          has some; NaN where there are none, or where they are 0.
+
+    Raises
+    ------
+    InvalidInput
+        If the two have no statistic and label in common, or a statistic has further
+        dimensions.
+    """
+    if isinstance(reference, ExactReference):
+        reference = reference.statistics()
+    rows = [row for name in STATISTICS for row in _rows(name, result, reference)]
+    if not rows:
+        raise InvalidInput(
+            "The result and the reference have no statistic of the same body or contact in common; "
+            f"each needs one of {', '.join(STATISTICS)}."
+        )
+    statistic, label, units, *numbers = zip(*rows, strict=True)
+    value, error, expected, combined = (np.array(column, dtype=float) for column in numbers)
+    difference = value - expected
+    columns = {
+        "value": (value, "value of the result"),
+        "standard_error": (error, "standard error of the result"),
+        "reference": (expected, "value of the reference"),
+        "difference": (difference, "result minus reference"),
+        "relative_difference": (
+            _ratio(difference, np.abs(expected)),
+            "difference over size of the reference",
+        ),
+        "z": (_ratio(difference, combined), "difference in combined standard errors"),
+    }
+    return xr.Dataset(
+        {name: ("comparison", data, {"long_name": text}) for name, (data, text) in columns.items()},
+        {name: ("comparison", list(data)) for name, data in
+         {"statistic": statistic, "label": label, "units": units}.items()},
+    )  # fmt: skip
+
+
+def _rows(name: str, result: xr.Dataset, reference: xr.Dataset) -> list[tuple[Any, ...]]:
+    """Return the rows of one statistic; the last item is the combined standard error."""
+    dimension, units, _ = STATISTICS[name]
+    if name not in result or name not in reference:
+        return []
+    for dataset in (result, reference):
+        if dataset[name].dims != (dimension,):
+            raise InvalidInput(
+                f"{name} has the dimensions {dataset[name].dims}; compare takes one simulation: "
+                f"select one, so that {dimension!r} is left."
+            )
+    known = reference[dimension].values.tolist()
+    labels = [label for label in result[dimension].values.tolist() if label in known]
+    rows = []
+    for label in labels:
+        place = {dimension: label}
+        value, expected = (float(dataset[name].sel(place)) for dataset in (result, reference))
+        error, other = (_standard_error(dataset, name, place) for dataset in (result, reference))
+        combined = np.nan if error is None and other is None else np.hypot(error or 0.0, other or 0.0)
+        rows.append((name, label, units, value, np.nan if error is None else error, expected, combined))
+    return rows
+
+
+def _standard_error(dataset: xr.Dataset, name: str, place: dict[str, str]) -> float | None:
+    error = f"{name}_standard_error"
+    return float(dataset[error].sel(place)) if error in dataset else None
+
+
+def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
+    """Return the ratio, and NaN where the denominator is 0 or NaN."""
+    ratio = np.full_like(numerator, np.nan)
+    return np.asarray(np.divide(numerator, denominator, out=ratio, where=denominator > 0.0))

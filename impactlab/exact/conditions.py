@@ -1,0 +1,142 @@
+"""Which networks have a known stationary law, and why others have none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from impactlab.contact import Contact
+from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.exact.gibbs import Gap, GibbsLaw
+from impactlab.network import Network
+
+_SAME_TEMPERATURE = 1e-9  # relative difference
+_REFUSAL = "There is no exact stationary law that is known here:"
+
+
+def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
+    """Return the stationary law of every group of bodies that contacts connect.
+
+    Raises
+    ------
+    NoExactReference
+        With all reasons, if one of the groups has no law that is known here.
+    """
+    groups = list(_groups(network))
+    reasons = [reason for name in network.oscillators for reason in _body_reasons(network, name)]
+    reasons += [reason for item in network.contacts.items() for reason in _contact_reasons(*item)]
+    reasons += [reason for group in groups for reason in _group_reasons(network, *group)]
+    if reasons:
+        raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
+    return tuple(_law(network, *group) for group in groups)
+
+
+def _groups(network: Network) -> Iterator[tuple[tuple[str, ...], tuple[Contact, ...]]]:
+    """Give the bodies, in order, and the contacts of every connected component."""
+    group = {name: frozenset([name]) for name in network.oscillators}
+    for contact in network.contacts.values():
+        merged = frozenset[str]().union(*(group[name] for name in _sides(contact)))
+        group.update(dict.fromkeys(merged, merged))
+    for members in dict.fromkeys(group.values()):
+        bodies = tuple(name for name in network.oscillators if name in members)
+        contacts = network.contacts.values()
+        yield bodies, tuple(contact for contact in contacts if members.intersection(_sides(contact)))
+
+
+def _sides(contact: Contact) -> list[str]:
+    """Return the one or two bodies of a contact."""
+    return [side for side in (contact.first, contact.second) if isinstance(side, str)]
+
+
+def _spectral_density(network: Network, name: str) -> float | None:
+    """Return the density S of a body's noise (N2 s rad-1); None if it is not constant white noise."""
+    excitation = network.excitations.get(name)
+    if excitation is None:
+        return 0.0
+    if excitation.kind != "intensity" or "time" in excitation.kernel("intensity")[1]:
+        return None
+    density = float(excitation.call("intensity", 0.0))
+    if not 0.0 <= density < math.inf:
+        raise InvalidInput(
+            f"{type(excitation).__name__}.intensity of {name!r} must be finite and not negative: {density!r}."
+        )
+    return density
+
+
+def _temperatures(network: Network, bodies: tuple[str, ...]) -> dict[str, float]:
+    """Return ``π S / damping`` (J) of the bodies that have noise and damping."""
+    densities = {name: _spectral_density(network, name) for name in bodies}
+    dampings = {name: network.oscillators[name].damping for name in bodies}
+    return {name: math.pi * S / dampings[name] for name, S in densities.items() if S and dampings[name]}
+
+
+def _body_reasons(network: Network, name: str) -> Iterator[str]:
+    oscillator, density = network.oscillators[name], _spectral_density(network, name)
+    if density is None:
+        excitation = type(network.excitations[name]).__name__
+        yield f"{name!r} is excited by {excitation}; the law is known for constant white noise only."
+    elif density and not oscillator.damping:
+        yield f"{name!r} has noise without damping and gains energy for ever."
+    elif oscillator.damping and not density:
+        yield f"{name!r} has damping without noise: its temperature is 0."
+    if oscillator.has_kernel("residual"):
+        if "velocity" in oscillator.kernel("residual")[1]:
+            yield f"the residual force of {name!r} depends on the velocity: it has no potential."
+        elif not oscillator.has_kernel("residual_potential"):
+            yield f"{type(oscillator).__name__}, the class of {name!r}, does not define residual_potential."
+
+
+def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
+    if "rate" in contact.law.kernel("force")[1]:
+        yield f"the force of contact {name!r} depends on the rate: it has no potential."
+    elif not contact.law.has_kernel("potential"):
+        yield f"{type(contact.law).__name__}, the law of contact {name!r}, does not define potential."
+
+
+def _group_reasons(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...]) -> Iterator[str]:
+    names = " and ".join(map(repr, bodies))
+    oscillators = [network.oscillators[name] for name in bodies]
+    temperatures = _temperatures(network, bodies)
+    if temperatures and _differ(*temperatures.values()):
+        shown = ", ".join(f"{name!r} {value:g} J" for name, value in temperatures.items())
+        yield f"the temperatures π S / damping of connected bodies differ: {shown}."
+    if not any(
+        _spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies
+    ):
+        yield f"{names}: neither noise nor damping, the energy stays as it was at the start."
+    if len(bodies) > 2:
+        yield f"{names} are connected; the law is computed for single bodies and pairs."
+    if len(bodies) != 2:
+        return
+    if any(len(_sides(contact)) == 1 for contact in contacts):
+        yield f"{names} are connected and touch a wall; the law of a pair is computed without walls."
+    if any(oscillator.has_kernel("residual") for oscillator in oscillators):
+        yield f"{names} are connected and not both linear; the law is computed for pairs of linear bodies."
+    if not any(oscillator.stiffness for oscillator in oscillators):
+        yield f"{names} have no springs: nothing confines their center, the law cannot be normalised."
+
+
+def _differ(*values: float) -> bool:
+    return max(values) - min(values) > _SAME_TEMPERATURE * max(values)
+
+
+def _law(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...]) -> GibbsLaw:
+    """Return the law of a group for which there are no reasons against it."""
+    temperatures = _temperatures(network, bodies)
+    temperature = next(iter(temperatures.values()))
+    gaps = tuple(Gap.of(contact, bodies[0]) for contact in contacts)
+    first = network.oscillators[bodies[0]]
+    if len(bodies) == 1:
+        residual = first if first.has_kernel("residual") else None
+        return GibbsLaw(bodies, temperature, first.stiffness, gaps=gaps, residual=residual)
+    second = network.oscillators[bodies[1]]
+    total = first.stiffness + second.stiffness
+    weights = (second.stiffness / total, -first.stiffness / total)
+    spread = math.sqrt(temperature / total)
+    law = GibbsLaw(bodies, temperature, first.stiffness * weights[0], weights, spread, gaps)
+    if len(temperatures) == 1 and not any(law.mean_force(gap) for gap in gaps):
+        cold = next(name for name in bodies if name not in temperatures)
+        raise NoExactReference(
+            f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and no contact force heats it."
+        )
+    return law
