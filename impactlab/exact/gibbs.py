@@ -33,8 +33,9 @@ class Gap:
         """Return what a contact is for the coordinate that grows with a body's displacement."""
         return cls(contact.law, 1.0 if contact.first == body else -1.0, contact.clearance)
 
-    def indentation(self, coordinate: np.ndarray) -> np.ndarray:
-        return self.sign * coordinate - self.clearance
+    def indentation(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return δ at ``coordinate + offset``: the sum itself could round away a stiff contact's δ."""
+        return np.asarray((self.sign * coordinate - self.clearance) + self.sign * offset)
 
     @property
     def corner(self) -> float:
@@ -97,63 +98,66 @@ class GibbsLaw:
 
     def __post_init__(self) -> None:
         edges = self._panels()
-        mass, nodes = self._mass(edges)
+        mass = self._mass(edges)
         for _ in range(6):
             edges = np.sort(np.append(edges, 0.5 * (edges[1:] + edges[:-1])))
-            previous, (mass, nodes) = mass, self._mass(edges)
+            previous, mass = mass, self._mass(edges)
             if np.allclose(mass, previous, rtol=1e-11, atol=0.0):
                 break
         else:
             raise NoExactReference(
                 f"{self._names}: the integral of exp(−H/T) does not converge; its potential is not smooth."
             )
-        self._check_potentials(edges, nodes)
         object.__setattr__(self, "edges", edges)
         object.__setattr__(self, "normalization", float(mass.sum()))
+        self._check_potentials()
 
-    def energy(self, coordinate: np.ndarray) -> np.ndarray:
-        """Return Φ/T; infinite where it is too large for a floating-point number."""
-        total = 0.5 * self.stiffness * coordinate**2
+    def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return Φ/T at ``coordinate + offset``; infinite where it is too large for a number."""
+        place = coordinate + offset
+        total = 0.5 * self.stiffness * place**2
         if self.residual is not None:
-            total = total + _evaluate(self.residual, "residual_potential", coordinate)
+            total = total + _evaluate(self.residual, "residual_potential", place)
         for gap in self.gaps:
-            indentation = gap.indentation(coordinate)
+            indentation = gap.indentation(coordinate, offset)
             closed = indentation > 0.0
             total[closed] += _evaluate(gap.law, "potential", indentation[closed])
         if np.isnan(total).any():
-            place = float(coordinate[np.isnan(total)][0])
-            raise NoExactReference(f"{self._names}: the potential is not a number at {place:g} m.")
+            raise NoExactReference(
+                f"{self._names}: the potential is not a number at {place[np.isnan(total)][0]:g} m."
+            )
         return np.asarray(total / self.temperature)
 
-    def quadrature(self, extra_edges: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and their probabilities, split at further edges if wanted."""
+    def quadrature(self, extra_edges: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return edges, offsets from them and their probabilities; with further edges if wanted."""
         edges = self.edges
         if extra_edges is not None:
             inside = (extra_edges > edges[0]) & (extra_edges < edges[-1])
             edges = np.union1d(edges, extra_edges[inside])
-        nodes, lengths = _gauss_legendre(edges)
-        return nodes, lengths * self.coordinate_density(nodes)
+        starts, offsets, lengths = _gauss_legendre(edges)
+        return starts, offsets, lengths * self.coordinate_density(starts, offsets)
 
-    def coordinate_density(self, coordinate: np.ndarray) -> np.ndarray:
-        """Return the density of q (m-1)."""
-        return np.asarray(np.exp(self.ground - self.energy(coordinate)) / self.normalization)
+    def coordinate_density(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return the density of q (m-1) at ``coordinate + offset``."""
+        return np.asarray(np.exp(self.ground - self.energy(coordinate, offset)) / self.normalization)
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
         weight = self.weights[self.bodies.index(body)]
-        nodes, probabilities = self.quadrature()
+        starts, offsets, probabilities = self.quadrature()
+        nodes = starts + offsets
         mean = float(probabilities @ nodes)
         return weight * mean, weight**2 * float(probabilities @ (nodes - mean) ** 2) + self.spread**2
 
     def contact_ratio(self, gap: Gap) -> float:
         """Return the probability that a contact is closed."""
-        nodes, probabilities = self.quadrature()
-        return float(probabilities[gap.indentation(nodes) > 0.0].sum())
+        *nodes, probabilities = self.quadrature()
+        return float(probabilities[gap.indentation(*nodes) > 0.0].sum())
 
     def mean_force(self, gap: Gap) -> float:
         """Return the mean force of a contact (N)."""
-        nodes, probabilities = self.quadrature()
-        return float(probabilities @ gap.law.evaluate(gap.indentation(nodes)))
+        *nodes, probabilities = self.quadrature()
+        return float(probabilities @ gap.law.evaluate(gap.indentation(*nodes)))
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
@@ -183,10 +187,10 @@ class GibbsLaw:
         if self.spread > 0.0:  # panels no wider than 2 spread, but only where the Gaussian is looked at
             panel = np.round(displacement / (2.0 * self.spread))[:, None] + np.arange(-6, 7)
             extra = np.unique(panel) * 2.0 * self.spread
-        nodes, probabilities = self.quadrature(extra / weight if weight else None)
+        starts, offsets, probabilities = self.quadrature(extra / weight if weight else None)
+        places = weight * (starts + offsets)
         if weight < 0.0:
-            nodes, probabilities = nodes[::-1], probabilities[::-1]
-        places = weight * nodes
+            places, probabilities = places[::-1], probabilities[::-1]
         total = np.concatenate([[0.0], np.cumsum(probabilities)])
         start = np.searchsorted(places, displacement - _REACH * self.spread)
         stop = np.searchsorted(places, displacement + _REACH * self.spread)
@@ -232,34 +236,35 @@ class GibbsLaw:
             )
         return edges[outside[0] - 1 : len(edges) - outside[1] + 1]
 
-    def _mass(self, edges: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Return the integral of ``exp(−Φ/T)`` from corner to corner, and the nodes."""
-        nodes, lengths = _gauss_legendre(edges)
-        density = lengths * np.exp(self.ground - self.energy(nodes))
-        starts = np.searchsorted(nodes, np.unique([gap.corner for gap in self.gaps]))
-        return np.add.reduceat(density, [0, *starts]), (nodes, lengths)
+    def _mass(self, edges: np.ndarray) -> np.ndarray:
+        """Return the integral of ``exp(−Φ/T)`` from corner to corner."""
+        starts, offsets, lengths = _gauss_legendre(edges)
+        density = lengths * np.exp(self.ground - self.energy(starts, offsets))
+        parts = np.searchsorted(starts, np.unique([gap.corner for gap in self.gaps]))
+        return np.asarray(np.add.reduceat(density, [0, *parts]))
 
-    def _check_potentials(self, edges: np.ndarray, quadrature: tuple[np.ndarray, np.ndarray]) -> None:
+    def _check_potentials(self) -> None:
         """Refuse a potential that is not the integral of its force."""
-        nodes, lengths = quadrature
+        starts, offsets, lengths = _gauss_legendre(self.edges)
         for gap in self.gaps:
-            reach = gap.indentation(edges).max(keepdims=True)
-            work = lengths @ gap.law.evaluate(gap.indentation(nodes))
-            _check_work(gap.law, "potential", reach, work)
+            force = gap.law.evaluate(gap.indentation(starts, offsets))
+            _check_work(gap.law, "potential", gap.indentation(self.edges).max(), lengths, force)
         if self.residual is not None:
-            for side, end in ((nodes > 0.0, edges[-1:]), (nodes < 0.0, edges[:1])):
-                work = lengths[side] @ self.residual.call("residual", nodes[side], 0.0) * np.sign(end[0])
-                _check_work(self.residual, "residual_potential", end, float(work))
+            force = self.residual.call("residual", starts + offsets, 0.0)
+            for end, side in ((self.edges[-1], starts >= 0.0), (self.edges[0], starts < 0.0)):
+                steps = np.where(side, lengths, 0.0) * np.sign(end)
+                _check_work(self.residual, "residual_potential", end, steps, force)
 
     @property
     def _names(self) -> str:
         return " and ".join(map(repr, self.bodies))
 
 
-def _gauss_legendre(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes and weights of the composite rule on panels."""
-    center, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
-    return np.add(center[:, None], half[:, None] * _NODES).ravel(), (half[:, None] * _WEIGHTS).ravel()
+def _gauss_legendre(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the nodes of the composite rule, as edges and offsets from them, and the weights."""
+    half = 0.5 * np.diff(edges)[:, None]
+    starts = np.repeat(edges[:-1], len(_NODES))
+    return starts, (half * (1.0 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
 def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarray:
@@ -272,10 +277,11 @@ def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarr
         return np.concatenate([_evaluate(component, kernel, half) for half in np.array_split(values, 2)])
 
 
-def _check_work(component: Component, kernel: str, end: np.ndarray, work: float) -> None:
-    potential = float(component.call(kernel, end)[0])
-    if abs(work - potential) > 1e-6 * max(abs(work), abs(potential)):
+def _check_work(component: Component, kernel: str, end: float, steps: np.ndarray, force: np.ndarray) -> None:
+    """Compare a potential at the end with the work on the way there."""
+    potential, work = float(component.call(kernel, end)), float(steps @ force)
+    if abs(work - potential) > 1e-6 * max(float(np.abs(steps) @ np.abs(force)), abs(potential)):
         raise InvalidInput(
-            f"{type(component).__name__}.{kernel} is not the integral of the force from 0: at {end[0]:g} m "
+            f"{type(component).__name__}.{kernel} is not the integral of the force from 0: at {end:g} m "
             f"it is {potential:g} J and the integral {work:g} J."
         )
