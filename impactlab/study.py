@@ -1,0 +1,121 @@
+"""Studies: sets of simulations with a configuration, claims, checks, figures and a report."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+from impactlab.component import Component, finite
+from impactlab.errors import InvalidInput
+from impactlab.network import Network
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+VERDICTS = ("holds", "holds partly", "does not hold", "sampling error", "not testable")
+"""What can be said of a claim."""
+
+
+class Item(NamedTuple):
+    """One simulation of a study: pure data, ``il.simulate(network, **options)``."""
+
+    key: str
+    network: Network
+    options: dict[str, Any]
+
+
+class Check(NamedTuple):
+    """One pass or fail of a study."""
+
+    name: str
+    ok: bool
+    detail: str
+
+
+class Study(Component):
+    """A set of simulations that is configured, run, judged and reported as one.
+
+    The fields of a subclass, declared with :func:`impactlab.parameter`, are the keys of
+    its TOML file; each needs a default. They are of type float, int, bool, str or a
+    tuple of float, int or str. A subclass is found by the entry point that names it in
+    the group ``impactlab.studies``.
+    """
+
+    name: ClassVar[str]
+    """Name of the entry point, such as ``two-system``."""
+
+    title: ClassVar[str]
+    """One line that says what the study is."""
+
+    required: ClassVar[tuple[str, ...]] = ("name", "title", "items", "collect")
+
+    if TYPE_CHECKING:
+
+        def items(self) -> list[Item]:
+            """Return the simulations of the study, pure data."""
+
+        def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
+            """Return the result of the study from the items' datasets by key."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            kind = str(field.type)
+            if kind.startswith("tuple["):
+                place = f"{type(self).__name__}.{field.name}"
+                element = kind.removeprefix("tuple[").split(",")[0].rstrip("]")
+                object.__setattr__(self, field.name, _array(place, element, getattr(self, field.name)))
+
+    def quick(self) -> Self:
+        """Return the study's smoke form: the same code, a few seconds."""
+        return self
+
+    def claims(self, tree: xr.DataTree) -> xr.Dataset:  # noqa: ARG002
+        """Return the verdicts on the statements that the study audits.
+
+        Returns
+        -------
+        Dataset
+            Dimension ``claim``; texts ``statement``, ``section``, ``measured`` and
+            ``verdict``, one of :data:`VERDICTS`. Empty if there are none.
+        """
+        import xarray as xr
+
+        return xr.Dataset()
+
+    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:  # noqa: ARG002
+        """Yield the study's figures with their names."""
+        return ()
+
+    def checks(self, tree: xr.DataTree) -> list[Check]:  # noqa: ARG002
+        """Return the study's own checks; the command line exits with 1 when one fails."""
+        return []
+
+    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:  # noqa: ARG002
+        """Yield further tables for the report: a title and rows, column to text or number."""
+        return ()
+
+    def settings(self) -> dict[str, Any]:
+        """Return the fields as plain data, as a TOML file has them."""
+        data = self.to_dict()
+        del data["type"]
+        return data
+
+
+_ELEMENTS = {"float": "numbers", "int": "whole numbers", "str": "texts"}
+
+
+def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
+    """Return an array of a study's configuration as a tuple, or refuse it."""
+    wanted = f"{place} must be an array of {_ELEMENTS.get(element, element)}"
+    if not isinstance(value, tuple):
+        raise InvalidInput(f"{wanted} such as [{value!r}], {value!r} was given.")
+    if element == "float":
+        return tuple(finite(f"{place}[{index}]", item) for index, item in enumerate(value))
+    kind = {"int": int, "str": str}.get(element, object)
+    for item in value:
+        if not isinstance(item, kind) or (kind is int and isinstance(item, bool)):
+            raise InvalidInput(f"{wanted}; it holds {item!r}.")
+    return value
