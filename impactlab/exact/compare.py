@@ -39,11 +39,14 @@ def compare(result: xr.Dataset, reference: xr.Dataset | ExactReference) -> xr.Da
     Raises
     ------
     InvalidInput
-        If the two have no statistic and label in common, or a statistic has further
-        dimensions.
+        If one is not a dataset, the two have no statistic and label in common, or a
+        statistic has further dimensions.
     """
     if isinstance(reference, ExactReference):
         reference = reference.statistics()
+    for dataset in (result, reference):
+        if not isinstance(dataset, xr.Dataset):
+            raise InvalidInput(f"compare takes the dataset of a simulation and a reference, not {dataset!r}.")
     rows = [row for name in STATISTICS for row in _rows(name, result, reference)]
     if not rows:
         raise InvalidInput(
