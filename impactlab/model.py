@@ -175,6 +175,14 @@ class Model:
             result[slot] = self.network.excitations[self.bodies[slot]].call("intensity", time)
         return result
 
+    def reference_intensities(self) -> np.ndarray:
+        """Densities for which coefficients are made: the constant ones, 1 where they vary, (body,)."""
+        if not self.time_varying:
+            return self.intensities()
+        result = np.zeros(len(self.bodies))
+        result[list(self.white)] = 1.0
+        return result
+
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         from scipy.sparse import coo_array

@@ -49,6 +49,12 @@ def jit(signature: Any) -> Callable[[Function], Function]:
     return decorate
 
 
+@cache
+def compiled(signature: Any, function: Function) -> Function:
+    """Compile a kernel when it is first wanted."""
+    return jit(signature)(function)
+
+
 def scalar(function: Function) -> Function:
     """Compile a function of scalars that is to be inlined into the kernels that call it."""
     return numba.njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]

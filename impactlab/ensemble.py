@@ -1,0 +1,302 @@
+"""Runs the blocks of a plan: what one block does, and how all are spread over the cores."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+
+import numpy as np
+
+from impactlab.build import build
+from impactlab.errors import Diverged, Interrupted
+from impactlab.integrators.base import Forced, Noise, Series, State, Sums
+from impactlab.kernels.kick import evaluate
+from impactlab.kernels.random import fill_normals
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, STATE_ROWS
+from impactlab.plan import Plan
+from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
+
+ATTEMPTS = 100
+"""How often a random start is drawn again while a contact is closed."""
+
+Tick = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What a block returns: sums per batch and realization, and what its records kept.
+
+    Attributes
+    ----------
+    bodies : (batch, row, body, lane) ndarray
+    contacts : (batch, row, contact, lane) ndarray
+    records : list
+        One dictionary of arrays per record.
+    """
+
+    bodies: np.ndarray
+    contacts: np.ndarray
+    records: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+
+def run(plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]) -> list[BlockResult]:
+    """Run all blocks and return their results in order.
+
+    Parameters
+    ----------
+    plan : Plan
+    executor : Executor, optional
+        Where to run; by default threads, one per core.
+    progress : callable
+        Called now and then with the part that is done.
+
+    Raises
+    ------
+    Diverged
+        If a realization left the range of finite numbers.
+    """
+    if executor is not None:
+        return [future.result() for future in [executor.submit(run_block, plan, k) for k in range(plan.blocks)]]
+    total = plan.realizations * (plan.spin_up_steps + plan.steps)
+    done, stop, lock = [0], threading.Event(), threading.Lock()
+
+    def tick(steps: int) -> None:
+        if stop.is_set():
+            raise Interrupted("The simulation was stopped.")
+        with lock:
+            done[0] += steps
+
+    with concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())) as pool:
+        futures = [pool.submit(run_block, plan, k, tick) for k in range(plan.blocks)]
+        try:
+            pending = set(futures)
+            while pending:
+                finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
+                for future in finished:
+                    future.result()
+                progress(done[0] / total)
+        except BaseException:
+            stop.set()
+            for future in futures:
+                future.cancel()
+            raise
+    return [future.result() for future in futures]
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None) -> BlockResult:
+    """Run one block of realizations: a pure function of the plan and the index."""
+    block = _Block(plan, index, tick)
+    block.advance(plan.spin_up_steps, None)
+    return block.measure()
+
+
+class _Block:
+    """The arrays of one block while it runs."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
+        self.plan, self.tick = plan, tick
+        self.module = build(plan.text)
+        self.loop = plan.integrator.loop()
+        self.realizations = plan.realizations_of(index)
+        self.now = 0
+        bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
+        moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
+        touching = [np.zeros((contacts, lanes)) for _ in range(2)]
+        normals = np.zeros((len(plan.white), 4, lanes))
+        self.state = State(*moving, *touching, normals, np.zeros((3, bodies + 1, lanes)))
+        rows = KICK_ROWS if plan.integrator.kicks else STATE_ROWS
+        self.sums = Sums(np.zeros((rows, bodies, lanes)), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
+        self.scale = np.ones((1, len(plan.white)))
+        self.attempts = self._start()
+        self.series = self._synthesize()
+        if plan.integrator.kicks:
+            self._half_kick()
+
+    # start
+
+    def _start(self) -> np.ndarray:
+        """Set the state at the beginning; return the attempt that each lane took."""
+        plan, state = self.plan, self.state
+        lanes = len(self.realizations)
+        attempts = np.zeros(lanes, dtype=np.int64)
+        if isinstance(plan.start, np.ndarray):
+            state.x[:-1], state.v[:-1] = plan.start[0][:, None], plan.start[1][:, None]
+        elif plan.start == "stationary":
+            open_lanes = np.zeros(lanes, dtype=bool)
+            for attempt in range(ATTEMPTS):
+                redraw = np.flatnonzero(~open_lanes)
+                attempts[redraw] = attempt
+                state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
+                open_lanes[redraw] = ~self._closed(redraw)
+                if open_lanes.all():
+                    break
+            else:
+                rest = np.flatnonzero(~open_lanes)
+                state.x[:, rest] = 0.0
+                state.v[:, rest] = 0.0
+        return attempts
+
+    def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
+        """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
+        plan = self.plan
+        realizations = np.ascontiguousarray(self.realizations[lanes])
+        normals = np.empty((plan.linear.shape[1], 4, len(lanes)))
+        fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
+        x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
+        for lines in plan.lines:
+            for column, realization in enumerate(realizations):
+                phase = phases(plan.seed, lines, int(realization), attempt)
+                steady = response_amplitudes(lines, plan.linear[:, lines.body], phase).real.sum(axis=1)
+                x[lines.body, column] += steady[0]
+                v[lines.body, column] += steady[1]
+        return x, v
+
+    def _closed(self, lanes: np.ndarray) -> np.ndarray:
+        """Whether a contact is closed in each of some lanes."""
+        first, second = self.plan.ends.T
+        x = self.state.x[:, lanes]
+        return np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+
+    def _synthesize(self) -> Series:
+        """Sample the series of all realizations, for the whole run."""
+        plan, method = self.plan, self.plan.integrator
+        rows = len(plan.lines) * (2 if method.takes_response else 1)
+        if not rows:
+            return Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
+        interval = plan.step / method.samples_per_step
+        needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
+        kept = max(sample_count(lines.frequencies, interval, needed) for lines in plan.lines)
+        samples = np.empty((kept, rows, len(self.realizations)))
+        width = rows // len(plan.lines)
+        for row, lines in enumerate(plan.lines):
+            for lane, realization in enumerate(self.realizations):
+                self.tick(0)
+                phase = phases(plan.seed, lines, int(realization), int(self.attempts[lane]))
+                if method.takes_response:
+                    amplitudes = response_amplitudes(lines, plan.linear[:, lines.body], phase)
+                else:
+                    amplitudes = force_amplitudes(lines, phase)
+                series = synthesize(lines.frequencies, amplitudes, interval, kept)
+                repeated = np.resize(series, (kept, width)) if len(series) < kept else series
+                samples[:, row * width : (row + 1) * width, lane] = repeated
+        return Series(np.array([lines.body for lines in plan.lines]), samples)
+
+    def _half_kick(self) -> None:
+        """Bring the velocity from the time of the displacement to the end of the kick there."""
+        plan, state = self.plan, self.state
+        half = 0.5 * plan.step / plan.linear[0][:, None]
+        self._evaluate(state.x, state.rest)
+        state.reading[:-1] = state.x[:-1] + plan.step / 6.0 * half * state.total[:-1]
+        state.velocity[:] = state.v
+        self._evaluate(state.reading, state.velocity)
+        state.v[:-1] += half * state.total[:-1]
+
+    def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
+        plan, state = self.plan, self.state
+        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, state.indentation, state.contact_force, state.total)
+
+    # run
+
+    def advance(self, steps: int, sampler: Callable[[np.ndarray], None] | None) -> None:
+        """Make some steps, adding to the sums and sampling if there is a sampler."""
+        plan = self.plan
+        every = plan.every if sampler is not None else 0
+        chunk = max(plan.steps_per_call // every, 1) * every if every else plan.steps_per_call
+        done = 0
+        while done < steps:
+            count = min(chunk, steps - done)
+            lanes, contacts = self.state.contact_force.shape[1], len(plan.ends)
+            quantities = 2 * plan.linear.shape[1] + contacts
+            snapshots = np.empty((count // every if every else 0, quantities, lanes))
+            self.loop(
+                self.module.forces, plan.parameters, plan.indices, plan.coefficients, self._noise(count), self.series,
+                self._forced(count), self.state, self.sums, snapshots, plan.step, plan.dissipative,
+                sampler is not None, self.now, count, every,
+            )  # fmt: skip
+            self.now += count
+            done += count
+            self._guard()
+            if every and sampler is not None:
+                sampler(snapshots)
+            self.tick(count * lanes)
+
+    def _noise(self, count: int) -> Noise:
+        plan = self.plan
+        scale = self.scale
+        if plan.time_varying:
+            middles = self._times(count, 1, 0.5)
+            intensity = np.empty((count + 1, len(plan.white)))
+            self.module.intensity(middles, plan.parameters, plan.indices, intensity)
+            if not (intensity >= 0.0).all():
+                raise Diverged(f"The spectral density of a white noise is negative or not a number near t = {middles[0]:g} s.")
+            scale = np.sqrt(intensity / plan.intensity)
+        return Noise(plan.white, plan.streams, self.realizations, scale)
+
+    def _forced(self, count: int) -> Forced:
+        plan = self.plan
+        if not len(plan.forced):
+            return Forced(plan.forced, np.zeros((0, 0)))
+        per_step = plan.integrator.samples_per_step
+        times = self._times(count, per_step, 0.5 if plan.integrator.takes_response else 0.0)
+        force = np.empty((len(times), len(plan.forced)))
+        self.module.forcing(times, plan.parameters, plan.indices, force)
+        return Forced(plan.forced, force)
+
+    def _times(self, count: int, per_step: int, offset: float) -> np.ndarray:
+        """Times of the samples of the next steps; the measurement begins at 0."""
+        first = (self.now - self.plan.spin_up_steps) * per_step
+        return (first + offset + np.arange(count * per_step + 1)) * (self.plan.step / per_step)
+
+    def _guard(self) -> None:
+        """Stop if a number is not finite: averages would hide it."""
+        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
+        if not finite.all():
+            body, lane = np.argwhere(~finite)[0]
+            time = (self.now - self.plan.spin_up_steps) * self.plan.step
+            raise Diverged(
+                f"Body {body} of realization {int(self.realizations[lane])} left the range of finite numbers "
+                f"before t = {time:g} s. Use a smaller step, or check the forces."
+            )
+
+    def measure(self) -> BlockResult:
+        """Run all batches after the spin-up and return their sums."""
+        plan = self.plan
+        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
+        if any(keeper.wants_start for keeper in keepers):
+            if not plan.integrator.kicks:
+                self._evaluate(self.state.x, self.state.v)
+                self.state.reading[:], self.state.velocity[:] = self.state.x, self.state.v
+            first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
+            for keeper in keepers:
+                keeper.start(first)
+        bodies, contacts = [], []
+        begin = 0
+        for batch, end in enumerate(plan.boundaries):
+            self.sums.bodies[:] = 0.0
+            self.sums.contacts[:] = 0.0
+            self.advance(end - begin, lambda snapshots, batch=batch: [k.add(snapshots, batch) for k in keepers])  # type: ignore[misc]
+            bodies.append(self.sums.bodies.copy())
+            contacts.append(self.sums.contacts.copy())
+            begin = end
+        return BlockResult(np.array(bodies), np.array(contacts), [keeper.result() for keeper in keepers])
+
+
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray]:
+    """Join the sums of all blocks along the realizations, in order."""
+    return (
+        np.concatenate([result.bodies for result in results], axis=-1),
+        np.concatenate([result.contacts for result in results], axis=-1),
+    )
+
+

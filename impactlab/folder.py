@@ -1,0 +1,198 @@
+"""The folder of a study's run: parts while it is incomplete, then result, figures, report and manifest.
+
+Every file is written under a temporary name and put in place whole, so that a run may
+be killed at any moment. ``manifest.json`` says what the folder holds and whether it is
+complete; it is written first and last.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import impactlab
+from impactlab.component import Component
+from impactlab.errors import InvalidInput
+from impactlab.network import Network
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from impactlab.study import Item, Study
+
+MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
+
+_ITEM = "impactlab_item"
+
+
+class Folder:
+    """Where a study's run is kept.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder; made by :meth:`claim` if it does not exist.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+
+    def manifest(self) -> dict[str, Any]:
+        """Return what the manifest says.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no manifest that can be read.
+        """
+        try:
+            data: dict[str, Any] = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+            _ = data["study"], data["settings"], data["complete"]
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise InvalidInput(
+                f"{self.path} is not the folder of a study's run: there is no {MANIFEST} that can be read."
+            ) from error
+        return data
+
+    def claim(self, study: Study) -> None:
+        """Make the folder ready for a run of this study, before anything is computed.
+
+        Raises
+        ------
+        InvalidInput
+            If it is a file, cannot be written to, or holds something else.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise InvalidInput(f"{self.path} is a file; give the name of a folder for the results.")
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            used = any(not entry.name.startswith(".") for entry in self.path.iterdir())
+        except OSError as error:
+            raise InvalidInput(
+                f"Cannot use {self.path} for the results: {error.strerror or error}. Give a folder that is writable."
+            ) from error
+        if used:
+            other = self.manifest()["study"]
+            if other != study.name:
+                raise InvalidInput(
+                    f"{self.path} holds a run of the study {other!r}; give another folder for {study.name!r}."
+                )
+        self.write_manifest(study, complete=False)
+
+    def write_manifest(self, study: Study, *, complete: bool, **content: Any) -> None:
+        """Write what the folder holds: the study, the versions, and the digest of each file."""
+        data = {
+            "study": study.name,
+            "title": study.title,
+            "settings": study.settings(),
+            "complete": complete,
+            "versions": versions(),
+            **content,
+        }
+        self.write(MANIFEST, json.dumps(data, indent=2, ensure_ascii=False, default=float).encode())
+
+    def write(self, name: str, content: bytes) -> str:
+        """Write a file, whole or not at all; return its SHA-256."""
+        from impactlab.dataset import replacing
+
+        path = self.path / name
+        path.parent.mkdir(exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
+        return hashlib.sha256(content).hexdigest()
+
+    def save_item(self, item: Item, result: xr.Dataset) -> None:
+        """Keep the result of one item until the run is complete."""
+        from impactlab.dataset import save
+
+        (self.path / ITEMS).mkdir(exist_ok=True)
+        save(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
+
+    def load_item(self, item: Item) -> xr.Dataset | None:
+        """Return the result of an item that is kept, or None if there is no whole one of the same configuration."""
+        import xarray as xr
+
+        from impactlab import dataset
+
+        path = self._item_path(item)
+        if not path.is_file():
+            return None
+        try:
+            with dataset._LOCK, xr.open_dataset(path, engine="netcdf4") as file:
+                result = file.load()
+        except (OSError, RuntimeError, ValueError):  # damaged: it is computed again
+            return None
+        return result if result.attrs.pop(_ITEM, None) == _identity(item) else None
+
+    def _item_path(self, item: Item) -> Path:
+        return self.path / ITEMS / f"{quote(item.key, safe=' =,+')}.nc"
+
+    def load_result(self) -> xr.DataTree:
+        """Return the tree of a complete run.
+
+        Raises
+        ------
+        InvalidInput
+            If the run is not complete, or the file is not the one that was written.
+        """
+        import xarray as xr
+
+        from impactlab import dataset
+
+        manifest = self.manifest()
+        if not manifest["complete"]:
+            raise InvalidInput(f"The run in {self.path} is not complete; continue it with: impactlab resume {self.path}")
+        path = self.path / RESULT
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
+            raise InvalidInput(f"{path} is not the file that the run wrote; run the study again.")
+        with dataset._LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
+            return tree.load()
+
+    def clean(self, figures: list[str]) -> None:
+        """Remove the items' files, and figures of an earlier run that were not drawn again."""
+        shutil.rmtree(self.path / ITEMS, ignore_errors=True)
+        for file in (self.path / FIGURES).glob("*.png"):
+            if f"{FIGURES}/{file.name}" not in figures:
+                file.unlink()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers come from."""
+    packages = ("numpy", "scipy", "numba", "xarray", "netCDF4", "matplotlib")
+    found = {"impactlab": impactlab.__version__, "python": platform.python_version()}
+    return found | {name: version(name) for name in packages} | {"platform": platform.platform()}
+
+
+def _identity(item: Item) -> str:
+    """Return a digest of everything that an item's numbers depend on."""
+    content = {"network": item.network, "options": item.options, "impactlab": impactlab.__version__}
+    return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
+
+
+def plain(value: Any) -> Any:
+    """Return an item's options as data that JSON can hold.
+
+    Raises
+    ------
+    InvalidInput
+        If there is something that is not data, such as a random generator or a function.
+    """
+    if isinstance(value, Component | Network):
+        return plain(value.to_dict())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # of numpy
+        return plain(value.tolist())
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise InvalidInput(f"The options of a study's item must be plain data, {value!r} was given.")

@@ -1,0 +1,238 @@
+"""What every integrator is, and the arguments that its compiled loop takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numba import b1, f8, i8, typeof, void
+
+from impactlab.component import Component
+from impactlab.errors import InvalidInput
+from impactlab.kernels.jit import FORCES
+from impactlab.model import Model
+
+
+class Noise(NamedTuple):
+    """White noise on some bodies."""
+
+    bodies: np.ndarray  # (row,) slots
+    streams: np.ndarray  # (row, 3) addresses of the streams
+    realizations: np.ndarray  # (lane,) indices
+    scale: np.ndarray  # (1 or step, row) amplitude relative to the coefficients'
+
+
+class Series(NamedTuple):
+    """Sums of cosines on some bodies, sampled in time."""
+
+    bodies: np.ndarray  # (row,) slots
+    samples: np.ndarray  # (time, row or 2 row, lane): the force, or the response x and v
+
+
+class Forced(NamedTuple):
+    """Given forces on some bodies during one call."""
+
+    bodies: np.ndarray  # (row,) slots
+    force: np.ndarray  # (time, row)
+
+
+class State(NamedTuple):
+    """State and work space of a block; the last body is the wall."""
+
+    x: np.ndarray  # [body, lane]
+    v: np.ndarray  # [body, lane]
+    reading: np.ndarray  # displacement at which contacts and densities are read
+    velocity: np.ndarray  # velocity at the time of `reading`
+    rest: np.ndarray  # zeros [body, lane]
+    total: np.ndarray  # force [body, lane]
+    indentation: np.ndarray  # [contact, lane]
+    contact_force: np.ndarray  # [contact, lane]
+    normals: np.ndarray  # (row, 4, lane)
+    work: np.ndarray  # (3, body, lane)
+
+
+class Sums(NamedTuple):
+    """Where a block adds up its statistics; see `impactlab.kernels.sums`."""
+
+    bodies: np.ndarray  # (rows, body, lane)
+    contacts: np.ndarray  # (4, contact, lane)
+    ends: np.ndarray  # (contact, 2)
+    window: np.ndarray  # (contact,)
+
+
+_MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
+_WORDS = np.zeros((1, 1), np.uint64)
+
+ADVANCE = void(
+    FORCES,
+    f8[::1],
+    i8[::1],
+    f8[:, ::1],
+    typeof(Noise(_INTEGERS, _WORDS, _WORDS[0], _MATRIX)),
+    typeof(Series(_INTEGERS, _CUBE)),
+    typeof(Forced(_INTEGERS, _MATRIX)),
+    typeof(State(*[_MATRIX] * 8, _CUBE, _CUBE)),
+    typeof(Sums(_CUBE, _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
+    f8[:, :, ::1],
+    f8,
+    b1,
+    b1,
+    i8,
+    i8,
+    i8,
+)
+"""Signature of an integrator's loop: (forces, parameters, indices, coefficients, noise, series,
+forced, state, sums, snapshots, step, dissipative, summing, first, count, every).
+
+It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
+on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
+0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
+bodies, force of all contacts."""
+
+
+class Integrator(Component):
+    """A method that carries a block of realizations through time.
+
+    A subclass is one module: a compiled loop with the signature `ADVANCE` and a class
+    that says what the loop can do and how large its step may be.
+    """
+
+    order: ClassVar[float | None] = None
+    """Order of convergence of paths under smooth forces."""
+
+    handles: ClassVar[tuple[str, ...]] = ()
+    """Kinds of excitation: "intensity" (white noise), "lines", "force"."""
+
+    kicks: ClassVar[bool] = False
+    """Whether forces act as kicks, which the processed statistics and the balances need."""
+
+    samples_per_step: ClassVar[int] = 1
+    """Samples of a series or a given force that the loop takes in a step."""
+
+    takes_response: ClassVar[bool] = False
+    """Whether a series is the linear response (x, v) instead of the force."""
+
+    required: ClassVar[tuple[str, ...]] = ("order",)
+
+    @staticmethod
+    def loop() -> Callable[..., None]:
+        """Return the compiled loop."""
+        raise NotImplementedError
+
+    def coefficients(self, model: Model, step: float) -> np.ndarray:
+        """Return the numbers per body that the loop takes, (body, column)."""
+        raise NotImplementedError
+
+    def largest_step(self, model: Model, tangent: np.ndarray) -> float:
+        """Return the largest step at which the method is stable (s).
+
+        Parameters
+        ----------
+        model : Model
+            The network.
+        tangent : (contact,) ndarray
+            Stiffness of the contacts when they are closed (N m-1).
+        """
+        raise NotImplementedError
+
+    def recommended_step(self, model: Model, tangent: np.ndarray) -> float:
+        """Return the step that is chosen when none is given (s)."""
+        raise NotImplementedError
+
+    def check(self, model: Model) -> None:
+        """Refuse a network whose excitations the method does not handle.
+
+        Raises
+        ------
+        InvalidInput
+            Names the body, what was given and what would work.
+        """
+        for name, excitation in model.network.excitations.items():
+            if excitation.kind not in self.handles:
+                raise InvalidInput(
+                    f"{type(self).__name__} does not handle the excitation of {name!r} "
+                    f"({type(excitation).__name__}, defined by {excitation.kind}); it handles {', '.join(self.handles)}."
+                )
+
+
+def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
+    """Natural frequencies with all contacts closed, in increasing order (rad s-1).
+
+    The largest is bounded from above (Gershgorin) where there are many bodies.
+    """
+    count = len(model.bodies)
+    diagonal = model.stiffness.copy()
+    inside = model.ends < model.wall
+    for side in (0, 1):
+        np.add.at(diagonal, model.ends[inside[:, side], side], tangent[inside[:, side]])
+    both = inside.all(axis=1)
+    first, second = model.ends[both].T
+    if count > 300:
+        bound = diagonal / model.mass
+        coupling = tangent[both] / np.sqrt(model.mass[first] * model.mass[second])
+        np.add.at(bound, first, coupling)
+        np.add.at(bound, second, coupling)
+        return np.sqrt(np.sort(bound))
+    matrix = np.diag(diagonal)
+    np.add.at(matrix, (first, second), -tangent[both])
+    np.add.at(matrix, (second, first), -tangent[both])
+    scale = 1.0 / np.sqrt(model.mass)
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(scale[:, None] * matrix * scale), 0.0))
+
+
+def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:
+    """Largest step of an explicit one-step method with this stability polynomial (s).
+
+    Every natural frequency with closed contacts is taken with the least relative damping
+    of any body; 0 if the method is unstable at any step.
+    """
+    top = float(frequencies(model, tangent)[-1])
+    rates = model.damping / model.mass
+    poles = [np.roots([1.0, float(rate), top**2]) for rate in {rates.min(), rates.max()}]
+    poles += [
+        np.roots([1.0, rate, k / m])
+        for rate, k, m in {*zip(rates.tolist(), model.stiffness.tolist(), model.mass.tolist(), strict=True)}
+    ]
+    values = np.concatenate(poles)
+    values = values[np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)]
+    if not values.size:
+        return float("inf")
+
+    def stable(step: float) -> bool:
+        return bool((np.abs(np.polyval(polynomial, step * values)) <= 1.0 + 1e-12).all())
+
+    high = 4.0 / np.abs(values).max()
+    trial = high * 0.5 ** np.arange(0.0, 40.0, 0.01)
+    for step in trial:
+        if stable(float(step)):
+            return float(step)
+    return 0.0
+
+
+MASS, DAMPING, STIFFNESS, AMPLITUDE = range(4)
+"""Columns of the coefficients of explicit methods."""
+
+
+class ExplicitIntegrator(Integrator):
+    """A one-step method for the right-hand side; white noise is held constant over a step."""
+
+    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
+
+    stability_polynomial: ClassVar[tuple[float, ...] | None] = None
+    """Coefficients of the amplification factor over ``step × eigenvalue``, highest power first."""
+
+    required: ClassVar[tuple[str, ...]] = ("order", "stability_polynomial")
+
+    fraction: ClassVar[float] = 1.0
+    """Recommended step as a part of the largest."""
+
+    def coefficients(self, model: Model, step: float) -> np.ndarray:
+        amplitude = np.sqrt(2.0 * np.pi * model.reference_intensities() / step)
+        return np.column_stack([model.mass, model.damping, model.stiffness, amplitude])
+
+    def largest_step(self, model: Model, tangent: np.ndarray) -> float:
+        return stable_step(self.stability_polynomial, model, tangent)
+
+    def recommended_step(self, model: Model, tangent: np.ndarray) -> float:
+        return self.fraction * self.largest_step(model, tangent)

@@ -1,0 +1,65 @@
+"""The Euler-Maruyama method, a baseline for white noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+
+from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
+from impactlab.kernels.jit import compiled
+from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series
+from impactlab.kernels.random import fill_normals
+from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
+
+
+class EulerMaruyama(ExplicitIntegrator):
+    """Euler-Maruyama method with a fixed step: first order, stable only below ``2 ζ/ω``.
+
+    It is here as the baseline that most hand-written simulations use (Maruyama, Rend. Circ. Mat.
+    Palermo 4, 1955, 48).
+    """
+
+    order: ClassVar[float] = 1.0
+    stability_polynomial: ClassVar[tuple[float, ...]] = (1.0, 1.0)
+    fraction: ClassVar[float] = 0.02
+
+    @staticmethod
+    def loop() -> Callable[..., None]:
+        return compiled(ADVANCE, _advance)
+
+
+def _advance(  # type: ignore[no-untyped-def]
+    forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
+    step, dissipative, summing, first, count, every,
+):  # fmt: skip
+    x, v, total = state.x, state.v, state.total
+    indentation, contact_force, external = state.indentation, state.contact_force, state.work[0]
+    for index in range(count):
+        now = first + index
+        external[:] = 0.0
+        if noise.bodies.shape[0]:
+            if index == 0 or now % 4 == 0:
+                fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
+            sample = index if noise.scale.shape[0] > 1 else 0
+            add_held_noise(
+                coefficients, AMPLITUDE, noise.bodies, noise.scale, sample, state.normals, now % 4, external
+            )
+        if series.bodies.shape[0]:
+            add_series(series.samples, now, series.bodies, external)
+        if forced.bodies.shape[0]:
+            add_forced(forced.force, index, forced.bodies, external)
+        forces(x, v, parameters, indices, indentation, contact_force, total)
+        if summing:
+            add_state(x, v, sums.bodies)
+            if sums.ends.shape[0]:
+                add_contacts(v, sums.ends, sums.window, indentation, contact_force, sums.contacts)
+        accelerate(coefficients, x, v, external, total)
+        for body in range(coefficients.shape[0]):
+            for lane in range(x.shape[1]):
+                x[body, lane] += step * v[body, lane]
+                v[body, lane] += step * total[body, lane]
+        if every and (index + 1) % every == 0:
+            forces(x, v, parameters, indices, indentation, contact_force, total)
+            write_snapshot(x, v, contact_force, snapshots, (index + 1) // every - 1)

@@ -1,0 +1,115 @@
+"""The exact flow of linear bodies between kicks, with and without noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import f8, i8, void
+from scipy.linalg import expm
+
+from impactlab.kernels.jit import BLOCK, jit
+
+COEFFICIENTS = 7
+"""Columns of a flow: a_xx, a_xv, a_vx, a_vv of the transition, l_xx, l_vx, l_vv of the noise."""
+
+
+def transition(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact Gaussian transition of linear bodies over a step.
+
+    The state (x, v) of ``m x'' + c x' + k x = f`` with white noise f of two-sided density
+    S becomes ``A (x, v)`` plus a normal vector of covariance Q, ``A = exp(h M)``. A and Q come
+    from Van Loan's block exponential (IEEE Trans. Autom. Control 23, 1978, 395), so that
+    free and undamped bodies need no case of their own; long steps by doubling,
+    ``Q(2h) = Q + A Q Aᵀ``, which has no cancellation.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : (n,) ndarray
+        Bodies (kg, N s m-1, N m-1).
+    intensity : (n,) ndarray
+        Two-sided spectral density S of the force (N2 s rad-1).
+    step : float
+        Step h (s).
+
+    Returns
+    -------
+    A, Q : (n, 2, 2) ndarray
+    """
+    bodies = np.stack([mass, damping, stiffness, intensity], axis=1)
+    unique, which = np.unique(bodies, axis=0, return_inverse=True)
+    m, c, k, intensities = unique.T
+    drift = np.zeros((len(unique), 2, 2))
+    drift[:, 0, 1] = 1.0
+    drift[:, 1, 0] = -k / m
+    drift[:, 1, 1] = -c / m
+    diffusion = np.zeros_like(drift)
+    diffusion[:, 1, 1] = 2.0 * np.pi * intensities / m**2
+    rate = np.max(np.abs(drift[:, 1, :]).sum(axis=1) ** 0.5 + c / m, initial=0.0)
+    doublings = max(0, int(np.ceil(np.log2(max(step * rate, 1e-300)))))
+    block = np.zeros((len(unique), 4, 4))
+    block[:, :2, :2] = -drift
+    block[:, :2, 2:] = diffusion
+    block[:, 2:, 2:] = drift.transpose(0, 2, 1)
+    exponential = expm(block * (step / 2.0**doublings))
+    a = exponential[:, 2:, 2:].transpose(0, 2, 1)
+    q = a @ exponential[:, :2, 2:]
+    for _ in range(doublings):
+        q = q + a @ q @ a.transpose(0, 2, 1)
+        a = a @ a
+    q = 0.5 * (q + q.transpose(0, 2, 1))
+    which = which.reshape(-1)
+    return a[which], q[which]
+
+
+def flow_coefficients(a: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the columns that `flow` takes, (n, 7): A and the Cholesky factor of Q."""
+    l_xx = np.sqrt(np.maximum(q[:, 0, 0], 0.0))
+    l_vx = np.divide(q[:, 0, 1], l_xx, out=np.zeros_like(l_xx), where=l_xx > 0.0)
+    l_vv = np.sqrt(np.maximum(q[:, 1, 1] - l_vx**2, 0.0))
+    return np.ascontiguousarray(np.column_stack([a.reshape(-1, 4), l_xx, l_vx, l_vv]))
+
+
+@jit(void(f8[:, ::1], BLOCK, BLOCK))
+def flow(coefficients, x, v):  # type: ignore[no-untyped-def]
+    """Carry all bodies over one step without noise."""
+    for body in range(coefficients.shape[0]):
+        a_xx, a_xv = coefficients[body, 0], coefficients[body, 1]
+        a_vx, a_vv = coefficients[body, 2], coefficients[body, 3]
+        for lane in range(x.shape[1]):
+            displacement = x[body, lane]
+            velocity = v[body, lane]
+            x[body, lane] = a_xx * displacement + a_xv * velocity
+            v[body, lane] = a_vx * displacement + a_vv * velocity
+
+
+@jit(void(f8[:, ::1], i8[::1], f8[:, ::1], i8, f8[:, :, ::1], i8, BLOCK, BLOCK))
+def add_noise(coefficients, bodies, scale, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
+    """Add the noise of one step to bodies under white noise.
+
+    Parameters
+    ----------
+    coefficients : (body, 7) ndarray
+        The flow.
+    bodies : (row,) ndarray of int
+        Slots of the bodies under white noise.
+    scale : (time, row) ndarray
+        Amplitude of the noise relative to the coefficients'.
+    sample : int
+        Row of `scale` that belongs to the step.
+    normals : (row, 4, lane) ndarray
+        Standard normals.
+    column : int
+        First of the two columns of `normals` to be used.
+    x, v : [body, lane]
+        State.
+    """
+    for row in range(bodies.shape[0]):
+        body = bodies[row]
+        l_xx = scale[sample, row] * coefficients[body, 4]
+        l_vx = scale[sample, row] * coefficients[body, 5]
+        l_vv = scale[sample, row] * coefficients[body, 6]
+        for lane in range(x.shape[1]):
+            x[body, lane] += l_xx * normals[row, column, lane]
+        for lane in range(v.shape[1]):
+            v[body, lane] += l_vx * normals[row, column, lane] + l_vv * normals[row, column + 1, lane]

@@ -1,0 +1,78 @@
+"""What acts between flows or within a stage: kicks, given forces, series of cosines."""
+
+from __future__ import annotations
+
+from numba import f8, i8, void
+
+from impactlab.kernels.jit import BLOCK, FORCES, jit
+
+
+@jit(void(BLOCK, f8[:, ::1], i8, BLOCK, BLOCK))
+def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-def]
+    """Write ``a + coefficient b`` of every body to `result`; the coefficients are a column."""
+    for body in range(coefficients.shape[0]):
+        c = coefficients[body, column]
+        for lane in range(result.shape[1]):
+            result[body, lane] = a[body, lane] + c * b[body, lane]
+
+
+@jit(void(f8[:, :, ::1], i8, f8, i8[::1], BLOCK, BLOCK))
+def add_response(samples, sample, sign, bodies, x, v):  # type: ignore[no-untyped-def]
+    """Add or subtract a sampled linear response, rows 2 r (x) and 2 r + 1 (v), periodic."""
+    index = sample % samples.shape[0]
+    for row in range(bodies.shape[0]):
+        body = bodies[row]
+        for lane in range(x.shape[1]):
+            x[body, lane] += sign * samples[index, 2 * row, lane]
+        for lane in range(v.shape[1]):
+            v[body, lane] += sign * samples[index, 2 * row + 1, lane]
+
+
+@jit(void(f8[:, :, ::1], i8, i8[::1], BLOCK))
+def add_series(samples, sample, bodies, force):  # type: ignore[no-untyped-def]
+    """Add a sampled force, periodic, to ``force[body, lane]``."""
+    index = sample % samples.shape[0]
+    for row in range(bodies.shape[0]):
+        body = bodies[row]
+        for lane in range(force.shape[1]):
+            force[body, lane] += samples[index, row, lane]
+
+
+@jit(void(f8[:, ::1], i8, i8[::1], BLOCK))
+def add_forced(table, sample, bodies, force):  # type: ignore[no-untyped-def]
+    """Add a given force, the same in all lanes, to ``force[body, lane]``."""
+    for row in range(bodies.shape[0]):
+        body = bodies[row]
+        given = table[sample, row]
+        for lane in range(force.shape[1]):
+            force[body, lane] += given
+
+
+@jit(void(f8[:, ::1], i8, i8[::1], f8[:, ::1], i8, f8[:, :, ::1], i8, BLOCK))
+def add_held_noise(coefficients, column, bodies, scale, sample, normals, normal, force):  # type: ignore[no-untyped-def]
+    """Add white noise that is held constant over a step to ``force[body, lane]``."""
+    for row in range(bodies.shape[0]):
+        body = bodies[row]
+        amplitude = coefficients[body, column] * scale[sample, row]
+        for lane in range(force.shape[1]):
+            force[body, lane] += amplitude * normals[row, normal, lane]
+
+
+@jit(void(f8[:, ::1], BLOCK, BLOCK, BLOCK, BLOCK))
+def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-def]
+    """Turn the non-linear force `total` into the acceleration, in place.
+
+    The first three columns of the coefficients are mass, damping and stiffness.
+    """
+    for body in range(coefficients.shape[0]):
+        inverse = 1.0 / coefficients[body, 0]
+        c, k = coefficients[body, 1], coefficients[body, 2]
+        for lane in range(total.shape[1]):
+            force = total[body, lane] + external[body, lane] - c * v[body, lane] - k * x[body, lane]
+            total[body, lane] = inverse * force
+
+
+@jit(void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
+def evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
+    """Call a network's forces once; for what is outside the loops."""
+    forces(x, v, parameters, indices, indentation, contact_force, total)

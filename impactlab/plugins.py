@@ -1,0 +1,158 @@
+"""How studies are found: entry points of installed distributions, and TOML files that configure them."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from impactlab.component import suggestion
+from impactlab.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from impactlab.study import Study
+
+GROUP = "impactlab.studies"
+"""Group of entry points in which a distribution names its studies."""
+
+
+class Plugin(NamedTuple):
+    """A study that a distribution offers: its class, or why it cannot be used."""
+
+    name: str
+    distribution: str
+    study: type[Study] | None
+    problem: str
+
+
+def plugins() -> list[Plugin]:
+    """Return the studies of all installed distributions, in order of their names.
+
+    A study that cannot be imported does not hide the others: its `problem` says why.
+    """
+    return [_load(entry) for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)]
+
+
+def _load(entry: EntryPoint) -> Plugin:
+    from impactlab.study import Study
+
+    distribution = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "unknown"
+    study, problem = None, ""
+    try:
+        study = entry.load()
+    except Exception as error:  # whatever a stranger's module does when it is imported
+        return Plugin(entry.name, distribution, None, f"{type(error).__name__}: {error}")
+    if not isinstance(study, type) or not issubclass(study, Study):
+        problem = f"{entry.value} is not a subclass of il.Study"
+    elif getattr(study, "name", None) != entry.name:
+        problem = f"the class is named {getattr(study, 'name', None)!r}, its entry point {entry.name!r}"
+    return Plugin(entry.name, distribution, None if problem else study, problem)
+
+
+def study_class(name: str) -> type[Study]:
+    """Return the class of a study by its name.
+
+    Raises
+    ------
+    InvalidInput
+        If no distribution offers the study, several do, or it cannot be imported.
+    """
+    entries = entry_points(group=GROUP)
+    found = [_load(entry) for entry in entries if entry.name == name]
+    if not found:
+        known = sorted(entry.name for entry in entries)
+        raise InvalidInput(f"There is no study {name!r}; {suggestion(name, known)}")
+    if len(found) > 1:
+        places = ", ".join(plugin.distribution for plugin in found)
+        raise InvalidInput(f"The study {name!r} is offered more than once ({places}); uninstall one of them.")
+    if found[0].study is None:
+        raise InvalidInput(f"The study {name!r} of {found[0].distribution} cannot be used: {found[0].problem}.")
+    return found[0].study
+
+
+def make_study(
+    study: str | os.PathLike[str] | Study | type[Study],
+    settings: Mapping[str, Any] | None = None,
+    quick: bool = False,
+) -> Study:
+    """Return a configured study.
+
+    Parameters
+    ----------
+    study : str, path, Study or subclass of Study
+        Name of a study, a TOML file (a path, or a text that ends in ``.toml``), an
+        instance, or a class.
+    settings : mapping, optional
+        Values that replace those of the study, also those of its quick form.
+    quick : bool
+        Whether to take the study's smoke form.
+
+    Raises
+    ------
+    InvalidInput
+        If the study or the file does not exist, or a setting is unknown or of the wrong type.
+    """
+    from impactlab.study import Study
+
+    if isinstance(study, os.PathLike) or (isinstance(study, str) and study.endswith(".toml")):
+        made = _from_toml(Path(study))
+    elif isinstance(study, str):
+        made = study_class(study)()
+    elif isinstance(study, type) and issubclass(study, Study):
+        made = study()
+    elif isinstance(study, Study):
+        made = study
+    else:
+        raise InvalidInput(f"A study is a name, a TOML file or an il.Study; {study!r} was given.")
+    if quick:
+        made = made.quick()
+    return made.replace(**settings) if settings else made
+
+
+def _from_toml(path: Path) -> Study:
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"Cannot read {path}: {error.strerror or error}.") from error
+    except ValueError as error:  # of TOML or of UTF-8
+        raise InvalidInput(f"{path} is not a TOML file: {error}.") from error
+    name = data.pop("study", None)
+    if not isinstance(name, str):
+        raise InvalidInput(f'{path} must name its study in a line such as study = "two-system".')
+    try:
+        return study_class(name)(**data)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from error
+
+
+def toml(study: Study) -> str:
+    """Return the text of a TOML file that configures this study."""
+    settings = {"study": study.name, **study.settings()}
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
+
+
+def parse_setting(text: str, study: Study) -> tuple[str, Any]:
+    """Return key and value of ``key=value``, the value in TOML; quotes may be left out of a text.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no ``=``, the key is unknown, or the value is not TOML.
+    """
+    key, separator, value = (part.strip() for part in text.partition("="))
+    if not separator:
+        raise InvalidInput(f"A setting is key=value, such as clearances=[0.05]; {text!r} was given.")
+    if key not in study.field_names():
+        raise InvalidInput(f"The study {study.name!r} has no setting {key!r}; {suggestion(key, study.field_names())}")
+    if isinstance(getattr(study, key), str) and not value.startswith(("'", '"')):
+        return key, value
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInput(
+            f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true); {value!r} was given."
+        ) from error

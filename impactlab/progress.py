@@ -1,0 +1,41 @@
+"""A progress bar for long runs that is quiet when nobody watches."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+_PATIENCE = 2.0  # seconds before a bar is worth its line
+_WIDTH = 30
+
+
+def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return what is called with the part that is done.
+
+    Parameters
+    ----------
+    progress : bool, callable or None
+        None shows a bar if standard error is a terminal and the run is long; True and
+        False decide it; a callable is called itself.
+    """
+    if callable(progress):
+        return progress
+    if progress is False or (progress is None and not sys.stderr.isatty()):
+        return lambda part: None
+    begin = time.monotonic()
+    shown = False
+
+    def show(part: float) -> None:
+        nonlocal shown
+        elapsed = time.monotonic() - begin
+        if elapsed < _PATIENCE and not shown:
+            return
+        shown = True
+        filled = round(_WIDTH * part)
+        left = f"{elapsed / part - elapsed:.0f} s left" if part > 0.0 else ""
+        end = "\n" if part >= 1.0 else ""
+        sys.stderr.write(f"\r[{'#' * filled}{'.' * (_WIDTH - filled)}] {100.0 * part:3.0f} % {left:<12}{end}")
+        sys.stderr.flush()
+
+    return show

@@ -1,0 +1,366 @@
+"""Records: what a simulation keeps besides its statistics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.component import Component, parameter, suggestion
+from impactlab.errors import InvalidInput
+from impactlab.kernels.histogram import count_pairs, count_samples
+from impactlab.model import Model
+from impactlab.plan import Plan
+from impactlab.scene import spread
+
+GROUPS = 256
+"""Largest number of groups of realizations from which the errors of densities are estimated."""
+
+_UNITS = {"displacement": "m", "velocity": "m s-1"}
+_PER = {"displacement": "m-1", "velocity": "s m-1"}
+
+Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
+
+
+class Keeper:
+    """Collects what one record keeps of one block. This one keeps nothing."""
+
+    wants_start = False
+
+    def start(self, values: np.ndarray) -> None:
+        """Take the values at t = 0, [quantity, lane]."""
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        """Take snapshots [sample, quantity, lane] of a batch."""
+
+    def result(self) -> dict[str, np.ndarray]:
+        """Return the arrays that were collected."""
+        return {}
+
+
+class Record(Component):
+    """Something to be kept. A subclass says how often to sample, what to keep of a
+    block (a `Keeper`), and how to label what the blocks kept."""
+
+    required: ClassVar[tuple[str, ...]] = ("keeper", "label")
+
+    keeper: ClassVar[Any] = None
+    """``keeper(plan, realizations, ratio)`` returns the `Keeper` of a block; every `ratio`-th
+    snapshot is the record's."""
+
+    label: ClassVar[Any] = None
+    """``label(plan, results, interval)`` returns variables from the results of all blocks."""
+
+    def resolved(self, model: Model) -> Record:
+        """Return the record with everything filled in that was left to be chosen."""
+        return self
+
+    def exact_interval(self) -> float | None:
+        """Time between samples that the record must have (s), if it must."""
+        return None
+
+    def stride(self, model: Model, step: float) -> int:
+        """Steps between samples; 0 if the record takes none."""
+        return 0
+
+
+class PerRealization(Record):
+    """Each statistic also for every realization, as ``<name>_by_realization``."""
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:  # noqa: ARG002
+        return Keeper()
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:  # noqa: ARG002
+        return {}  # the statistics are there already, one per realization
+
+
+class Trajectory(Record):
+    """Displacements, velocities and contact forces over time, of all realizations.
+
+    Parameters
+    ----------
+    interval : float
+        Time between samples (s); the first is at t = 0, after the spin-up.
+    """
+
+    interval: float = parameter(units="s", above=0.0)
+
+    def exact_interval(self) -> float | None:
+        return self.interval
+
+    def stride(self, model: Model, step: float) -> int:  # noqa: ARG002
+        return round(self.interval / step)
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        samples = plan.steps // (ratio * plan.every) + 1
+        quantities = 2 * len(plan.bodies) + len(plan.contacts)
+        return _Path(np.empty((len(realizations), samples, quantities)), ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        path = np.concatenate([result["path"] for result in results])
+        n = len(plan.bodies)
+        dims = ("realization", "time")
+        variables: Variables = {
+            "time": (("time",), interval * np.arange(path.shape[1]), {"units": "s", "long_name": "time"}),
+            "displacement": (
+                (*dims, "oscillator"),
+                path[:, :, :n],
+                {"units": "m", "long_name": "displacement"},
+            ),
+            "velocity": (
+                (*dims, "oscillator"),
+                path[:, :, n : 2 * n],
+                {"units": "m s-1", "long_name": "velocity"},
+            ),
+        }
+        if plan.contacts:
+            attrs = {"units": "N", "long_name": "contact force"}
+            variables["contact_force"] = ((*dims, "contact"), path[:, :, 2 * n :], attrs)
+        return variables
+
+
+class _Path(Keeper):
+    wants_start = True
+
+    def __init__(self, path: np.ndarray, ratio: int) -> None:
+        self.path, self.ratio, self.seen, self.kept = path, ratio, 0, 0
+
+    def start(self, values: np.ndarray) -> None:
+        self.path[:, 0], self.kept = values.T, 1
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:  # noqa: ARG002
+        own = snapshots[_first(self.seen, self.ratio) :: self.ratio]
+        self.seen += len(snapshots)
+        self.path[:, self.kept : self.kept + len(own)] = own.transpose(2, 0, 1)
+        self.kept += len(own)
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"path": self.path}
+
+
+def _first(seen: int, ratio: int) -> int:
+    """Index of the record's first snapshot among the next, when `seen` have gone before."""
+    return (-seen - 1) % ratio
+
+
+class Density(Record):
+    """Probability density of a displacement or velocity, averaged over bins.
+
+    Standard errors come from groups of realizations (batches, if there are few), as
+    for the statistics.
+
+    Parameters
+    ----------
+    quantity : str
+        "displacement" or "velocity".
+    oscillators : sequence of str, optional
+        Bodies; all by default.
+    bins : int
+        Number of bins between the limits.
+    limits : pair of float, or mapping of str to pair, optional
+        Lower and upper limit, for all bodies or by name; by default 5.5 standard
+        deviations of the linear law at the highest temperature that is connected.
+    """
+
+    quantity: str = parameter("displacement")
+    oscillators: tuple[str, ...] | None = parameter(None, kw_only=True)
+    bins: int = parameter(200, minimum=1)
+    limits: Any = parameter(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quantity not in _UNITS:
+            raise InvalidInput(f"Density.quantity: {suggestion(self.quantity, _UNITS)}")
+        object.__setattr__(self, "limits", _plain_limits(self.limits))
+
+    def resolved(self, model: Model) -> Record:
+        names = _known("Density", self.oscillators, model)
+        return self.replace(oscillators=names, limits=_resolved_limits(self, names, self.limits, self.quantity, model))
+
+    def stride(self, model: Model, step: float) -> int:
+        return _stride(self.oscillators, model, step)
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Counts(self, plan, realizations, ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        counts = sum(result["counts"] for result in results)
+        samples = counts.sum(axis=2, keepdims=True)
+        q, n = self.quantity, len(plan.bodies)
+        edges = np.full((n, self.bins + 1), np.nan)
+        density, error = np.full((2, n, self.bins), np.nan)
+        for row, (name, low, high) in enumerate(self.limits):
+            slot = plan.bodies.index(name)
+            edges[slot] = np.linspace(low, high, self.bins + 1)
+            share, spread_ = _share(counts[:, row], samples[:, row])
+            width = (high - low) / self.bins
+            density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
+        dims = ("oscillator", f"{q}_bin")
+        attrs = {"units": _PER[q], "long_name": f"probability density of the {q}, averaged over bins"}
+        return {
+            f"density_{q}": (dims, density, {**attrs, "ancillary_variables": f"density_{q}_standard_error"}),
+            f"density_{q}_standard_error": (dims, error, {**attrs, "long_name": f"standard error of the density of the {q}"}),
+            f"{q}_edges": (("oscillator", f"{q}_edge"), edges, {"units": _UNITS[q], "long_name": "edges of the bins"}),
+            f"{q}_center": (dims, 0.5 * (edges[:, 1:] + edges[:, :-1]), {"units": _UNITS[q], "long_name": "centers of the bins"}),
+        }  # fmt: skip
+
+
+class JointDensity(Record):
+    """Joint probability density of the displacements of two bodies, averaged over bins.
+
+    Parameters
+    ----------
+    first, second : str
+        The bodies.
+    bins : int
+        Number of bins in each direction.
+    limits : mapping of str to pair, optional
+        Lower and upper limit by name; by default as for `Density`.
+    """
+
+    first: str = parameter(kw_only=False)
+    second: str = parameter(kw_only=False)
+    bins: int = parameter(60, minimum=1)
+    limits: Any = parameter(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "limits", _plain_limits(self.limits))
+
+    def resolved(self, model: Model) -> Record:
+        names = _known("JointDensity", (self.first, self.second), model)
+        return self.replace(limits=_resolved_limits(self, names, self.limits, "displacement", model))
+
+    def stride(self, model: Model, step: float) -> int:
+        return _stride((self.first, self.second), model, step)
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Pairs(self, plan, realizations, ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:  # noqa: ARG002
+        counts = sum(result["counts"] for result in results)
+        groups = counts.shape[0]
+        share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None])
+        shape = (self.bins + 2, self.bins + 2)
+        edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
+        area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
+        names = [f"joint_{side}_bin" for side in ("first", "second")]
+        attrs = {"units": "m-2", "long_name": f"joint density of the displacements of {self.first} and {self.second}"}
+        variables: Variables = {
+            "joint_density": (tuple(names), share.reshape(shape)[1:-1, 1:-1] / area, attrs),
+            "joint_density_standard_error": (tuple(names), spread_.reshape(shape)[1:-1, 1:-1] / area, attrs),
+        }
+        for side, edge in zip(("first", "second"), edges, strict=True):
+            attrs = {"units": "m", "long_name": f"edges of the bins of {getattr(self, side)}"}
+            variables[f"joint_{side}_edges"] = ((f"joint_{side}_edge",), edge, attrs)
+        return variables
+
+
+class _Counts(Keeper):
+    """Histograms per group of realizations."""
+
+    def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        offset = 0 if record.quantity == "displacement" else len(plan.bodies)
+        self.quantities = [offset + plan.bodies.index(name) for name, _, _ in record.limits]
+        self.counts = np.zeros((len(record.limits), _group_count(plan), record.bins + 2), dtype=np.int64)
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        first = _first(self.seen, self.ratio)
+        self.seen += len(snapshots)
+        for row, (quantity, (_, low, high)) in enumerate(zip(self.quantities, self.record.limits, strict=True)):
+            inverse_width = self.record.bins / (high - low)
+            count_samples(snapshots, first, self.ratio, quantity, low, inverse_width, self.groups[batch], self.counts[row])
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"counts": self.counts.transpose(1, 0, 2)}
+
+
+class _Pairs(Keeper):
+    def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        self.quantities = np.array([plan.bodies.index(name) for name, _, _ in record.limits])
+        self.low = np.array([low for _, low, _ in record.limits])
+        self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
+        self.counts = np.zeros((_group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        first = _first(self.seen, self.ratio)
+        self.seen += len(snapshots)
+        count_pairs(
+            snapshots, first, self.ratio, self.quantities, self.low, self.inverse_width, self.record.bins,
+            self.groups[batch], self.counts,
+        )  # fmt: skip
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"counts": self.counts}
+
+
+def _group_count(plan: Plan) -> int:
+    return min(plan.realizations * len(plan.boundaries), GROUPS)
+
+
+def _groups(plan: Plan, realizations: np.ndarray) -> np.ndarray:
+    """Group of every realization in every batch, (batch, lane)."""
+    batches = len(plan.boundaries)
+    units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
+    return np.ascontiguousarray(units * _group_count(plan) // (plan.realizations * batches))
+
+
+def _share(counts: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Share of the samples in every bin and its standard error, from groups on the first axis."""
+    groups, total = len(counts), samples.sum()
+    share = counts.sum(axis=0) / total
+    if groups < 2:
+        return share, np.full_like(share, np.nan)
+    scatter = ((counts - share * samples) ** 2).sum(axis=0)
+    return share, np.sqrt(scatter * groups / (groups - 1.0)) / total
+
+
+def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
+    """Sample about once per radian of the fastest body that is recorded."""
+    slots = [model.bodies.index(name) for name in names or model.bodies]
+    fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
+    return max(1, int(1.0 / (fastest * step))) if fastest > 0.0 else 1
+
+
+def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
+    for name in names or ():
+        if name not in model.bodies:
+            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
+    return tuple(names) if names else model.bodies
+
+
+def _plain_limits(limits: Any) -> Any:
+    """Return limits as None, a pair, or triples (name, low, high)."""
+    if limits is None:
+        return None
+    if isinstance(limits, Mapping):
+        limits = tuple((name, *pair) for name, pair in limits.items())
+    plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in limits)
+    for low, high in [item[-2:] for item in plain] if plain and isinstance(plain[0], tuple) else [plain]:
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise InvalidInput(f"Limits must be two increasing finite numbers, ({low!r}, {high!r}) was given.")
+    return plain
+
+
+def _resolved_limits(
+    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model
+) -> tuple[tuple[str, float, float], ...]:
+    """Return one (name, low, high) per body."""
+    place = type(record).__name__
+    if limits and not isinstance(limits[0], tuple):
+        return tuple((name, *limits) for name in names)
+    given = {name: pair for name, *pair in limits or ()}
+    _known(place, tuple(given), model)
+    scale = spread(model)[0 if quantity == "displacement" else 1]
+    result = []
+    for name in names:
+        reach = 5.5 * float(scale[model.bodies.index(name)])
+        if name not in given and not 0.0 < reach < math.inf:
+            raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
+        low, high = given.get(name, (-reach, reach))
+        result.append((name, float(low), float(high)))
+    return tuple(result)

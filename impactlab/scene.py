@@ -1,0 +1,207 @@
+"""What is known of a scene before it runs: linear laws, energies and stiffness of contacts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from impactlab.contact import ContactLaw
+from impactlab.errors import InvalidInput
+from impactlab.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """A sum of cosines on one body.
+
+    Attributes
+    ----------
+    body : int
+        Slot.
+    name : str
+        Name of the body, which names the stream of the phases.
+    frequencies : (line,) ndarray
+        Angular frequencies (rad s-1).
+    amplitudes : (line,) ndarray
+        Amplitudes of the force (N).
+    """
+
+    body: int
+    name: str
+    frequencies: np.ndarray
+    amplitudes: np.ndarray
+
+
+def linear_variances(model: Model) -> np.ndarray:
+    """Return the linear mean squares of displacement and velocity without contacts, (2, body).
+
+    Under white noise ``πS/(ck)`` and ``πS/(mc)``; under lines the finite sum over them;
+    infinite where there is no stationary law, 0 without excitation.
+    """
+    intensity = model.intensities()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        velocity = np.pi * intensity / (model.mass * model.damping)
+        displacement = np.pi * intensity / (model.damping * model.stiffness)
+    result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
+    for item in lines_of(model):
+        gain = np.abs(receptance(model, item.body, item.frequencies)) * item.amplitudes
+        result[:, item.body] = 0.5 * (gain**2).sum(), 0.5 * ((item.frequencies * gain) ** 2).sum()
+    return result
+
+
+def receptance(model: Model, body: int, frequencies: np.ndarray) -> np.ndarray:
+    """Return the complex displacement of a body per unit force at angular frequencies (m N-1)."""
+    return receptance_of(model.mass[body], model.damping[body], model.stiffness[body], frequencies)
+
+
+def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:
+    """Return ``1/(k − m ω² + i c ω)``."""
+    dynamic = stiffness - mass * frequencies**2 + 1j * damping * frequencies
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(dynamic != 0.0, 1.0 / dynamic, np.inf)
+
+
+def lines_of(model: Model) -> tuple[Lines, ...]:
+    """Return the sums of cosines of a network."""
+    result = []
+    for slot in model.lines:
+        name = model.bodies[slot]
+        excitation = model.network.excitations[name]
+        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in excitation.lines())  # type: ignore[attr-defined]
+        if frequencies.ndim != 1 or frequencies.shape != amplitudes.shape or not np.isfinite([frequencies, amplitudes]).all():  # fmt: skip
+            raise InvalidInput(
+                f"{type(excitation).__name__}.lines must return two finite arrays of one length, angular "
+                f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
+            )
+        result.append(Lines(slot, name, frequencies, amplitudes))
+    return tuple(result)
+
+
+def relaxation_time(model: Model) -> float:
+    """Return the relaxation time of the slowest damped motion (s); 0 if nothing is damped."""
+    c, k, m = model.damping, model.stiffness, model.mass
+    damped = c > 0.0
+    if not damped.any():
+        return 0.0
+    c, k, m = c[damped], k[damped], m[damped]
+    root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
+    slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
+    rate = np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow)
+    return float(1.0 / rate.min())
+
+
+def regular_lines(frequencies: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Return whole numbers k and the period P such that all ``ω = 2π k/P``, or None."""
+    spacing = float(frequencies[1] - frequencies[0]) if len(frequencies) > 1 else float(frequencies[0])
+    if spacing <= 0.0:
+        return None
+    k = frequencies / spacing
+    whole = np.rint(k)
+    if np.abs(k - whole).max() > 1e-6 or np.abs(np.diff(whole) - 1.0).max(initial=0.0) > 0.0:
+        return None
+    return whole.astype(np.int64), 2.0 * math.pi / spacing
+
+
+def hottest(model: Model, heat: np.ndarray) -> np.ndarray:
+    """Return the largest of some energies in the connected part of each body, (body,)."""
+    labels = model.connected()
+    largest = np.zeros(labels.max() + 1)
+    np.maximum.at(largest, labels, heat)
+    return largest[labels]
+
+
+def spread(model: Model) -> np.ndarray:
+    """Return upper estimates of the standard deviations of displacement and velocity, (2, body).
+
+    They are those of the linear law at the highest temperature of the connected part.
+    """
+    temperature = hottest(model, model.mass * linear_variances(model)[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.sqrt([temperature / model.stiffness, temperature / model.mass])
+
+
+def contact_energy(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
+    """Return the energy that a collision has to store, for every contact (J).
+
+    It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
+    energy of the start or of the response to a given force, whichever is largest.
+    """
+    times = np.linspace(0.0, duration, 257)
+    heat = model.mass * linear_variances(model)[1]
+    if isinstance(start, np.ndarray):
+        heat = np.maximum(heat, 0.5 * model.stiffness * start[0] ** 2 + 0.5 * model.mass * start[1] ** 2)
+    for slot in model.forced:
+        excitation = model.network.excitations[model.bodies[slot]]
+        mean_square = float(np.mean(excitation.call("force", times) ** 2))
+        damping = model.damping[slot]
+        resonant = model.mass[slot] * mean_square / (2.0 * damping**2) if damping else math.inf
+        heat[slot] = max(heat[slot], resonant)
+    if model.time_varying:
+        for slot in model.white:
+            largest = float(model.network.excitations[model.bodies[slot]].call("intensity", times).max())
+            heat[slot] = max(heat[slot], _over(np.pi * largest, model.damping[slot]))
+    return hottest(model, heat)[model.ends.min(axis=1)] if len(model.ends) else np.zeros(0)
+
+
+def _over(numerator: float, denominator: float) -> float:
+    return numerator / denominator if denominator else math.inf
+
+
+def penetrations(model: Model, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return thermal plus static penetration and tangent stiffness of every contact.
+
+    The thermal penetration stores the energy, ``∫₀^δ F = E``; the static one is that of a
+    negative clearance. For ``F = η δ^p`` it is ``((p + 1) E/η)^(1/(p + 1))``.
+
+    Returns
+    -------
+    penetration : (contact,) ndarray
+        (m)
+    tangent : (contact,) ndarray
+        Derivative of the force there (N m-1).
+    """
+    known: dict[tuple[Any, ...], tuple[float, float]] = {}
+    result = np.zeros((2, len(model.ends)))
+    flexibility = np.append(np.divide(1.0, model.stiffness, out=np.full(len(model.mass), np.inf), where=model.stiffness > 0.0), 0.0)  # fmt: skip
+    for slot, contact in enumerate(model.network.contacts.values()):
+        overlap = max(-contact.clearance, 0.0)
+        compliance = float(flexibility[model.ends[slot]].sum()) if overlap else 0.0
+        key = (contact.law, float(energy[slot]), overlap, compliance)
+        if key not in known:
+            known[key] = _penetration(*key)
+        result[:, slot] = known[key]
+    return result[0], result[1]
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float]:
+    def stored(depth: float) -> float:
+        return float(0.5 * depth * (_WEIGHTS * law.evaluate(0.5 * depth * (_NODES + 1.0))).sum())
+
+    def pressed(depth: float) -> float:
+        return depth + compliance * float(law.evaluate(depth))
+
+    thermal = _solve(stored, energy) if 0.0 < energy < math.inf else 0.0
+    static = _solve(pressed, overlap) if 0.0 < overlap and compliance < math.inf else 0.0
+    depth = thermal + static
+    if depth == 0.0:
+        return 0.0, 0.0
+    width = 1e-3 * depth
+    low, high = law.evaluate([depth - width, depth + width])
+    return depth, max(float(high - low) / (2.0 * width), 0.0)
+
+
+def _solve(increasing: Any, target: float) -> float:
+    """Solve ``increasing(depth) = target`` by bisection of the logarithm; 0 if it never gets there."""
+    low, high = -60.0, 40.0
+    if not increasing(10.0**high) >= target:
+        return 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if increasing(10.0**middle) < target else (low, middle)
+    return float(10.0 ** (0.5 * (low + high)))

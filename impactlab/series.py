@@ -1,0 +1,100 @@
+"""Sums of cosines sampled in time: by FFT where the lines and the samples lie on one grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from impactlab.kernels.random import fill_uniforms, stream
+from impactlab.scene import Lines, receptance_of, regular_lines
+
+_BLOCK = 256  # samples that share one evaluation of the cosines off the grid
+
+
+def phases(seed: tuple[int, int], lines: Lines, realization: int, attempt: int) -> np.ndarray:
+    """Return the random phases of one realization, uniform on (0, 2π), (line,).
+
+    Each attempt has numbers of its own.
+    """
+    blocks = -(-len(lines.frequencies) // 4)
+    uniforms = np.empty(4 * blocks)
+    address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
+    fill_uniforms(address, np.uint64(realization), np.uint64(attempt * blocks), uniforms)
+    return 2.0 * np.pi * uniforms[: len(lines.frequencies)]
+
+
+def response_amplitudes(lines: Lines, linear: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Return complex amplitudes of the steady displacement and velocity, (2, line)."""
+    gain = receptance_of(*linear, lines.frequencies)
+    displacement = lines.amplitudes * np.exp(1j * phase) * gain
+    return np.stack([displacement, 1j * lines.frequencies * displacement])
+
+
+def force_amplitudes(lines: Lines, phase: np.ndarray) -> np.ndarray:
+    """Return complex amplitudes of the force, (1, line)."""
+    return (lines.amplitudes * np.exp(1j * phase))[None, :]
+
+
+def sample_count(frequencies: np.ndarray, interval: float, samples: int) -> int:
+    """Return the number of samples that `synthesize` returns: one period, or all."""
+    bins = _bins(frequencies, interval)
+    return samples if bins is None else bins[1]
+
+
+def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float, samples: int) -> np.ndarray:
+    """Sample ``Re Σ a_k exp(i ω_k t)`` at t = 0, interval, 2 interval, …
+
+    If the lines are whole multiples of one frequency and the period is a whole number of
+    intervals, one period comes from one FFT; lines above the Nyquist frequency of the
+    samples are folded, which leaves the values at the samples exact. Otherwise the sum is
+    evaluated in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
+
+    Parameters
+    ----------
+    frequencies : (line,) ndarray
+        Angular frequencies (rad s-1).
+    amplitudes : (channel, line) ndarray of complex
+        Amplitudes.
+    interval : float
+        Time between samples (s).
+    samples : int
+        Number of samples that are needed.
+
+    Returns
+    -------
+    (sample, channel) ndarray
+        One period, to be continued periodically, or `samples` values.
+    """
+    bins = _bins(frequencies, interval)
+    if bins is None:
+        starts = np.arange(0, samples, _BLOCK) * interval
+        within = np.exp(1j * np.outer(frequencies, np.arange(_BLOCK) * interval))
+        result = np.empty((samples, len(amplitudes)))
+        for channel, amplitude in enumerate(amplitudes):
+            rows = np.exp(1j * np.outer(starts, frequencies)) * amplitude
+            result[:, channel] = (rows @ within).real.reshape(-1)[:samples]
+        return result
+    index, period = bins
+    folded = index % period
+    upper = folded > period // 2
+    target = np.where(upper, period - folded, folded)
+    values = np.where(upper, amplitudes.conj(), amplitudes) * (0.5 * period)
+    values = np.where((target == 0) | (2 * target == period), 2.0 * values.real, values)
+    spectrum = np.zeros((len(amplitudes), period // 2 + 1), dtype=complex)
+    for channel, value in enumerate(values):
+        if len(np.unique(target)) == len(target):
+            spectrum[channel, target] = value
+        else:
+            np.add.at(spectrum[channel], target, value)
+    return np.asarray(fft.irfft(spectrum, period, axis=1)).T
+
+
+def _bins(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, int] | None:
+    """Return the index of every line and the number of samples in a period, if both are whole."""
+    regular = regular_lines(frequencies)
+    if regular is None:
+        return None
+    period = regular[1] / interval
+    if abs(period - round(period)) > 1e-7 * period or round(period) < 2:
+        return None
+    return regular[0], round(period)

@@ -1,0 +1,171 @@
+"""Simulate a network: plan, run, estimate, label."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.build import digest
+from impactlab.dataset import BALANCES, STATISTICS, provenance, statistics
+from impactlab.ensemble import cores, merged, run
+from impactlab.errors import AccuracyWarning, InvalidInput
+from impactlab.estimate import Estimates, estimate
+from impactlab.integrators import ExactFlow, Integrator
+from impactlab.model import Model
+from impactlab.network import Network
+from impactlab.plan import Plan, make_plan, seed_of
+from impactlab.progress import reporter
+from impactlab.record import PerRealization, Record
+from impactlab.scene import relaxation_time
+
+DRIFT = 6.0
+"""Difference between two halves of a run, in standard errors, that is warned of."""
+
+
+def simulate(
+    network: Network,
+    duration: float,
+    *,
+    realizations: int = 1,
+    step: float | None = None,
+    integrator: Integrator | None = None,
+    spin_up: float | None = None,
+    initial: str | Mapping[str, Mapping[str, float]] | None = None,
+    record: Sequence[Record] | Record | None = None,
+    rng: Any = None,
+    executor: Executor | None = None,
+    progress: bool | Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Simulate an ensemble of realizations and return its statistics.
+
+    Parameters
+    ----------
+    network : Network
+        What to simulate.
+    duration : float
+        Time over which statistics are taken, after the spin-up (s).
+    realizations : int
+        Number of independent realizations.
+    step : float, optional
+        Time step (s); chosen from the scene by default.
+    integrator : Integrator, optional
+        Method; `ExactFlow` by default.
+    spin_up : float, optional
+        Time before the statistics begin (s). By default twelve relaxation times of the
+        slowest body, or 0 if the initial state is given.
+    initial : str or mapping, optional
+        "stationary" (default: the law without contacts, drawn again while a contact is
+        closed; "rest" where there is none), "rest", or ``{"displacement": {name: value},
+        "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named.
+    record : Record or sequence, optional
+        What to keep besides the statistics.
+    rng : optional
+        Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
+        keyed by seed, realization, name of the body and step.
+    executor : concurrent.futures.Executor, optional
+        Where blocks of realizations run; threads on all cores by default. Numbers never
+        depend on it.
+    progress : bool or callable, optional
+        Progress bar; by default on long runs in a terminal.
+
+    Returns
+    -------
+    xarray.Dataset
+        Default statistics with dims ``oscillator`` or ``contact``, each with
+        ``<name>_standard_error``; ``balance_*`` diagnostics; what the records add.
+
+    Raises
+    ------
+    InvalidInput
+        If something given cannot be used.
+    Diverged
+        If a realization left the range of finite numbers.
+    """
+    return _simulate(
+        network, duration, realizations, step, integrator or ExactFlow(), spin_up, initial, record, seed_of(rng),
+        executor, progress,
+    )  # fmt: skip
+
+
+def _simulate(
+    network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
+    spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
+    executor: Executor | None, progress: bool | Callable[[float], None] | None,
+) -> xr.Dataset:  # fmt: skip
+    if not isinstance(network, Network):
+        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
+    if not isinstance(integrator, Integrator):
+        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+    records = [record] if isinstance(record, Record) else list(record or ())
+    for item in records:
+        if not isinstance(item, Record):
+            raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
+    plan = make_plan(
+        network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
+        initial=initial, records=records, seed=seed, workers=cores(),
+    )  # fmt: skip
+    results = run(plan, executor, reporter(progress))
+    estimates = estimate(plan, *merged(results), relaxation_time(Model.of(network)))
+    if estimates.drift > DRIFT and not isinstance(plan.start, np.ndarray):
+        warnings.warn(
+            f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
+            f"{plan.spin_up_steps * plan.step:g} s may be too short.",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+    configuration = {
+        "network": network.to_dict(),
+        "simulate": {
+            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
+            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
+            "seed": list(seed),
+        },
+        "text": digest(plan.text),
+    }  # fmt: skip
+    return _labelled(plan, estimates, results, configuration)
+
+
+def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:
+    """Return the dataset of a finished run."""
+    names = [name for name in (*STATISTICS, *BALANCES) if _known(estimates.values.get(name))]
+    values = {name: estimates.values[name] for name in names}
+    errors = {name: estimates.errors[name] for name in names}
+    observation = plan.steps * plan.step
+    attributes: dict[str, Any] = {
+        **provenance("Statistics of a network of oscillators with contacts", configuration),
+        "integrator": type(plan.integrator).__name__,
+        "step": plan.step,
+        "duration": observation,
+        "spin_up": plan.spin_up_steps * plan.step,
+        "realizations": plan.realizations,
+        "initial": plan.start if isinstance(plan.start, str) else "given",
+        "drift": estimates.drift,
+    }
+    dataset = statistics(list(plan.bodies), list(plan.contacts), values, errors, **attributes)
+    if "peak_contact_force" in dataset:
+        dataset["observation_time"] = ((), observation, {"units": "s", "long_name": "time over which peaks are taken"})
+    for index, (item, ratio) in enumerate(plan.records):
+        if isinstance(item, PerRealization):
+            for name in names:
+                dimension, units, long_name = {**STATISTICS, **BALANCES}[name]
+                if dimension in dataset.dims and name in estimates.by_realization:
+                    dataset[f"{name}_by_realization"] = (
+                        ("realization", dimension),
+                        estimates.by_realization[name],
+                        {"units": units, "long_name": f"{long_name}, by realization"},
+                    )
+        variables = item.label(plan, [result.records[index] for result in results], ratio * plan.every * plan.step)
+        dataset = dataset.assign_coords({name: value for name, value in variables.items() if name in ("time",)})
+        dataset = dataset.assign({name: value for name, value in variables.items() if name != "time"})
+    if "realization" in dataset.dims:
+        dataset = dataset.assign_coords(realization=np.arange(plan.realizations))
+    return dataset
+
+
+def _known(value: np.ndarray | None) -> bool:
+    return value is not None and not (value.size and np.isnan(value).all())
