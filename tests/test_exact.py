@@ -67,20 +67,41 @@ class PrintedHertzContact(il.HertzContact):
         return 0.4 * stiffness * indentation * math.sqrt(indentation)
 
 
-class RoughContact(il.ContactLaw):
-    """A force with a jump where no contact opens or closes, and one that is not a number."""
+class BilinearContact(il.ContactLaw):
+    """A force with a kink where no contact opens or closes."""
 
+    stiffness: float = il.parameter(units="N m-1")
     depth: float = il.parameter(units="m")
+    softening: float = il.parameter(0.1)
 
     @staticmethod
-    def force(indentation, depth):
-        return 1.0 if indentation > depth else 10.0
+    def force(indentation, stiffness, depth, softening):
+        return stiffness * (min(indentation, depth) + softening * max(indentation - depth, 0.0))
 
     @staticmethod
-    def potential(indentation, depth):
-        if depth < 0.0:
-            return math.nan
-        return 10.0 * min(indentation, depth) + max(indentation - depth, 0.0)
+    def potential(indentation, stiffness, depth, softening):
+        first, rest = min(indentation, depth), max(indentation - depth, 0.0)
+        return stiffness * (0.5 * first**2 + depth * rest + 0.5 * softening * rest**2)
+
+
+class JaggedContact(il.ContactLaw):
+    @staticmethod
+    def force(indentation):
+        return indentation
+
+    @staticmethod
+    def potential(indentation):
+        return 0.5 * indentation**2 + math.sin(1e9 * indentation)
+
+
+class UndefinedContact(il.ContactLaw):
+    @staticmethod
+    def force(indentation):
+        return indentation
+
+    @staticmethod
+    def potential(indentation):
+        return math.nan if indentation > 0.5 else 0.5 * indentation**2
 
 
 class DoubleWell(il.Oscillator):
@@ -628,6 +649,27 @@ def test_user_written_laws():
     assert exact(network).laws[0].temperature == pytest.approx(math.pi)
 
 
+@pytest.mark.parametrize("depth", [1e-4, 1.0 / 3.0])
+def test_law_with_a_kink(depth):
+    """Against quad, split at the kink that the library is not told of."""
+    law = BilinearContact(stiffness=40.0, depth=depth)
+    stop = {"stop": il.Contact("body", WALL, law, clearance=0.1)}
+    (ratio, force) = numbers(single(SPRING, stop, 1.0), "contact_ratio", "mean_contact_force")
+
+    def density(d):
+        return math.exp(-0.5 * SPRING.stiffness * (0.1 + d) ** 2 - float(law.call("potential", d)))
+
+    ends = [0.0, depth, 5.0]
+    closed = sum(quad(density, *part, epsabs=0.0, epsrel=1e-13)[0] for part in itertools.pairwise(ends))
+    work = sum(
+        quad(lambda d: float(law.evaluate(d)) * density(d), *part, epsabs=0.0, epsrel=1e-13)[0]
+        for part in itertools.pairwise(ends)
+    )
+    opened = math.sqrt(0.5 * math.pi / SPRING.stiffness) * erfc(-0.1 * math.sqrt(0.5 * SPRING.stiffness))
+    assert ratio[0] == pytest.approx(closed / (closed + opened), rel=1e-12)
+    assert force[0] == pytest.approx(work / (closed + opened), rel=1e-12)
+
+
 HERTZ = il.HertzContact(1e4)
 FREE = il.LinearOscillator(damping=1.0)
 COLD = il.LinearOscillator(stiffness=1.0)
@@ -676,9 +718,9 @@ def test_refused_forces():
 
 def test_refused_potentials():
     noise = {"body": il.WhiteNoise(1.0)}
-    stop = {"stop": il.Contact("body", WALL, RoughContact(1.0 / 3.0), clearance=0.1)}
+    stop = {"stop": il.Contact("body", WALL, JaggedContact(), clearance=0.1)}
     assert "'body': the integral of exp(−H/T) does not converge" in refused({"body": SPRING}, stop, noise)
-    stop = {"stop": il.Contact("body", WALL, RoughContact(-1.0), clearance=0.1)}
+    stop = {"stop": il.Contact("body", WALL, UndefinedContact(), clearance=0.1)}
     assert "'body': the potential is not a number" in refused({"body": SPRING}, stop, noise)
 
 

@@ -17,6 +17,7 @@ from impactlab.oscillator import Oscillator
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
 _START, _END = 1e-8, 60.0  # energies (in units of T) at which the panels begin and end
+_MOST_PANELS = 5000
 _REACH = 10.0  # standard deviations after which a Gaussian is 0
 
 
@@ -57,8 +58,9 @@ class GibbsLaw:
 
     The integrals are composite Gauss-Legendre sums. Panels double in width with the
     distance from every corner and minimum of Φ, so that the scales of springs and
-    contacts may differ as they like; the part on either side of a corner is right
-    relative to itself, however small it is.
+    contacts may differ as they like, and are halved where that is not enough (a law
+    with a kink of its own); the part on either side of a corner is right relative to
+    itself, however small it is.
 
     Parameters
     ----------
@@ -97,19 +99,9 @@ class GibbsLaw:
     normalization: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        edges = self._panels()
-        mass = self._mass(edges)
-        for _ in range(6):
-            edges = np.sort(np.append(edges, 0.5 * (edges[1:] + edges[:-1])))
-            previous, mass = mass, self._mass(edges)
-            if np.allclose(mass, previous, rtol=1e-11, atol=0.0):
-                break
-        else:
-            raise NoExactReference(
-                f"{self._names}: the integral of exp(−H/T) does not converge; its potential is not smooth."
-            )
+        edges = self._refined(self._panels())
         object.__setattr__(self, "edges", edges)
-        object.__setattr__(self, "normalization", float(mass.sum()))
+        object.__setattr__(self, "normalization", float(self._integrals(edges)[0].sum()))
         self._check_potentials()
 
     def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
@@ -236,12 +228,32 @@ class GibbsLaw:
             )
         return edges[outside[0] - 1 : len(edges) - outside[1] + 1]
 
-    def _mass(self, edges: np.ndarray) -> np.ndarray:
-        """Return the integral of ``exp(−Φ/T)`` from corner to corner."""
-        starts, offsets, lengths = _gauss_legendre(edges)
-        density = lengths * np.exp(self.ground - self.energy(starts, offsets))
-        parts = np.searchsorted(starts, np.unique([gap.corner for gap in self.gaps]))
-        return np.asarray(np.add.reduceat(density, [0, *parts]))
+    def _refined(self, edges: np.ndarray) -> np.ndarray:
+        """Halve the panels until that changes no integral from one corner to the next."""
+        tolerance = 1e-13 + 4e-16 * abs(self.ground)  # the second is the rounding of Φ/T
+        corners = np.unique([gap.corner for gap in self.gaps])
+        while len(edges) < _MOST_PANELS:
+            middles = 0.5 * (edges[1:] + edges[:-1])
+            halved = np.sort(np.append(edges, middles))
+            whole, halves = self._integrals(edges), self._integrals(halved)
+            halves = halves.reshape(len(whole), -1, 2).sum(axis=-1)
+            part = np.searchsorted(corners, edges[:-1], side="right")
+            scale = np.array([np.bincount(part, np.abs(row))[part] for row in halves])
+            rough = (np.abs(whole - halves) > tolerance * scale).any(axis=0)
+            if not rough.any():
+                return halved
+            edges = np.sort(np.append(edges, middles[rough]))
+        raise NoExactReference(
+            f"{self._names}: the integral of exp(−H/T) does not converge; its potential is not smooth."
+        )
+
+    def _integrals(self, edges: np.ndarray) -> np.ndarray:
+        """Return the integrals of ``exp(−Φ/T)``, alone and times each force, over each panel."""
+        *nodes, lengths = _gauss_legendre(edges)
+        density = lengths * np.exp(self.ground - self.energy(*nodes))
+        forces = [gap.law.evaluate(gap.indentation(*nodes)) for gap in self.gaps]
+        integrands = density * np.array([np.ones_like(density), *forces])
+        return np.asarray(integrands.reshape(len(integrands), -1, len(_NODES)).sum(axis=-1))
 
     def _check_potentials(self) -> None:
         """Refuse a potential that is not the integral of its force."""
