@@ -114,7 +114,8 @@ class _Block:
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
         normals = np.zeros((len(plan.white), 4, lanes))
-        self.state = State(*moving, *touching, normals, np.zeros((3, bodies + 1, lanes)))
+        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
+        self.state = State(*moving, *touching, *work, normals)
         rows = KICK_ROWS if plan.integrator.kicks else STATE_ROWS
         self.sums = Sums(np.zeros((rows, bodies, lanes)), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
         self.scale = np.ones((1, len(plan.white)))

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import os
+import sys
+import time
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from impactlab.component import Component, finite
-from impactlab.errors import InvalidInput
+from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.network import Network
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
+
+    from impactlab.folder import Folder
 
 VERDICTS = ("holds", "holds partly", "does not hold", "sampling error", "not testable")
 """What can be said of a claim."""
@@ -119,3 +127,155 @@ def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
         if not isinstance(item, kind) or (kind is int and isinstance(item, bool)):
             raise InvalidInput(f"{wanted}; it holds {item!r}.")
     return value
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyResult:
+    """What a study found.
+
+    Attributes
+    ----------
+    study : Study
+        The study with its settings.
+    tree : DataTree
+        What its `collect` made, with the claims in the group ``claims``.
+    checks : list of Check
+        The study's own checks.
+    folder : Path or None
+        Where the files are, if there are any.
+    """
+
+    study: Study
+    tree: xr.DataTree
+    checks: list[Check]
+    folder: Path | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(check.ok for check in self.checks)
+
+    @property
+    def claims(self) -> xr.Dataset:
+        """Verdicts on the statements that the study audits, along ``claim``."""
+        return self.tree["claims"].to_dataset(inherit=False)
+
+    @functools.cached_property
+    def figures(self) -> dict[str, Figure]:
+        """The study's figures by name, drawn when they are first asked for."""
+        from impactlab.plot import style
+
+        with style():
+            return dict(self.study.figures(self.tree))
+
+
+def run_study(
+    study: str | os.PathLike[str] | Study | type[Study],
+    *,
+    settings: Mapping[str, Any] | None = None,
+    quick: bool = False,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> StudyResult:
+    """Run a study: all simulations, then the verdicts, and with `out` the files.
+
+    Parameters
+    ----------
+    study : str, path, Study or subclass of Study
+        Name of a study, a TOML file, an instance or a class.
+    settings : mapping, optional
+        Values that replace those of the study.
+    quick : bool
+        Whether to run the study's smoke form.
+    out : str or path, optional
+        Folder for ``result.nc``, the figures, ``report.html`` and ``manifest.json``. It
+        also keeps what is complete when a run is stopped: the same call continues it.
+    workers : int, optional
+        Number of threads; by default one per core. The numbers do not depend on it.
+    progress : bool, optional
+        Whether to show the progress on stderr; by default only on a terminal.
+
+    Returns
+    -------
+    StudyResult
+
+    Raises
+    ------
+    InvalidInput
+        If the study, a setting or the folder cannot be used. Nothing has been computed then.
+    """
+    from impactlab.folder import Folder
+    from impactlab.plugins import make_study
+
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
+    made = make_study(study, settings, quick)
+    items = checked_items(made)
+    folder = None if out is None else Folder(out)
+    if folder is not None:
+        folder.claim(made)
+    begin = time.perf_counter()
+    results = _results(items, folder, workers, sys.stderr.isatty() if progress is None else progress)
+    result = judged(made, made.collect(results), folder)
+    if folder is not None:
+        from impactlab.report import publish
+
+        publish(result, folder, begin)
+    return result
+
+
+def checked_items(study: Study) -> list[Item]:
+    """Return the items of a study.
+
+    Raises
+    ------
+    InvalidInput
+        If two have the same key, or an option is not plain data.
+    """
+    from impactlab.folder import plain
+
+    items = study.items()
+    keys = [item.key.casefold() for item in items]  # they are names of files
+    for item, key in zip(items, keys, strict=True):
+        if keys.count(key) > 1:
+            raise InvalidInput(f"The study {study.name!r} has two items with the key {item.key!r}.")
+        plain(item.options)
+    return items
+
+
+def _results(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
+    """Simulate what is not in the folder yet; each simulation uses all workers."""
+    import impactlab
+
+    results: dict[str, xr.Dataset] = {}
+    pool = None if workers is None else ThreadPoolExecutor(workers)
+    try:
+        for number, item in enumerate(items, start=1):
+            if progress:
+                print(f"[{number}/{len(items)}] {item.key}", file=sys.stderr, flush=True)
+            saved = folder.load_item(item) if folder is not None else None
+            if saved is None:
+                try:
+                    saved = impactlab.simulate(item.network, **item.options, executor=pool, progress=False)
+                except ImpactLabError as error:
+                    raise type(error)(f"Item {item.key!r}: {error}") from error
+                if folder is not None:
+                    folder.save_item(item, saved)
+            results[item.key] = saved
+    finally:
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
+    return results
+
+
+def judged(study: Study, tree: xr.DataTree, folder: Folder | None = None) -> StudyResult:
+    """Return the result of a study from its tree: with attributes, claims and checks."""
+    import xarray as xr
+
+    from impactlab.dataset import provenance
+
+    tree = tree.copy()
+    tree.attrs.update(provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}}))
+    tree["claims"] = xr.DataTree(study.claims(tree))
+    return StudyResult(study, tree, study.checks(tree), None if folder is None else folder.path)

@@ -48,8 +48,10 @@ class State(NamedTuple):
     total: np.ndarray  # force [body, lane]
     indentation: np.ndarray  # [contact, lane]
     contact_force: np.ndarray  # [contact, lane]
+    external: np.ndarray  # given forces and noise [body, lane]
+    slope_x: np.ndarray  # weighted sum of slopes [body, lane]
+    slope_v: np.ndarray
     normals: np.ndarray  # (row, 4, lane)
-    work: np.ndarray  # (3, body, lane)
 
 
 class Sums(NamedTuple):
@@ -72,7 +74,7 @@ ADVANCE = void(
     typeof(Noise(_INTEGERS, _WORDS, _WORDS[0], _MATRIX)),
     typeof(Series(_INTEGERS, _CUBE)),
     typeof(Forced(_INTEGERS, _MATRIX)),
-    typeof(State(*[_MATRIX] * 8, _CUBE, _CUBE)),
+    typeof(State(*[_MATRIX] * 11, _CUBE)),
     typeof(Sums(_CUBE, _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
     f8[:, :, ::1],
     f8,

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
 from impactlab.kernels.jit import compiled
-from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series
+from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
 
@@ -35,10 +35,10 @@ def _advance(  # type: ignore[no-untyped-def]
     step, dissipative, summing, first, count, every,
 ):  # fmt: skip
     x, v, total = state.x, state.v, state.total
-    indentation, contact_force, external = state.indentation, state.contact_force, state.work[0]
+    indentation, contact_force, external = state.indentation, state.contact_force, state.external
     for index in range(count):
         now = first + index
-        external[:] = 0.0
+        clear(external)
         if noise.bodies.shape[0]:
             if index == 0 or now % 4 == 0:
                 fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
@@ -56,10 +56,8 @@ def _advance(  # type: ignore[no-untyped-def]
             if sums.ends.shape[0]:
                 add_contacts(v, sums.ends, sums.window, indentation, contact_force, sums.contacts)
         accelerate(coefficients, x, v, external, total)
-        for body in range(coefficients.shape[0]):
-            for lane in range(x.shape[1]):
-                x[body, lane] += step * v[body, lane]
-                v[body, lane] += step * total[body, lane]
+        combine(x, step, v, x)
+        combine(v, step, total, v)
         if every and (index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
             write_snapshot(x, v, contact_force, snapshots, (index + 1) // every - 1)

@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.integrators.base import ADVANCE, Integrator, frequencies
 from impactlab.kernels.flow import COEFFICIENTS, add_noise, flow, flow_coefficients, transition
 from impactlab.kernels.jit import compiled
-from impactlab.kernels.kick import add_forced, add_response, scaled_sum
+from impactlab.kernels.kick import add_forced, add_response, clear, scaled_sum
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_kick, add_state, write_snapshot
 from impactlab.model import Model
@@ -93,8 +93,7 @@ def _advance(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     x, v, y, middle, total = state.x, state.v, state.reading, state.velocity, state.total
     indentation, contact_force = state.indentation, state.contact_force
-    push = state.work[0]
-    kicks = coefficients[:, _KICK].copy()
+    push = state.external
     for index in range(count):
         now = first + index
         if series.bodies.shape[0]:
@@ -106,7 +105,7 @@ def _advance(  # type: ignore[no-untyped-def]
             sample = index if noise.scale.shape[0] > 1 else 0
             add_noise(coefficients, noise.bodies, noise.scale, sample, state.normals, 2 * (now % 2), x, v)
         if forced.bodies.shape[0]:
-            push[:] = 0.0
+            clear(push)
             add_forced(forced.force, index, forced.bodies, push)
             scaled_sum(x, coefficients, _PUSH_X, push, x)
             scaled_sum(v, coefficients, _PUSH_V, push, v)
@@ -123,7 +122,7 @@ def _advance(  # type: ignore[no-untyped-def]
         scaled_sum(v, coefficients, _KICK, total, v)
         if summing:
             add_state(x, middle, sums.bodies)
-            add_kick(x, middle, total, kicks, sums.bodies)
+            add_kick(x, middle, total, coefficients, _KICK, sums.bodies)
             if sums.ends.shape[0]:
                 add_contacts(middle, sums.ends, sums.window, indentation, contact_force, sums.contacts)
         if every and (index + 1) % every == 0:

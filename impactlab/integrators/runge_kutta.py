@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
 from impactlab.kernels.jit import compiled
-from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series
+from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
 
@@ -40,18 +40,19 @@ def _advance(  # type: ignore[no-untyped-def]
     x, v, total = state.x, state.v, state.total
     stage_x, stage_v = state.reading, state.velocity
     indentation, contact_force = state.indentation, state.contact_force
-    external, sum_x, sum_v = state.work[0], state.work[1], state.work[2]
-    bodies, lanes = coefficients.shape[0], x.shape[1]
+    external, slope_x, slope_v = state.external, state.slope_x, state.slope_v
     for index in range(count):
         now = first + index
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
             fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
-        stage_x[:] = x
-        stage_v[:] = v
+        combine(x, 0.0, x, stage_x)
+        combine(v, 0.0, v, stage_v)
+        clear(slope_x)
+        clear(slope_v)
         for stage in range(4):
             offset = (stage + 1) // 2  # half steps: 0, 1, 1, 2
             if stage != 2:  # the middle is sampled once
-                external[:] = 0.0
+                clear(external)
                 if noise.bodies.shape[0]:
                     sample = index if noise.scale.shape[0] > 1 else 0
                     add_held_noise(
@@ -69,19 +70,12 @@ def _advance(  # type: ignore[no-untyped-def]
             accelerate(coefficients, stage_x, stage_v, external, total)
             weight = 1.0 / 6.0 if stage == 0 or stage == 3 else 1.0 / 3.0
             ahead = step if stage == 2 else 0.5 * step
-            for body in range(bodies):
-                for lane in range(lanes):
-                    slope_x, slope_v = stage_v[body, lane], total[body, lane]
-                    before_x = sum_x[body, lane] if stage else 0.0
-                    before_v = sum_v[body, lane] if stage else 0.0
-                    sum_x[body, lane] = before_x + weight * slope_x
-                    sum_v[body, lane] = before_v + weight * slope_v
-                    stage_x[body, lane] = x[body, lane] + ahead * slope_x
-                    stage_v[body, lane] = v[body, lane] + ahead * slope_v
-        for body in range(bodies):
-            for lane in range(lanes):
-                x[body, lane] += step * sum_x[body, lane]
-                v[body, lane] += step * sum_v[body, lane]
+            combine(slope_x, weight, stage_v, slope_x)
+            combine(slope_v, weight, total, slope_v)
+            combine(x, ahead, stage_v, stage_x)
+            combine(v, ahead, total, stage_v)
+        combine(x, step, slope_x, x)
+        combine(v, step, slope_v, v)
         if every and (index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
             write_snapshot(x, v, contact_force, snapshots, (index + 1) // every - 1)

@@ -16,6 +16,22 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
             result[body, lane] = a[body, lane] + c * b[body, lane]
 
 
+@jit(void(BLOCK))
+def clear(block):  # type: ignore[no-untyped-def]
+    """Set a block to 0."""
+    for body in range(block.shape[0]):
+        for lane in range(block.shape[1]):
+            block[body, lane] = 0.0
+
+
+@jit(void(BLOCK, f8, BLOCK, BLOCK))
+def combine(a, factor, b, result):  # type: ignore[no-untyped-def]
+    """Write ``a + factor b`` to `result`."""
+    for body in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[body, lane] = a[body, lane] + factor * b[body, lane]
+
+
 @jit(void(f8[:, :, ::1], i8, f8, i8[::1], BLOCK, BLOCK))
 def add_response(samples, sample, sign, bodies, x, v):  # type: ignore[no-untyped-def]
     """Add or subtract a sampled linear response, rows 2 r (x) and 2 r + 1 (v), periodic."""

@@ -33,11 +33,11 @@ def add_state(x, v, sums):  # type: ignore[no-untyped-def]
             sums[VV, body, lane] += v[body, lane] * v[body, lane]
 
 
-@jit(void(BLOCK, BLOCK, BLOCK, f8[::1], f8[:, :, ::1]))
-def add_kick(x, v, total, gain, sums):  # type: ignore[no-untyped-def]
-    """Add the powers of the velocity increments ``gain total`` to ``sums[row, body, lane]``."""
+@jit(void(BLOCK, BLOCK, BLOCK, f8[:, ::1], i8, f8[:, :, ::1]))
+def add_kick(x, v, total, coefficients, column, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of the velocity increments ``coefficient total`` to ``sums[row, body, lane]``."""
     for body in range(sums.shape[1]):
-        c = gain[body]
+        c = coefficients[body, column]
         for lane in range(sums.shape[2]):
             sums[G, body, lane] += c * total[body, lane]
         for lane in range(sums.shape[2]):
