@@ -18,10 +18,9 @@ _HOME = {
     "compiled": ["CompiledNetwork"],
     "integrators": ["EulerMaruyama", "ExactFlow", "Integrator", "RungeKutta4"],
     "record": ["Density", "JointDensity", "PerRealization", "Record", "Trajectory"],
-    "simulate": ["simulate"],
+    "simulation": ["rerun", "simulate"],
     "exact": ["ExactReference", "compare", "exact"],
     "dataset": ["network_of", "save"],
-    "rerun": ["rerun"],
     "study": ["Study", "run_study"],
     "errors": [
         "AccuracyWarning",

@@ -1,7 +1,8 @@
-"""Simulate a network: plan, run, estimate, label."""
+"""Simulate a network: plan, run, estimate, label; and do it again."""
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -11,10 +12,11 @@ import numpy as np
 import xarray as xr
 
 from impactlab.build import digest
-from impactlab.dataset import BALANCES, STATISTICS, provenance, statistics
+from impactlab.dataset import BALANCES, STATISTICS, configuration_of, provenance, statistics
 from impactlab.ensemble import cores, merged, run
 from impactlab.errors import AccuracyWarning, InvalidInput
 from impactlab.estimate import Estimates, estimate
+from impactlab.generate import generate
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.model import Model
 from impactlab.network import Network
@@ -90,6 +92,36 @@ def simulate(
         network, duration, realizations, step, integrator or ExactFlow(), spin_up, initial, record, seed_of(rng),
         executor, progress,
     )  # fmt: skip
+
+
+def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+    """Simulate again what a dataset or a file was made from, with the same numbers.
+
+    On the same machine and versions they are the same bit for bit.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` returned, or a netCDF file of it.
+    executor : concurrent.futures.Executor, optional
+        Where to run; see `simulate`.
+
+    Raises
+    ------
+    InvalidInput
+        If no simulation is stored, or a component's kernel has changed since.
+    """
+    configuration = configuration_of(source)
+    if "simulate" not in configuration:
+        raise InvalidInput("The configuration that is stored describes no simulation.")
+    network = Network.from_dict(configuration["network"])
+    if digest(generate(Model.of(network))) != configuration["text"]:
+        raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
+    options: dict[str, Any] = dict(configuration["simulate"])
+    low, high = options.pop("seed")
+    options["integrator"] = Integrator.from_dict(options["integrator"])
+    options["record"] = [Record.from_dict(item) for item in options["record"]]
+    return _simulate(network, **options, seed=(low, high), executor=executor, progress=None)
 
 
 def _simulate(
