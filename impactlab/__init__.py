@@ -19,7 +19,7 @@ _HOME = {
     "integrators": ["EulerMaruyama", "ExactFlow", "Integrator", "RungeKutta4"],
     "record": ["Density", "JointDensity", "PerRealization", "Record", "Trajectory"],
     "simulation": ["rerun", "simulate"],
-    "exact": ["ExactReference", "compare", "exact"],
+    "reference": ["ExactReference", "compare", "exact"],
     "dataset": ["network_of", "save"],
     "study": ["Study", "run_study"],
     "errors": [

@@ -5,7 +5,7 @@ import pytest
 
 import impactlab as il
 from impactlab.dataset import statistics
-from impactlab.exact import compare, exact
+from impactlab.reference import compare, exact
 
 
 def network():

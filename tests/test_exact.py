@@ -14,7 +14,7 @@ from scipy.special import erfc, erfcx, gamma
 
 import impactlab as il
 from impactlab.contact import WALL
-from impactlab.exact import exact
+from impactlab.reference import exact
 
 
 class ConicalContact(il.ContactLaw):
@@ -788,6 +788,6 @@ def test_bad_input():
 
 
 def test_import_is_light():
-    code = "import sys, impactlab.exact; print({'numba', 'matplotlib'} & set(sys.modules))"
+    code = "import sys, impactlab.reference; print({'numba', 'matplotlib'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

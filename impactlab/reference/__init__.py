@@ -6,7 +6,7 @@ forces are conservative and ``exp(−H/T)`` can be normalised, then the stationa
 density is proportional to ``exp(−H/T)``, H being the energy.
 """
 
-from impactlab.exact.compare import compare
-from impactlab.exact.reference import ExactReference, exact
+from impactlab.reference.compare import compare
+from impactlab.reference.reference import ExactReference, exact
 
 __all__ = ["ExactReference", "compare", "exact"]

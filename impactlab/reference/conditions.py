@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from impactlab.contact import Contact
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.exact.gibbs import Gap, GibbsLaw
+from impactlab.reference.gibbs import Gap, GibbsLaw
 from impactlab.network import Network
 
 _SAME_TEMPERATURE = 1e-9  # relative difference

@@ -9,7 +9,7 @@ import xarray as xr
 
 from impactlab.dataset import STATISTICS
 from impactlab.errors import InvalidInput
-from impactlab.exact.reference import ExactReference
+from impactlab.reference.reference import ExactReference
 
 
 def compare(result: xr.Dataset, reference: xr.Dataset | ExactReference) -> xr.Dataset:
