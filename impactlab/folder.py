@@ -77,7 +77,7 @@ class Folder:
             used = any(not entry.name.startswith(".") for entry in self.path.iterdir())
         except OSError as error:
             raise InvalidInput(
-                f"Cannot use {self.path} for the results: {error.strerror or error}. Give a folder that is writable."
+                f"Cannot use {self.path}: {error.strerror or error}. Give a folder that is writable."
             ) from error
         if used:
             other = self.manifest()["study"]
@@ -117,7 +117,7 @@ class Folder:
         save(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
 
     def load_item(self, item: Item) -> xr.Dataset | None:
-        """Return the result of an item that is kept, or None if there is no whole one of the same configuration."""
+        """Return an item's result that is kept, None if there is no whole one of this configuration."""
         import xarray as xr
 
         from impactlab import dataset
@@ -149,7 +149,9 @@ class Folder:
 
         manifest = self.manifest()
         if not manifest["complete"]:
-            raise InvalidInput(f"The run in {self.path} is not complete; continue it with: impactlab resume {self.path}")
+            raise InvalidInput(
+                f"The run in {self.path} is not complete; continue it with: impactlab resume {self.path}"
+            )
         path = self.path / RESULT
         if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
             raise InvalidInput(f"{path} is not the file that the run wrote; run the study again.")

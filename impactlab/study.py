@@ -8,12 +8,11 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from impactlab.component import Component, finite
-from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.errors import InvalidInput
 from impactlab.network import Network
 
 if TYPE_CHECKING:
@@ -158,7 +157,7 @@ class StudyResult:
     @property
     def claims(self) -> xr.Dataset:
         """Verdicts on the statements that the study audits, along ``claim``."""
-        return self.tree["claims"].to_dataset(inherit=False)
+        return self.tree.children["claims"].to_dataset(inherit=False)
 
     @functools.cached_property
     def figures(self) -> dict[str, Figure]:
@@ -207,6 +206,7 @@ def run_study(
     """
     from impactlab.folder import Folder
     from impactlab.plugins import make_study
+    from impactlab.run import checked_items, run_items
 
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
         raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
@@ -216,57 +216,13 @@ def run_study(
     if folder is not None:
         folder.claim(made)
     begin = time.perf_counter()
-    results = _results(items, folder, workers, sys.stderr.isatty() if progress is None else progress)
+    results = run_items(items, folder, workers, sys.stderr.isatty() if progress is None else progress)
     result = judged(made, made.collect(results), folder)
     if folder is not None:
         from impactlab.report import publish
 
         publish(result, folder, begin)
     return result
-
-
-def checked_items(study: Study) -> list[Item]:
-    """Return the items of a study.
-
-    Raises
-    ------
-    InvalidInput
-        If two have the same key, or an option is not plain data.
-    """
-    from impactlab.folder import plain
-
-    items = study.items()
-    keys = [item.key.casefold() for item in items]  # they are names of files
-    for item, key in zip(items, keys, strict=True):
-        if keys.count(key) > 1:
-            raise InvalidInput(f"The study {study.name!r} has two items with the key {item.key!r}.")
-        plain(item.options)
-    return items
-
-
-def _results(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
-    """Simulate what is not in the folder yet; each simulation uses all workers."""
-    import impactlab
-
-    results: dict[str, xr.Dataset] = {}
-    pool = None if workers is None else ThreadPoolExecutor(workers)
-    try:
-        for number, item in enumerate(items, start=1):
-            if progress:
-                print(f"[{number}/{len(items)}] {item.key}", file=sys.stderr, flush=True)
-            saved = folder.load_item(item) if folder is not None else None
-            if saved is None:
-                try:
-                    saved = impactlab.simulate(item.network, **item.options, executor=pool, progress=False)
-                except ImpactLabError as error:
-                    raise type(error)(f"Item {item.key!r}: {error}") from error
-                if folder is not None:
-                    folder.save_item(item, saved)
-            results[item.key] = saved
-    finally:
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
-    return results
 
 
 def judged(study: Study, tree: xr.DataTree, folder: Folder | None = None) -> StudyResult:
@@ -276,6 +232,9 @@ def judged(study: Study, tree: xr.DataTree, folder: Folder | None = None) -> Stu
     from impactlab.dataset import provenance
 
     tree = tree.copy()
-    tree.attrs.update(provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}}))
+    attributes = provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}})
+    if "history" in tree.attrs:  # the tree of an earlier run, judged again
+        attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
+    tree.attrs.update(attributes)
     tree["claims"] = xr.DataTree(study.claims(tree))
     return StudyResult(study, tree, study.checks(tree), None if folder is None else folder.path)
