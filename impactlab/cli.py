@@ -88,19 +88,13 @@ def _parser() -> argparse.ArgumentParser:
     def common(added: argparse.ArgumentParser) -> None:
         added.add_argument("--json", action="store_true", help="claims, checks and files as JSON on stdout")
         volume = added.add_mutually_exclusive_group()
-        volume.add_argument(
-            "-q", "--quiet", action="store_true", help="only errors and, with --json, the JSON"
-        )
+        volume.add_argument("-q", "--quiet", action="store_true", help="only errors and, with --json, the JSON")
         volume.add_argument("-v", "--verbose", action="store_true", help="each simulation, and tracebacks")
 
     command("list", _list, "list the studies that can be run")
     run = command("run", _run, "run a study")
-    run.add_argument(
-        "study", metavar="STUDY_OR_TOML", help="name of a study, or a .toml file that configures one"
-    )
-    run.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a setting (value in TOML)"
-    )
+    run.add_argument("study", metavar="STUDY_OR_TOML", help="name of a study, or a .toml file that configures one")
+    run.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a setting (value in TOML)")
     run.add_argument("--quick", action="store_true", help="the study's smoke form")
     run.add_argument("--out", metavar="FOLDER", help="folder for the results (default: results/STUDY)")
     run.add_argument("--dry-run", action="store_true", help="say what would be simulated, and stop")
@@ -221,11 +215,7 @@ def _dry_run(study: Study, items: list[Item], as_json: bool) -> int:
     width = max((len(item.key) for item in items), default=4)
     print(f"{'item':{width}} {'bodies':>7} {'contacts':>9} {'realizations':>13} {'duration (s)':>13}")
     for row in rows:
-        print(
-            "{item:{width}} {bodies:7} {contacts:9} {realizations:13} {duration:13g}".format(
-                **row, width=width
-            )
-        )
+        print("{item:{width}} {bodies:7} {contacts:9} {realizations:13} {duration:13g}".format(**row, width=width))
     return DONE
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from impactlab.build import build
 from impactlab.generate import generate
-from impactlab.kernels.kick import evaluate
+from impactlab.kernels.jit import evaluate
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.plan import start_of
@@ -50,7 +50,15 @@ class CompiledNetwork:
         """Return the non-linear forces on the bodies; the contacts' are kept."""
         self._x[:-1, 0], self._v[:-1, 0] = x, v
         model = self.model
-        evaluate(self._module.forces, self._x, self._v, model.parameters, model.indices, *self._contacts, self._total)
+        evaluate(
+            self._module.forces,
+            self._x,
+            self._v,
+            model.parameters,
+            model.indices,
+            *self._contacts,
+            self._total,
+        )
         return self._total[:-1, 0].copy()
 
     def state(
@@ -69,7 +77,7 @@ class CompiledNetwork:
         first, second = self.model.ends[contact]
         clearance = float(self.model.clearance[contact])
 
-        def indentation(t: float, y: np.ndarray) -> float:  # noqa: ARG001
+        def indentation(t: float, y: np.ndarray) -> float:
             x = np.append(y[: len(self.model.bodies)], 0.0)  # the wall is the last body
             return float(x[first] - x[second]) - clearance
 
@@ -96,7 +104,11 @@ class CompiledNetwork:
             self._forces(column[:bodies], column[bodies:])
             forces[index] = self._contacts[1][:, 0]
         variables: dict[str, Any] = {
-            "displacement": (("time", "oscillator"), y[:bodies].T, {"units": "m", "long_name": "displacement"}),
+            "displacement": (
+                ("time", "oscillator"),
+                y[:bodies].T,
+                {"units": "m", "long_name": "displacement"},
+            ),
             "velocity": (("time", "oscillator"), y[bodies:].T, {"units": "m s-1", "long_name": "velocity"}),
         }
         coordinates: dict[str, Any] = {

@@ -36,7 +36,11 @@ STATISTICS: dict[str, tuple[str, str, str]] = {
 """Default statistics: name to dimension, units and long name."""
 
 BALANCES: dict[str, tuple[str, str, str]] = {
-    f"balance_{name}": ("oscillator", STATISTICS[name][1], f"{STATISTICS[name][2]}: direct minus balance estimate")
+    f"balance_{name}": (
+        "oscillator",
+        STATISTICS[name][1],
+        f"{STATISTICS[name][2]}: direct minus balance estimate",
+    )
     for name in ("mean_displacement", "mean_square_displacement", "mean_square_velocity")
 }
 """Differences between two estimates of one quantity, zero in expectation."""
@@ -86,9 +90,7 @@ def statistics(
             )
         data[name] = (dimension, np.asarray(value, dtype=float), attrs)
     ordered = {name: data[name] for name in sorted(data, key=_order(values))}
-    coordinates = {
-        name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]
-    }
+    coordinates = {name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]}
     return xr.Dataset(ordered, coordinates, attributes)
 
 

@@ -7,14 +7,14 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-
+from typing import Any
 
 import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, Noise, Series, State, Sums
-from impactlab.kernels.kick import evaluate
+from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, STATE_ROWS
 from impactlab.plan import Plan
@@ -43,7 +43,9 @@ class BlockResult:
     records: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
-def run(plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]) -> list[BlockResult]:
+def run(
+    plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]
+) -> list[BlockResult]:
     """Run all blocks and return their results in order.
 
     Parameters
@@ -115,9 +117,12 @@ class _Block:
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
         normals = np.zeros((len(plan.white), 4, lanes))
         work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
-        self.state = State(*moving, *touching, *work, normals)
+        blocks: Any = (*moving, *touching, *work, normals)
+        self.state = State(*blocks)
         rows = KICK_ROWS if plan.integrator.kicks else STATE_ROWS
-        self.sums = Sums(np.zeros((rows, bodies, lanes)), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
+        self.sums = Sums(
+            np.zeros((rows, bodies, lanes)), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window
+        )
         self.scale = np.ones((1, len(plan.white)))
         self.attempts = self._start()
         self.series = self._synthesize()
@@ -167,7 +172,8 @@ class _Block:
         """Whether a contact is closed in each of some lanes."""
         first, second = self.plan.ends.T
         x = self.state.x[:, lanes]
-        return np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+        return closed
 
     def _synthesize(self) -> Series:
         """Sample the series of all realizations, for the whole run."""
@@ -205,7 +211,16 @@ class _Block:
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
-        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, state.indentation, state.contact_force, state.total)
+        evaluate(
+            self.module.forces,
+            x,
+            v,
+            plan.parameters,
+            plan.indices,
+            state.indentation,
+            state.contact_force,
+            state.total,
+        )
 
     # run
 
@@ -240,7 +255,9 @@ class _Block:
             intensity = np.empty((count + 1, len(plan.white)))
             self.module.intensity(middles, plan.parameters, plan.indices, intensity)
             if not (intensity >= 0.0).all():
-                raise Diverged(f"The spectral density of a white noise is negative or not a number near t = {middles[0]:g} s.")
+                raise Diverged(
+                    f"The spectral density of a white noise is negative or not a number near t = {middles[0]:g} s."
+                )
             scale = np.sqrt(intensity / plan.intensity)
         return Noise(plan.white, plan.streams, self.realizations, scale)
 
@@ -286,7 +303,12 @@ class _Block:
         for batch, end in enumerate(plan.boundaries):
             self.sums.bodies[:] = 0.0
             self.sums.contacts[:] = 0.0
-            self.advance(end - begin, lambda snapshots, batch=batch: [k.add(snapshots, batch) for k in keepers])  # type: ignore[misc]
+
+            def sample(snapshots: np.ndarray, batch: int = batch) -> None:
+                for keeper in keepers:
+                    keeper.add(snapshots, batch)
+
+            self.advance(end - begin, sample)
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
             begin = end
@@ -299,5 +321,3 @@ def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray]:
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),
     )
-
-

@@ -83,7 +83,10 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
     errors["peak_contact_force"] = _error(peak, np.ones(realizations), realizations > 1)
     by_realization = {**whole, "variance_displacement": variance, "peak_contact_force": peak}
     return Estimates(
-        values, errors, {name: item.T for name, item in by_realization.items()}, _drift(plan, bodies, contacts, steps)
+        values,
+        errors,
+        {name: item.T for name, item in by_realization.items()},
+        _drift(plan, bodies, contacts, steps),
     )
 
 
@@ -115,7 +118,8 @@ def _processed(plan: Plan, s: np.ndarray) -> Values:
     exactly from those after the kick. Only the flow of white noise of constant intensity is
     closed in this way; other bodies keep the moments at the kick.
     """
-    a, q = transition(*plan.linear, _intensity(plan), 0.5 * plan.step)
+    mass, damping, stiffness = plan.linear
+    a, q = transition(mass, damping, stiffness, _intensity(plan), 0.5 * plan.step)
     velocity = s[V] + 0.5 * s[G]
     after = s[XX], s[XV] + 0.5 * s[GX], s[VV] + s[GV] + 0.25 * s[GG]
     closed = _closed_flow(plan)[:, None]
@@ -138,7 +142,7 @@ def _balances(plan: Plan, s: np.ndarray) -> Values:
     the velocity of a damped free body, the power of the kicks on an undamped one.
     """
     mass, damping, stiffness = plan.linear
-    a, _ = transition(*plan.linear, np.zeros_like(mass), plan.step)
+    a, _ = transition(mass, damping, stiffness, np.zeros_like(mass), plan.step)
     intensity = _intensity(plan)
     shape = s[X].shape
     mean, displacement, velocity = (np.full(shape, np.nan) for _ in range(3))
@@ -219,5 +223,7 @@ def _warn(plan: Plan, relaxation: float) -> None:
     else:
         advice = f"use at least {BATCHES} realizations"
     warnings.warn(
-        f"Too few independent samples for standard errors, which are NaN: {advice}.", AccuracyWarning, stacklevel=4
+        f"Too few independent samples for standard errors, which are NaN: {advice}.",
+        AccuracyWarning,
+        stacklevel=4,
     )

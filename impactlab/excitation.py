@@ -65,7 +65,7 @@ class WhiteNoise(Excitation):
     @classmethod
     def from_one_sided(cls, per_hertz: float) -> Self:
         """Make white noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
-        return cls(_two_sided(cls, per_hertz))
+        return cls(spectral_density=_two_sided(cls, per_hertz))
 
 
 class ShinozukaNoise(Excitation):
@@ -105,7 +105,7 @@ class ShinozukaNoise(Excitation):
     @classmethod
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
         """Make bounded noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
-        return cls(_two_sided(cls, per_hertz), **fields)
+        return cls(spectral_density=_two_sided(cls, per_hertz), **fields)
 
     @property
     def spacing(self) -> float:

@@ -26,8 +26,32 @@ from impactlab.model import HEADER, LEADING, Kind, Model
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset(
-    "x v parameters indices indentation contact_force total body lane member at slot first second clearance "
-    "gap rate force row times result index math np".split()
+    [
+        "x",
+        "v",
+        "parameters",
+        "indices",
+        "indentation",
+        "contact_force",
+        "total",
+        "body",
+        "lane",
+        "member",
+        "at",
+        "slot",
+        "first",
+        "second",
+        "clearance",
+        "gap",
+        "rate",
+        "force",
+        "row",
+        "times",
+        "result",
+        "index",
+        "math",
+        "np",
+    ]
 )
 
 _FORCES = '''
@@ -45,7 +69,7 @@ def forces(x, v, parameters, indices, indentation, contact_force, total):
 '''
 
 _TIMETABLE = '''
-@jit(TIMETABLE)
+@kernel
 def {name}(times, parameters, indices, result):
     """Write {what} at some times, result[time, row]."""
 '''
@@ -84,7 +108,7 @@ def generate(model: Model) -> str:
     for role in ("force", "residual"):
         parts += [_LOOPS[role](index, kind, names[kind]) for index, kind in enumerate(model.kinds) if kind.role == role]
     for role, what in _TIMETABLES.items():
-        if role == "forcing" and model.of_role(role) or role == "intensity" and model.time_varying:
+        if (role == "forcing" and model.of_role(role)) or (role == "intensity" and model.time_varying):
             parts.append("\n" + _TIMETABLE.format(name=role, what=what))
             parts += [_timetable_loop(i, kind, names[kind]) for i, kind in enumerate(model.kinds) if kind.role == role]
     return "".join(parts)
@@ -112,7 +136,7 @@ def _header(model: Model, kernels: dict[str, str]) -> str:
         *(["import math", ""] if "math." in text else []),
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
-        + ", ".join([*(["TIMETABLE", "jit"] if tables else []), "pointer", *(["scalar"] if kernels else [])]),
+        + ", ".join([*(["kernel"] if tables else []), "pointer", *(["scalar"] if kernels else [])]),
     ]
     return "\n".join(lines) + "\n"
 
@@ -168,11 +192,7 @@ def _contact_loop(index: int, kind: Kind, name: str) -> str:
 
 def _residual_loop(index: int, kind: Kind, name: str) -> str:
     call = _call(kind, name, {"displacement": "x[body, lane]", "velocity": "v[body, lane]"})
-    return (
-        f"{_row(index, kind)}"
-        "        for lane in range(total.shape[1]):\n"
-        f"            total[body, lane] -= {call}\n"
-    )
+    return f"{_row(index, kind)}        for lane in range(total.shape[1]):\n            total[body, lane] -= {call}\n"
 
 
 def _timetable_loop(index: int, kind: Kind, name: str) -> str:

@@ -8,13 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.component import Component
-from impactlab.contact import WALL, Wall
+from impactlab.contact import Wall
 from impactlab.network import Network
 
 HEADER = 3
 """Entries of `Model.indices` per kind: number of rows, first index, first parameter."""
 
-LEADING = {"force": ("slot", "first", "second"), "residual": ("body",), "forcing": ("row",), "intensity": ("row",)}
+LEADING = {
+    "force": ("slot", "first", "second"),
+    "residual": ("body",),
+    "forcing": ("row",),
+    "intensity": ("row",),
+}
 """Leading indices of a row of each kind; 'force' is a contact's, 'forcing' an excitation's."""
 
 

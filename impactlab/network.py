@@ -140,9 +140,7 @@ class Network:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        return all(
-            list(getattr(self, name).items()) == list(getattr(other, name).items()) for name in self.__slots__
-        )
+        return all(list(getattr(self, name).items()) == list(getattr(other, name).items()) for name in self.__slots__)
 
     def __hash__(self) -> int:
         return hash(tuple(tuple(getattr(self, name).items()) for name in self.__slots__))

@@ -83,7 +83,7 @@ class Oscillator(Component):
         critical = 2.0 * (self.stiffness * self.mass) ** 0.5
         if critical == 0.0:
             return float("inf") if self.damping else 0.0
-        return self.damping / critical
+        return float(self.damping / critical)
 
 
 class LinearOscillator(Oscillator):

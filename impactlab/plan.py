@@ -264,7 +264,7 @@ def seed_of(rng: Any) -> tuple[int, int]:
         If it is none of these.
     """
     if isinstance(rng, np.random.Generator | np.random.BitGenerator):
-        words = np.random.Generator(getattr(rng, "bit_generator", rng)).integers(0, 2**64, 2, dtype=np.uint64)
+        words = np.random.default_rng(rng).integers(0, 2**64, 2, dtype=np.uint64)
         return int(words[0]), int(words[1])
     try:
         sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
@@ -336,7 +336,11 @@ def make_plan(
     model = Model.of(network)
     integrator.check(model)
     duration = positive("duration", duration)
-    if isinstance(realizations, bool) or not isinstance(realizations, int | np.integer) or not 1 <= realizations < 2**32:
+    if (
+        isinstance(realizations, bool)
+        or not isinstance(realizations, int | np.integer)
+        or not 1 <= realizations < 2**32
+    ):
         raise InvalidInput(f"realizations must be a whole number from 1 to 2^32 - 1, {realizations!r} was given.")
     start = start_of(initial, model)
     energy = contact_energy(model, start, duration)
@@ -394,7 +398,9 @@ def make_plan(
         steps=steps,
         boundaries=tuple(boundaries),
         every=every,
-        records=tuple((record, stride // every if every else 1) for record, stride in zip(records, strides, strict=True)),
+        records=tuple(
+            (record, stride // every if every else 1) for record, stride in zip(records, strides, strict=True)
+        ),
         bodies=model.bodies,
         contacts=model.contacts,
         realizations=int(realizations),
@@ -415,4 +421,5 @@ def _white_deviations(model: Model) -> np.ndarray:
     """Standard deviations of the linear law under white noise alone, 0 for other bodies, (2, body)."""
     variances = linear_variances(model)
     variances[:, list(model.lines)] = 0.0
-    return np.sqrt(variances)
+    result: np.ndarray = np.sqrt(variances)
+    return result

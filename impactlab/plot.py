@@ -65,7 +65,7 @@ def number_text(value: float) -> str:
     """Return a number with three digits, as a power of ten where that is shorter."""
     text = f"{value:.3g}"
     if "e" not in text:
-        return text
+        return text.replace("-", "\N{MINUS SIGN}")
     mantissa, exponent = text.split("e")
     factor = "" if mantissa == "1" else rf"{mantissa} \times "
     return rf"${factor}10^{{{int(exponent)}}}$"
@@ -86,9 +86,7 @@ def band(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None
     """
     x, value, error = (np.asarray(item, dtype=float) for item in (x, value, error))
     (drawn,) = axes.plot(x, value, label=label, **line)
-    axes.fill_between(
-        x, value - 2.0 * error, value + 2.0 * error, color=drawn.get_color(), alpha=0.25, linewidth=0.0
-    )
+    axes.fill_between(x, value - 2.0 * error, value + 2.0 * error, color=drawn.get_color(), alpha=0.25, linewidth=0.0)
 
 
 def points(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None, **line: Any) -> None:
@@ -140,7 +138,7 @@ def draw_network(network: Network, ax: Axes | None = None) -> Figure:
         low = -_ANCHOR - 0.3 if beside else -_GAP - 0.3 if left else -0.5
         high = start[shown[-1]] + _WIDTH
         high += _ANCHOR + 0.3 if beside and len(shown) == 2 else _GAP + 0.3 if right else 0.3
-        bottom, top = (-0.75 if beside else -_BELOW - 0.4), _HEIGHT + 0.75
+        bottom, top = (-0.55 if beside else -_BELOW - 0.4), _HEIGHT + 0.75
         notes = _notes(network, row, drawn)
         bottom -= 0.2 * len(notes)
         if ax is None:
@@ -197,9 +195,7 @@ def _drawable(network: Network, shown: list[str]) -> dict[str, Contact]:
 def _notes(network: Network, row: list[str], drawn: dict[str, Contact]) -> list[str]:
     notes = []
     if len(row) > BODIES:
-        notes.append(
-            f"… and {len(row) - BODIES} more bodies, {len(network.contacts) - len(drawn)} more contacts"
-        )
+        notes.append(f"… and {len(row) - BODIES} more bodies, {len(network.contacts) - len(drawn)} more contacts")
     else:
         hidden = [
             f"{name} ({contact.first}, {contact.second})"
@@ -233,7 +229,7 @@ def _draw_body(ax: Axes, x: float, name: str, body: Oscillator, side: int) -> No
         _hatched(ax, far if side > 0 else far - 0.12, -0.2, 0.12, _HEIGHT + 0.4)
         heights = (0.78 * _HEIGHT, 0.2 * _HEIGHT)
     else:
-        far, near = x - 0.15, x + _WIDTH - 0.15
+        far, near = x + 0.1, x + _WIDTH - 0.06
         ax.plot([near, near], [-0.95, 0.0], color=_INK, lw=1.2)
         _hatched(ax, far - 0.1, -_BELOW, 0.1, _BELOW - 0.2)
         heights = (-0.42, -0.95)
@@ -277,13 +273,10 @@ def _damper(ax: Axes, left: float, right: float, y: float) -> None:
 
 
 def _hatched(ax: Axes, x: float, y: float, width: float, height: float) -> None:
-    ax.add_patch(
-        Rectangle((x, y), width, height, facecolor="white", edgecolor=_GROUND, hatch="//////", lw=0.8)
-    )
+    ax.add_patch(Rectangle((x, y), width, height, facecolor="white", edgecolor=_GROUND, hatch="//////", lw=0.8))
 
 
 def _draw_excitation(ax: Axes, x: float, excitation: Component) -> None:
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(excitation).__name__)
     y = _HEIGHT + 0.16
     ax.annotate(
         "",
@@ -292,12 +285,10 @@ def _draw_excitation(ax: Axes, x: float, excitation: Component) -> None:
         arrowprops={"arrowstyle": "-|>", "color": COLORS[1], "lw": 1.6, "shrinkA": 0, "shrinkB": 0},
     )
     density = getattr(excitation, "spectral_density", None)
-    lines = [name]
+    lines = [_words(excitation)]
     if isinstance(density, float):
         lines.append(rf"$S$ = {number_text(density)} {units_text(excitation.units('spectral_density'))}")
-    ax.text(
-        x + _WIDTH / 2.0, y + 0.08, "\n".join(lines), ha="center", va="bottom", fontsize=7.5, color=COLORS[1]
-    )
+    ax.text(x + _WIDTH / 2.0, y + 0.08, "\n".join(lines), ha="center", va="bottom", fontsize=7.5, color=COLORS[1])
 
 
 def _draw_contact(ax: Axes, contact: Contact, start: dict[str, float]) -> None:
@@ -316,8 +307,7 @@ def _draw_contact(ax: Axes, contact: Contact, start: dict[str, float]) -> None:
     bumper, height = _BUMPER, 0.26
     ax.fill(left + bumper * np.cos(angle), middle + height * np.sin(angle), facecolor=color, alpha=0.85, lw=0)
     tip = left + bumper
-    for edge in (tip, right):
-        ax.plot([edge, edge], [middle, _HEIGHT + 0.02], color=_GROUND, lw=0.7)
+    ax.plot([tip, tip], [middle, _HEIGHT], color=_GROUND, lw=0.7)
     arrows = {
         "arrowstyle": "<|-|>",
         "color": _INK,
@@ -327,16 +317,15 @@ def _draw_contact(ax: Axes, contact: Contact, start: dict[str, float]) -> None:
         "mutation_scale": 6,
     }
     ax.annotate("", (tip, _HEIGHT - 0.06), (right, _HEIGHT - 0.06), arrowprops=arrows)
-    centre = (left + right) / 2.0
-    ax.text(
-        centre,
-        _HEIGHT + 0.06,
-        f"{number_text(contact.clearance)} m",
-        ha="center",
-        va="bottom",
-        fontsize=7.5,
-        color=_INK,
-    )
-    law = type(contact.law).__name__.removesuffix("Contact")
-    first = next((line.split(" = ")[1] for line in _fields(contact.law)), "")
-    ax.text(centre, -0.03, f"{law}\n{first}", ha="center", va="top", fontsize=7.5, color=color)
+    clearance = f"{number_text(contact.clearance)} m"
+    ax.text((tip + right) / 2.0, _HEIGHT, clearance, ha="center", va="bottom", fontsize=7.5, color=_INK)
+    fields = _fields(contact.law)
+    if len(fields) == 1:  # the name of the law says what it is
+        fields = [fields[0].split(" = ")[1]]
+    law = "\n".join([_words(contact.law), *fields])
+    ax.text((left + right) / 2.0, -0.03, law, ha="center", va="top", fontsize=7.5, color=color)
+
+
+def _words(component: Component) -> str:
+    """Return the name of a class as words."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(component).__name__).capitalize()

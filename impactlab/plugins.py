@@ -70,9 +70,7 @@ def study_class(name: str) -> type[Study]:
         places = ", ".join(plugin.distribution for plugin in found)
         raise InvalidInput(f"The study {name!r} is offered more than once ({places}); uninstall one of them.")
     if found[0].study is None:
-        raise InvalidInput(
-            f"The study {name!r} of {found[0].distribution} cannot be used: {found[0].problem}."
-        )
+        raise InvalidInput(f"The study {name!r} of {found[0].distribution} cannot be used: {found[0].problem}.")
     return found[0].study
 
 
@@ -149,9 +147,7 @@ def parse_setting(text: str, study: Study) -> tuple[str, Any]:
     if not separator:
         raise InvalidInput(f"A setting is key=value, such as clearances=[0.05]; {text!r} was given.")
     if key not in study.field_names():
-        raise InvalidInput(
-            f"The study {study.name!r} has no setting {key!r}; {suggestion(key, study.field_names())}"
-        )
+        raise InvalidInput(f"The study {study.name!r} has no setting {key!r}; {suggestion(key, study.field_names())}")
     if isinstance(getattr(study, key), str) and not value.startswith(("'", '"')):
         return key, value
     try:

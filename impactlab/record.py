@@ -69,10 +69,10 @@ class Record(Component):
 class PerRealization(Record):
     """Each statistic also for every realization, as ``<name>_by_realization``."""
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:  # noqa: ARG002
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return Keeper()
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:  # noqa: ARG002
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         return {}  # the statistics are there already, one per realization
 
 
@@ -90,7 +90,7 @@ class Trajectory(Record):
     def exact_interval(self) -> float | None:
         return self.interval
 
-    def stride(self, model: Model, step: float) -> int:  # noqa: ARG002
+    def stride(self, model: Model, step: float) -> int:
         return round(self.interval / step)
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
@@ -130,7 +130,7 @@ class _Path(Keeper):
     def start(self, values: np.ndarray) -> None:
         self.path[:, 0], self.kept = values.T, 1
 
-    def add(self, snapshots: np.ndarray, batch: int) -> None:  # noqa: ARG002
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
         own = snapshots[_first(self.seen, self.ratio) :: self.ratio]
         self.seen += len(snapshots)
         self.path[:, self.kept : self.kept + len(own)] = own.transpose(2, 0, 1)
@@ -186,7 +186,7 @@ class Density(Record):
         return _Counts(self, plan, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        counts = sum(result["counts"] for result in results)
+        counts = _total(results)
         samples = counts.sum(axis=2, keepdims=True)
         q, n = self.quantity, len(plan.bodies)
         edges = np.full((n, self.bins + 1), np.nan)
@@ -239,15 +239,18 @@ class JointDensity(Record):
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Pairs(self, plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:  # noqa: ARG002
-        counts = sum(result["counts"] for result in results)
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        counts = _total(results)
         groups = counts.shape[0]
         share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None])
         shape = (self.bins + 2, self.bins + 2)
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
         names = [f"joint_{side}_bin" for side in ("first", "second")]
-        attrs = {"units": "m-2", "long_name": f"joint density of the displacements of {self.first} and {self.second}"}
+        attrs = {
+            "units": "m-2",
+            "long_name": f"joint density of the displacements of {self.first} and {self.second}",
+        }
         variables: Variables = {
             "joint_density": (tuple(names), share.reshape(shape)[1:-1, 1:-1] / area, attrs),
             "joint_density_standard_error": (tuple(names), spread_.reshape(shape)[1:-1, 1:-1] / area, attrs),
@@ -272,7 +275,16 @@ class _Counts(Keeper):
         self.seen += len(snapshots)
         for row, (quantity, (_, low, high)) in enumerate(zip(self.quantities, self.record.limits, strict=True)):
             inverse_width = self.record.bins / (high - low)
-            count_samples(snapshots, first, self.ratio, quantity, low, inverse_width, self.groups[batch], self.counts[row])
+            count_samples(
+                snapshots,
+                first,
+                self.ratio,
+                quantity,
+                low,
+                inverse_width,
+                self.groups[batch],
+                self.counts[row],
+            )
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts.transpose(1, 0, 2)}
@@ -296,6 +308,12 @@ class _Pairs(Keeper):
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts}
+
+
+def _total(results: list[dict[str, np.ndarray]]) -> np.ndarray:
+    """Add the counts of all blocks."""
+    total: np.ndarray = np.sum([result["counts"] for result in results], axis=0)
+    return total
 
 
 def _group_count(plan: Plan) -> int:
@@ -340,7 +358,8 @@ def _plain_limits(limits: Any) -> Any:
     if isinstance(limits, Mapping):
         limits = tuple((name, *pair) for name, pair in limits.items())
     plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in limits)
-    for low, high in [item[-2:] for item in plain] if plain and isinstance(plain[0], tuple) else [plain]:
+    pairs: Any = [item[-2:] for item in plain] if plain and isinstance(plain[0], tuple) else [plain]
+    for low, high in pairs:
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InvalidInput(f"Limits must be two increasing finite numbers, ({low!r}, {high!r}) was given.")
     return plain

@@ -91,11 +91,7 @@ def claim_rows(claims: xr.Dataset) -> list[dict[str, str]]:
 def claim_counts(claims: xr.Dataset) -> dict[str, int]:
     """Return how many claims got each verdict, those that none got left out."""
     counts = Counter(row["verdict"] for row in claim_rows(claims))
-    return {
-        verdict: counts[verdict]
-        for verdict in (*VERDICTS, *sorted(set(counts) - {*VERDICTS}))
-        if counts[verdict]
-    }
+    return {verdict: counts[verdict] for verdict in (*VERDICTS, *sorted(set(counts) - {*VERDICTS})) if counts[verdict]}
 
 
 _STYLE = """
@@ -153,8 +149,7 @@ def report(result: StudyResult, pictures: Mapping[str, bytes]) -> str:
         if rows:
             parts += [f"<h2>{text(title)}</h2>", _table(rows)]
     settings = [
-        {"setting": name, "value": value, "units": study.units(name)}
-        for name, value in study.settings().items()
+        {"setting": name, "value": value, "units": study.units(name)} for name, value in study.settings().items()
     ]
     parts += ["<h2>Settings</h2>", _table(settings)] if settings else []
     parts += [
@@ -183,12 +178,8 @@ def command(result: StudyResult) -> str:
     """Return the command that runs the study with the same settings."""
     default = type(result.study)().settings()
     lines = dict(line.split(" = ", 1) for line in toml(result.study).splitlines())
-    changed = [
-        f"{name}={lines[name]}" for name, value in result.study.settings().items() if value != default[name]
-    ]
-    return shlex.join(
-        ["impactlab", "run", result.study.name, *(part for item in changed for part in ("--set", item))]
-    )
+    changed = [f"{name}={lines[name]}" for name, value in result.study.settings().items() if value != default[name]]
+    return shlex.join(["impactlab", "run", result.study.name, *(part for item in changed for part in ("--set", item))])
 
 
 def _table(rows: Iterable[Mapping[str, Any]]) -> str:
@@ -202,8 +193,4 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         value = f"{value:.6g}"
     kind = _CLASSES.get(str(value), "")
-    return (
-        f'<td class="{kind}">{html.escape(str(value))}</td>'
-        if kind
-        else f"<td>{html.escape(str(value))}</td>"
-    )
+    return f'<td class="{kind}">{html.escape(str(value))}</td>' if kind else f"<td>{html.escape(str(value))}</td>"

@@ -36,9 +36,7 @@ def checked_items(study: Study) -> list[Item]:
     return items
 
 
-def run_items(
-    items: list[Item], folder: Folder | None, workers: int | None, progress: bool
-) -> dict[str, xr.Dataset]:
+def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
     """Simulate, one after another, what is not in the folder yet; each simulation uses all workers.
 
     Parameters

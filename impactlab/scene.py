@@ -110,7 +110,8 @@ def hottest(model: Model, heat: np.ndarray) -> np.ndarray:
     labels = model.connected()
     largest = np.zeros(labels.max() + 1)
     np.maximum.at(largest, labels, heat)
-    return largest[labels]
+    result: np.ndarray = largest[labels]
+    return result
 
 
 def spread(model: Model) -> np.ndarray:
@@ -187,7 +188,7 @@ def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: flo
         return depth + compliance * float(law.evaluate(depth))
 
     thermal = _solve(stored, energy) if 0.0 < energy < math.inf else 0.0
-    static = _solve(pressed, overlap) if 0.0 < overlap and compliance < math.inf else 0.0
+    static = _solve(pressed, overlap) if overlap > 0.0 and compliance < math.inf else 0.0
     depth = thermal + static
     if depth == 0.0:
         return 0.0, 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
 
 from impactlab.kernels.random import fill_uniforms, stream
 from impactlab.scene import Lines, receptance_of, regular_lines
@@ -25,7 +24,8 @@ def phases(seed: tuple[int, int], lines: Lines, realization: int, attempt: int) 
 
 def response_amplitudes(lines: Lines, linear: np.ndarray, phase: np.ndarray) -> np.ndarray:
     """Return complex amplitudes of the steady displacement and velocity, (2, line)."""
-    gain = receptance_of(*linear, lines.frequencies)
+    mass, damping, stiffness = linear
+    gain = receptance_of(mass, damping, stiffness, lines.frequencies)
     displacement = lines.amplitudes * np.exp(1j * phase) * gain
     return np.stack([displacement, 1j * lines.frequencies * displacement])
 
@@ -86,7 +86,7 @@ def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float,
             spectrum[channel, target] = value
         else:
             np.add.at(spectrum[channel], target, value)
-    return np.asarray(fft.irfft(spectrum, period, axis=1)).T
+    return np.fft.irfft(spectrum, period, axis=1).T
 
 
 def _bins(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, int] | None:

@@ -180,7 +180,11 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
     }
     dataset = statistics(list(plan.bodies), list(plan.contacts), values, errors, **attributes)
     if "peak_contact_force" in dataset:
-        dataset["observation_time"] = ((), observation, {"units": "s", "long_name": "time over which peaks are taken"})
+        dataset["observation_time"] = (
+            (),
+            observation,
+            {"units": "s", "long_name": "time over which peaks are taken"},
+        )
     for index, (item, ratio) in enumerate(plan.records):
         if isinstance(item, PerRealization):
             for name in names:

@@ -79,7 +79,7 @@ class Study(Component):
         """Return the study's smoke form: the same code, a few seconds."""
         return self
 
-    def claims(self, tree: xr.DataTree) -> xr.Dataset:  # noqa: ARG002
+    def claims(self, tree: xr.DataTree) -> xr.Dataset:
         """Return the verdicts on the statements that the study audits.
 
         Returns
@@ -92,15 +92,15 @@ class Study(Component):
 
         return xr.Dataset()
 
-    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:  # noqa: ARG002
+    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:
         """Yield the study's figures with their names."""
         return ()
 
-    def checks(self, tree: xr.DataTree) -> list[Check]:  # noqa: ARG002
+    def checks(self, tree: xr.DataTree) -> list[Check]:
         """Return the study's own checks; the command line exits with 1 when one fails."""
         return []
 
-    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:  # noqa: ARG002
+    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
         """Yield further tables for the report: a title and rows, column to text or number."""
         return ()
 

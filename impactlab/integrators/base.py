@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
+import numba
 import numpy as np
-from numba import b1, f8, i8, typeof, void
+from numba import b1, f8, i8, void
 
 from impactlab.component import Component
 from impactlab.errors import InvalidInput
@@ -66,16 +67,19 @@ class Sums(NamedTuple):
 _MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
 _WORDS = np.zeros((1, 1), np.uint64)
 
+_typeof: Any = numba.typeof
+_STATE: Any = State
+
 ADVANCE = void(
     FORCES,
     f8[::1],
     i8[::1],
     f8[:, ::1],
-    typeof(Noise(_INTEGERS, _WORDS, _WORDS[0], _MATRIX)),
-    typeof(Series(_INTEGERS, _CUBE)),
-    typeof(Forced(_INTEGERS, _MATRIX)),
-    typeof(State(*[_MATRIX] * 11, _CUBE)),
-    typeof(Sums(_CUBE, _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
+    _typeof(Noise(_INTEGERS, _WORDS, _WORDS[0], _MATRIX)),
+    _typeof(Series(_INTEGERS, _CUBE)),
+    _typeof(Forced(_INTEGERS, _MATRIX)),
+    _typeof(_STATE(*[_MATRIX] * 11, _CUBE)),
+    _typeof(Sums(_CUBE, _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
     f8[:, :, ::1],
     f8,
     b1,
@@ -175,7 +179,7 @@ def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
         coupling = tangent[both] / np.sqrt(model.mass[first] * model.mass[second])
         np.add.at(bound, first, coupling)
         np.add.at(bound, second, coupling)
-        return np.sqrt(np.sort(bound))
+        return np.asarray(np.sqrt(np.sort(bound)))
     matrix = np.diag(diagonal)
     np.add.at(matrix, (first, second), -tangent[both])
     np.add.at(matrix, (second, first), -tangent[both])

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
-from impactlab.kernels.jit import compiled
+from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
@@ -27,7 +27,7 @@ class EulerMaruyama(ExplicitIntegrator):
 
     @staticmethod
     def loop() -> Callable[..., None]:
-        return compiled(ADVANCE, _advance)
+        return loop(ADVANCE, _advance)
 
 
 def _advance(  # type: ignore[no-untyped-def]
@@ -43,9 +43,7 @@ def _advance(  # type: ignore[no-untyped-def]
             if index == 0 or now % 4 == 0:
                 fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
             sample = index if noise.scale.shape[0] > 1 else 0
-            add_held_noise(
-                coefficients, AMPLITUDE, noise.bodies, noise.scale, sample, state.normals, now % 4, external
-            )
+            add_held_noise(coefficients, AMPLITUDE, noise.bodies, noise.scale, sample, state.normals, now % 4, external)
         if series.bodies.shape[0]:
             add_series(series.samples, now, series.bodies, external)
         if forced.bodies.shape[0]:

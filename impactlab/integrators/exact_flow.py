@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.integrators.base import ADVANCE, Integrator, frequencies
 from impactlab.kernels.flow import COEFFICIENTS, add_noise, flow, flow_coefficients, transition
-from impactlab.kernels.jit import compiled
+from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import add_forced, add_response, clear, scaled_sum
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_kick, add_state, write_snapshot
@@ -38,7 +38,7 @@ class ExactFlow(Integrator):
 
     @staticmethod
     def loop() -> Callable[..., None]:
-        return compiled(ADVANCE, _advance)
+        return loop(ADVANCE, _advance)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         linear = (model.mass, model.damping, model.stiffness, model.reference_intensities())

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
-from impactlab.kernels.jit import compiled
+from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
@@ -30,7 +30,7 @@ class RungeKutta4(ExplicitIntegrator):
 
     @staticmethod
     def loop() -> Callable[..., None]:
-        return compiled(ADVANCE, _advance)
+        return loop(ADVANCE, _advance)
 
 
 def _advance(  # type: ignore[no-untyped-def]
@@ -56,7 +56,14 @@ def _advance(  # type: ignore[no-untyped-def]
                 if noise.bodies.shape[0]:
                     sample = index if noise.scale.shape[0] > 1 else 0
                     add_held_noise(
-                        coefficients, AMPLITUDE, noise.bodies, noise.scale, sample, state.normals, now % 4, external
+                        coefficients,
+                        AMPLITUDE,
+                        noise.bodies,
+                        noise.scale,
+                        sample,
+                        state.normals,
+                        now % 4,
+                        external,
                     )
                 if series.bodies.shape[0]:
                     add_series(series.samples, 2 * now + offset, series.bodies, external)

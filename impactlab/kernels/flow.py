@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import f8, i8, void
 from scipy.linalg import expm
 
-from impactlab.kernels.jit import BLOCK, jit
+from impactlab.kernels.jit import kernel
 
 COEFFICIENTS = 7
 """Columns of a flow: a_xx, a_xv, a_vx, a_vv of the transition, l_xx, l_vx, l_vv of the noise."""
@@ -70,7 +69,7 @@ def flow_coefficients(a: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.column_stack([a.reshape(-1, 4), l_xx, l_vx, l_vv]))
 
 
-@jit(void(f8[:, ::1], BLOCK, BLOCK))
+@kernel
 def flow(coefficients, x, v):  # type: ignore[no-untyped-def]
     """Carry all bodies over one step without noise."""
     for body in range(coefficients.shape[0]):
@@ -83,7 +82,7 @@ def flow(coefficients, x, v):  # type: ignore[no-untyped-def]
             v[body, lane] = a_vx * displacement + a_vv * velocity
 
 
-@jit(void(f8[:, ::1], i8[::1], f8[:, ::1], i8, f8[:, :, ::1], i8, BLOCK, BLOCK))
+@kernel
 def add_noise(coefficients, bodies, scale, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
     """Add the noise of one step to bodies under white noise.
 

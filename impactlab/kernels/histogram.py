@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from numba import f8, i8, void
-
-from impactlab.kernels.jit import jit
+from impactlab.kernels.jit import kernel
 
 
-@jit(void(f8[:, :, ::1], i8, i8, i8, f8, f8, i8[::1], i8[:, ::1]))
+@kernel
 def count_samples(snapshots, first, stride, quantity, low, inverse_width, groups, counts):  # type: ignore[no-untyped-def]
     """Add every `stride`-th snapshot from `first` on to ``counts[group, bin]``.
 
@@ -21,7 +19,7 @@ def count_samples(snapshots, first, stride, quantity, low, inverse_width, groups
             counts[groups[lane], int(min(max(place, 0.0), bins + 1.0))] += 1
 
 
-@jit(void(f8[:, :, ::1], i8, i8, i8[::1], f8[::1], f8[::1], i8, i8[::1], i8[:, :, ::1]))
+@kernel
 def count_pairs(snapshots, first, stride, quantities, low, inverse_width, bins, groups, counts):  # type: ignore[no-untyped-def]
     """Add pairs of two quantities to ``counts[group, first bin, second bin]``, as `count_samples`."""
     for sample in range(first, snapshots.shape[0], stride):

@@ -31,28 +31,40 @@ BLOCK = f8[:, ::1]
 FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
 """Type of the function that is generated for a network's forces."""
 
-TIMETABLE = void(f8[::1], f8[::1], i8[::1], f8[:, ::1])
-"""Signature of generated functions of time: (times, parameters, indices, result[time, row])."""
+_EVALUATE = void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK)
+
+config: Any = numba.config
 
 _dispatchers: list[Any] = []
 
 
-def jit(signature: Any) -> Callable[[Function], Function]:
-    """Compile a kernel for one signature, without the interpreter's lock, and cache it."""
+def kernel(function: Function) -> Function:
+    """Compile a function when it is first called, without the interpreter's lock, and cache it.
 
-    def decorate(function: Function) -> Function:
-        with _cached_here():
-            compiled = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
-        _dispatchers.append(compiled)
-        return compiled  # type: ignore[no-any-return]
-
-    return decorate
+    What only compiled loops call is not even loaded when their machine code is cached.
+    """
+    with _cached_here():
+        compiled = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
+    _dispatchers.append(compiled)
+    return compiled  # type: ignore[no-any-return]
 
 
 @cache
-def compiled(signature: Any, function: Function) -> Function:
-    """Compile a kernel when it is first wanted."""
-    return jit(signature)(function)
+def loop(signature: Any, function: Function) -> Function:
+    """Compile a loop for one signature, which may hold a `FORCES`, when it is first wanted."""
+    with _cached_here():
+        compiled = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
+    _dispatchers.append(compiled)
+    return compiled  # type: ignore[no-any-return]
+
+
+def evaluate(forces: Any, *arrays: Any) -> None:
+    """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
+    loop(_EVALUATE, _evaluate)(forces, *arrays)
+
+
+def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
+    forces(x, v, parameters, indices, indentation, contact_force, total)
 
 
 def scalar(function: Function) -> Function:
@@ -64,7 +76,7 @@ def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]
     """Compile a function that kernels receive as an argument of one fixed type."""
 
     def decorate(function: Function) -> Function:
-        if numba.config.DISABLE_JIT:
+        if config.DISABLE_JIT:
             return function
         with _cached_here():
             compiled = numba.cfunc(function_type.signature, cache=True, error_model="numpy")(function)
@@ -93,7 +105,9 @@ def cache_folder() -> Path:
     system's convention. Where it cannot be written to, a temporary folder serves
     this process.
     """
-    folder = _user_folder() / f"{_kernel_digest()}-numba{numba.__version__}-py{sys.version_info[0]}{sys.version_info[1]}"
+    folder = (
+        _user_folder() / f"{_kernel_digest()}-numba{numba.__version__}-py{sys.version_info[0]}{sys.version_info[1]}"
+    )
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
@@ -136,9 +150,9 @@ def _kernel_digest() -> str:
 @contextlib.contextmanager
 def _cached_here() -> Iterator[None]:
     """Let numba put its cache into our folder while a function is being decorated."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from numba import f8, i8, void
-
-from impactlab.kernels.jit import BLOCK, FORCES, jit
+from impactlab.kernels.jit import kernel
 
 
-@jit(void(BLOCK, f8[:, ::1], i8, BLOCK, BLOCK))
+@kernel
 def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-def]
     """Write ``a + coefficient b`` of every body to `result`; the coefficients are a column."""
     for body in range(coefficients.shape[0]):
@@ -16,7 +14,7 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
             result[body, lane] = a[body, lane] + c * b[body, lane]
 
 
-@jit(void(BLOCK))
+@kernel
 def clear(block):  # type: ignore[no-untyped-def]
     """Set a block to 0."""
     for body in range(block.shape[0]):
@@ -24,7 +22,7 @@ def clear(block):  # type: ignore[no-untyped-def]
             block[body, lane] = 0.0
 
 
-@jit(void(BLOCK, f8, BLOCK, BLOCK))
+@kernel
 def combine(a, factor, b, result):  # type: ignore[no-untyped-def]
     """Write ``a + factor b`` to `result`."""
     for body in range(result.shape[0]):
@@ -32,7 +30,7 @@ def combine(a, factor, b, result):  # type: ignore[no-untyped-def]
             result[body, lane] = a[body, lane] + factor * b[body, lane]
 
 
-@jit(void(f8[:, :, ::1], i8, f8, i8[::1], BLOCK, BLOCK))
+@kernel
 def add_response(samples, sample, sign, bodies, x, v):  # type: ignore[no-untyped-def]
     """Add or subtract a sampled linear response, rows 2 r (x) and 2 r + 1 (v), periodic."""
     index = sample % samples.shape[0]
@@ -44,7 +42,7 @@ def add_response(samples, sample, sign, bodies, x, v):  # type: ignore[no-untype
             v[body, lane] += sign * samples[index, 2 * row + 1, lane]
 
 
-@jit(void(f8[:, :, ::1], i8, i8[::1], BLOCK))
+@kernel
 def add_series(samples, sample, bodies, force):  # type: ignore[no-untyped-def]
     """Add a sampled force, periodic, to ``force[body, lane]``."""
     index = sample % samples.shape[0]
@@ -54,7 +52,7 @@ def add_series(samples, sample, bodies, force):  # type: ignore[no-untyped-def]
             force[body, lane] += samples[index, row, lane]
 
 
-@jit(void(f8[:, ::1], i8, i8[::1], BLOCK))
+@kernel
 def add_forced(table, sample, bodies, force):  # type: ignore[no-untyped-def]
     """Add a given force, the same in all lanes, to ``force[body, lane]``."""
     for row in range(bodies.shape[0]):
@@ -64,7 +62,7 @@ def add_forced(table, sample, bodies, force):  # type: ignore[no-untyped-def]
             force[body, lane] += given
 
 
-@jit(void(f8[:, ::1], i8, i8[::1], f8[:, ::1], i8, f8[:, :, ::1], i8, BLOCK))
+@kernel
 def add_held_noise(coefficients, column, bodies, scale, sample, normals, normal, force):  # type: ignore[no-untyped-def]
     """Add white noise that is held constant over a step to ``force[body, lane]``."""
     for row in range(bodies.shape[0]):
@@ -74,7 +72,7 @@ def add_held_noise(coefficients, column, bodies, scale, sample, normals, normal,
             force[body, lane] += amplitude * normals[row, normal, lane]
 
 
-@jit(void(f8[:, ::1], BLOCK, BLOCK, BLOCK, BLOCK))
+@kernel
 def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-def]
     """Turn the non-linear force `total` into the acceleration, in place.
 
@@ -86,9 +84,3 @@ def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-
         for lane in range(total.shape[1]):
             force = total[body, lane] + external[body, lane] - c * v[body, lane] - k * x[body, lane]
             total[body, lane] = inverse * force
-
-
-@jit(void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
-def evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
-    """Call a network's forces once; for what is outside the loops."""
-    forces(x, v, parameters, indices, indentation, contact_force, total)

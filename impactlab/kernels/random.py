@@ -22,9 +22,8 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from numba import f8, u8, void
 
-from impactlab.kernels.jit import jit, scalar
+from impactlab.kernels.jit import kernel, scalar
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
@@ -102,7 +101,7 @@ def normal_pair(a, b):  # type: ignore[no-untyped-def]
     return np.uint64(first).view(np.float64), np.uint64(second).view(np.float64)
 
 
-@jit(void(u8[:, ::1], u8[::1], u8, f8[:, :, ::1]))
+@kernel
 def fill_normals(streams, realizations, block, normals):  # type: ignore[no-untyped-def]
     """Write normals 4 block … 4 block + 3 of every stream and realization.
 
@@ -139,7 +138,7 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
                 normals[row, half + 1, lane] = second
 
 
-@jit(void(u8[::1], u8, u8, f8[::1]))
+@kernel
 def fill_uniforms(address, realization, block, uniforms):  # type: ignore[no-untyped-def]
     """Write uniforms on (0, 1) of one stream and realization, four a block, from `block` on.
 
@@ -162,7 +161,7 @@ def fill_uniforms(address, realization, block, uniforms):  # type: ignore[no-unt
             uniforms[4 * index + part] = (np.float64(np.int64(words[part])) + 0.5) * 2.0**-32
 
 
-@jit(void(u8[:, ::1], u8[:, ::1]))
+@kernel
 def philox_words(counters_and_keys, words):  # type: ignore[no-untyped-def]
     """Apply Philox4x32-10 to rows (c0, c1, c2, c3, k0, k1); for tests against known answers."""
     for row in range(counters_and_keys.shape[0]):
@@ -194,5 +193,3 @@ def normals_of(seed: tuple[int, int], name: str, purpose: str, realizations: np.
     for index in range(blocks):
         fill_normals(addresses, lanes, np.uint64(first_block + index), result[index : index + 1])
     return result.reshape(4 * blocks, lanes.size)
-
-

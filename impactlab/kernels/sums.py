@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from numba import f8, i8, void
-
-from impactlab.kernels.jit import BLOCK, jit
+from impactlab.kernels.jit import kernel
 
 X, V, XX, XV, VV, G, GG, GX, GV = range(9)
 """Rows of the sums over bodies: powers of displacement x and velocity v, and of the velocity
@@ -17,7 +15,7 @@ bodies near the point of contact, largest force."""
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
 
 
-@jit(void(BLOCK, BLOCK, f8[:, :, ::1]))
+@kernel
 def add_state(x, v, sums):  # type: ignore[no-untyped-def]
     """Add the powers of displacement and velocity to ``sums[row, body, lane]``."""
     for body in range(sums.shape[1]):
@@ -33,7 +31,7 @@ def add_state(x, v, sums):  # type: ignore[no-untyped-def]
             sums[VV, body, lane] += v[body, lane] * v[body, lane]
 
 
-@jit(void(BLOCK, BLOCK, BLOCK, f8[:, ::1], i8, f8[:, :, ::1]))
+@kernel
 def add_kick(x, v, total, coefficients, column, sums):  # type: ignore[no-untyped-def]
     """Add the powers of the velocity increments ``coefficient total`` to ``sums[row, body, lane]``."""
     for body in range(sums.shape[1]):
@@ -49,7 +47,7 @@ def add_kick(x, v, total, coefficients, column, sums):  # type: ignore[no-untype
             sums[GV, body, lane] += c * total[body, lane] * v[body, lane]
 
 
-@jit(void(BLOCK, i8[:, ::1], f8[::1], BLOCK, BLOCK, f8[:, :, ::1]))
+@kernel
 def add_contacts(v, ends, window, indentation, force, sums):  # type: ignore[no-untyped-def]
     """Add the state of the contacts to ``sums[row, contact, lane]``.
 
@@ -84,7 +82,7 @@ def add_contacts(v, ends, window, indentation, force, sums):  # type: ignore[no-
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], force[contact, lane])
 
 
-@jit(void(BLOCK, BLOCK, BLOCK, f8[:, :, ::1], i8))
+@kernel
 def write_snapshot(x, v, contact_force, snapshots, index):  # type: ignore[no-untyped-def]
     """Write displacements, velocities and contact forces to ``snapshots[index, quantity, lane]``."""
     contacts = contact_force.shape[0]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from impactlab.contact import Contact
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.reference.gibbs import Gap, GibbsLaw
 from impactlab.network import Network
+from impactlab.reference.gibbs import Gap, GibbsLaw
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
 _REFUSAL = "There is no exact stationary law that is known here:"
@@ -100,9 +100,7 @@ def _group_reasons(network: Network, bodies: tuple[str, ...], contacts: tuple[Co
     if temperatures and _differ(*temperatures.values()):
         shown = ", ".join(f"{name!r} {value:g} J" for name, value in temperatures.items())
         yield f"the temperatures π S / damping of connected bodies differ: {shown}."
-    if not any(
-        _spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies
-    ):
+    if not any(_spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
         yield f"{names}: neither noise nor damping, the energy stays as it was at the start."
     if len(bodies) > 2:
         yield f"{names} are connected; the law is computed for single bodies and pairs."
@@ -136,7 +134,5 @@ def _law(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...
     law = GibbsLaw(bodies, temperature, first.stiffness * weights[0], weights, spread, gaps)
     if len(temperatures) == 1 and not any(law.mean_force(gap) for gap in gaps):
         cold = next(name for name in bodies if name not in temperatures)
-        raise NoExactReference(
-            f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and no contact force heats it."
-        )
+        raise NoExactReference(f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and no contact force heats it.")
     return law

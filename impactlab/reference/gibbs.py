@@ -115,9 +115,7 @@ class GibbsLaw:
             closed = indentation > 0.0
             total[closed] += _evaluate(gap.law, "potential", indentation[closed])
         if np.isnan(total).any():
-            raise NoExactReference(
-                f"{self._names}: the potential is not a number at {place[np.isnan(total)][0]:g} m."
-            )
+            raise NoExactReference(f"{self._names}: the potential is not a number at {place[np.isnan(total)][0]:g} m.")
         return np.asarray(total / self.temperature)
 
     def quadrature(self, extra_edges: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

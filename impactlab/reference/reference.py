@@ -13,9 +13,9 @@ from impactlab.component import suggestion
 from impactlab.contact import Contact
 from impactlab.dataset import provenance, statistics
 from impactlab.errors import InvalidInput
+from impactlab.network import Network
 from impactlab.reference.conditions import gibbs_laws
 from impactlab.reference.gibbs import Gap, GibbsLaw
-from impactlab.network import Network
 
 if TYPE_CHECKING:
     import xarray as xr
