@@ -13,7 +13,7 @@ from impactlab.generate import generate
 from impactlab.kernels.jit import evaluate
 from impactlab.model import Model
 from impactlab.network import Network
-from impactlab.plan import start_of
+from impactlab.rules import start_of
 
 
 class CompiledNetwork:

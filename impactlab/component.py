@@ -216,7 +216,7 @@ def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
 
 def _make_first_field_positional(cls: type) -> None:
     """Let the first field that a class itself declares be given by position."""
-    inherited = {name for base in cls.__mro__[1:] for name in base.__dict__.get("__annotations__", ())}
+    inherited = {name for base in cls.__mro__[1:] for name in inspect.get_annotations(base)}
     for name in inspect.get_annotations(cls):
         value = cls.__dict__.get(name, dataclasses.MISSING)
         if name in inherited or _is_class_variable(cls, name):

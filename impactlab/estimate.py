@@ -15,7 +15,8 @@ import numpy as np
 from impactlab.errors import AccuracyWarning
 from impactlab.kernels.flow import transition
 from impactlab.kernels.sums import CLOSED, FLUX, FORCE, GG, GV, GX, PEAK, VV, XV, XX, G, V, X
-from impactlab.plan import BATCH_TIMES, BATCHES, Plan
+from impactlab.plan import Plan
+from impactlab.rules import BATCH_TIMES, BATCHES
 
 Values = dict[str, np.ndarray]
 

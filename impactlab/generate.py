@@ -25,34 +25,10 @@ from impactlab.model import HEADER, LEADING, Kind, Model
 
 _MODULES = {math: "math", np: "np"}
 
-_TAKEN = frozenset(
-    [
-        "x",
-        "v",
-        "parameters",
-        "indices",
-        "indentation",
-        "contact_force",
-        "total",
-        "body",
-        "lane",
-        "member",
-        "at",
-        "slot",
-        "first",
-        "second",
-        "clearance",
-        "gap",
-        "rate",
-        "force",
-        "row",
-        "times",
-        "result",
-        "index",
-        "math",
-        "np",
-    ]
-)
+_TAKEN = frozenset({
+    "at", "body", "clearance", "contact_force", "first", "force", "gap", "indentation", "index", "indices", "lane",
+    "math", "member", "np", "parameters", "rate", "result", "row", "second", "slot", "times", "total", "v", "x",
+})  # fmt: skip
 
 _FORCES = '''
 @pointer(FORCES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -201,7 +202,7 @@ def chain(
         raise InvalidInput(f"chain: bodies must be a whole number of at least 1, {bodies!r} was given.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
-    pairs = list(zip(ends[:-1], ends[1:], strict=True))
+    pairs = list(pairwise(ends))
     oscillators = _each("oscillator", oscillator, bodies)
     excitations = _each("excitation", excitation, bodies)
     laws = _each("law", law, len(pairs))

@@ -1,46 +1,36 @@
-"""What a simulation will do, decided beforehand: step, spin-up, blocks. Pure data and rules."""
+"""What a simulation will do, decided before it runs, as plain data."""
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impactlab.component import finite, suggestion
-from impactlab.errors import AccuracyWarning, InvalidInput
+from impactlab.component import finite
+from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import stream
 from impactlab.model import Model
 from impactlab.network import Network
-from impactlab.scene import (
-    Lines,
-    contact_energy,
-    linear_variances,
-    lines_of,
-    penetrations,
-    regular_lines,
-    relaxation_time,
+from impactlab.rules import (
+    RELAXATION_TIMES,
+    batch_count,
+    block_shape,
+    check_periods,
+    choose_step,
+    fit_step,
+    positive,
+    start_of,
+    warn_of_bands,
 )
+from impactlab.scene import Lines, contact_energy, linear_variances, lines_of, penetrations, relaxation_time
 
 if TYPE_CHECKING:
     from impactlab.record import Record
-
-LANES = 256
-"""Largest number of realizations in a block: enough to fill vector units, few enough for the cache."""
-
-RELAXATION_TIMES = 12.0
-"""Length of the automatic spin-up in relaxation times of the slowest body."""
-
-BATCHES, BATCH_TIMES = 64, 20.0
-"""Least number of batches for a standard error, and the length of one in relaxation times."""
-
-CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
-"""Length of a compiled call and the cost it is planned with: short, so that interrupts are answered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,184 +121,6 @@ class Plan:
     def realizations_of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
         return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.realizations), dtype=np.uint64)
-
-
-def choose_step(
-    model: Model, integrator: Integrator, tangent: np.ndarray, energy: np.ndarray, given: float | None
-) -> float:
-    """Return the given step, checked, or the recommended one.
-
-    Raises
-    ------
-    InvalidInput
-        If the step is too large for the scene (the largest safe one is named), or no rule
-        leads to a step.
-    """
-    if given is None and not np.isfinite(energy).all():
-        contact = model.contacts[int(np.flatnonzero(~np.isfinite(energy))[0])]
-        raise InvalidInput(
-            f"No step can be chosen: the energy of the collisions at contact {contact!r} is not known, since an "
-            "excited body has no damping. Give step= (s)."
-        )
-    largest = integrator.largest_step(model, tangent)
-    if largest <= 0.0:
-        raise InvalidInput(
-            f"{type(integrator).__name__} is unstable at any step for this network (a body is not damped "
-            "enough). Use il.ExactFlow()."
-        )
-    if given is not None:
-        if given > largest:
-            raise InvalidInput(
-                f"A step of {given:g} s is too large for {type(integrator).__name__} in this scene: the largest "
-                f"safe one is {largest:.3g} s, {integrator.recommended_step(model, tangent):.3g} s is recommended."
-            )
-        return given
-    step = integrator.recommended_step(model, tangent)
-    if not math.isfinite(step):
-        raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
-    return step
-
-
-def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) -> tuple[float, int]:
-    """Return a step that divides all `intervals`, and the number of steps in the duration.
-
-    A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration.
-
-    Raises
-    ------
-    InvalidInput
-        If an interval is not a whole number of steps.
-    """
-    if not fixed:
-        whole = intervals[0] if intervals else duration
-        step = whole / math.ceil(whole / step * (1.0 - 1e-12))
-    for interval in intervals:
-        if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
-            raise InvalidInput(
-                f"An interval of {interval:g} s is not a whole number of steps of {step:g} s; change one of them."
-            )
-    return step, max(1, round(duration / step))
-
-
-def check_periods(model: Model, total: float) -> float | None:
-    """Return the period of the first series that repeats, after checking the time of the run.
-
-    Raises
-    ------
-    InvalidInput
-        If a series would repeat within the run.
-    """
-    for name, excitation in model.network.excitations.items():
-        if total > excitation.period * (1.0 + 1e-9):
-            raise InvalidInput(
-                f"The series of {name!r} repeats after {excitation.period:g} s, but the run with its spin-up takes "
-                f"{total:g} s. Use more components, a shorter run, or allow_repeat=True."
-            )
-    for item in lines_of(model):
-        regular = regular_lines(item.frequencies)
-        if regular is not None:
-            return regular[1]
-    return None
-
-
-def warn_of_bands(model: Model) -> None:
-    """Warn of series that hardly excite their body: no line near its natural frequency."""
-    for item in lines_of(model):
-        natural = math.sqrt(model.stiffness[item.body] / model.mass[item.body])
-        if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
-            warnings.warn(
-                f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
-                f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain its natural frequency "
-                f"{natural / (2 * math.pi):g} Hz.",
-                AccuracyWarning,
-                stacklevel=4,
-            )
-
-
-def batch_count(realizations: int, duration: float, relaxation: float) -> int:
-    """Return the even number of batches per realization: two, or more if there are few realizations."""
-    wanted = -(-BATCHES // realizations)
-    possible = int(duration / (BATCH_TIMES * relaxation)) if relaxation > 0.0 else wanted
-    count = max(2, min(wanted, possible) if possible * realizations >= BATCHES else 2)
-    return count + count % 2
-
-
-def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:
-    """Return lanes per block and steps per call.
-
-    Parameters
-    ----------
-    model : Model
-    realizations, workers : int
-    series_bytes : int
-        Memory that the series of one realization take.
-    """
-    share = -(-realizations // workers)
-    lanes = min(LANES, -(-share // 8) * 8, realizations)
-    if series_bytes:
-        lanes = max(1, min(lanes, int(100e6 / series_bytes)))
-    cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.ends))
-    return lanes, max(1, int(CALL_SECONDS / cost))
-
-
-def seed_of(rng: Any) -> tuple[int, int]:
-    """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7).
-
-    An integer or a SeedSequence gives the same seed every time; a Generator or
-    BitGenerator gives two words and moves on; None gives fresh entropy.
-
-    Raises
-    ------
-    InvalidInput
-        If it is none of these.
-    """
-    if isinstance(rng, np.random.Generator | np.random.BitGenerator):
-        words = np.random.default_rng(rng).integers(0, 2**64, 2, dtype=np.uint64)
-        return int(words[0]), int(words[1])
-    try:
-        sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, {rng!r} was given."
-        ) from error
-    low, high = sequence.generate_state(2, np.uint64)
-    return int(low), int(high)
-
-
-def start_of(initial: Any, model: Model) -> str | np.ndarray:
-    """Return "stationary", "rest", or displacements and velocities (2, body).
-
-    Raises
-    ------
-    InvalidInput
-        If `initial` is none of the allowed forms or names a body that does not exist.
-    """
-    if initial is None or (isinstance(initial, str) and initial == "stationary"):
-        variances = linear_variances(model)
-        return "stationary" if np.isfinite(variances).all() and not model.time_varying else "rest"
-    if isinstance(initial, str) and initial == "rest":
-        return "rest"
-    if not isinstance(initial, Mapping) or set(initial) - {"displacement", "velocity"}:
-        raise InvalidInput(
-            'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
-            f"{initial!r} was given."
-        )
-    state = np.zeros((2, len(model.bodies)))
-    for row, quantity in enumerate(("displacement", "velocity")):
-        for name, value in dict(initial.get(quantity, {})).items():
-            if name not in model.bodies:
-                raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
-            state[row, model.bodies.index(name)] = finite(f"initial {quantity} of {name!r}", value)
-    return state
-
-
-def positive(name: str, value: Any, units: str = "s") -> float:
-    """Return a positive finite number, or raise `InvalidInput` that names it."""
-    number = finite(name, value)
-    if number <= 0.0:
-        raise InvalidInput(f"{name} must be larger than 0 {units}, {value!r} was given.")
-    return number
 
 
 def make_plan(

@@ -199,12 +199,15 @@ class Density(Record):
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
         attrs = {"units": _PER[q], "long_name": f"probability density of the {q}, averaged over bins"}
+        of_error = {**attrs, "long_name": f"standard error of the density of the {q}"}
+        attrs["ancillary_variables"] = f"density_{q}_standard_error"
+        centers = 0.5 * (edges[:, 1:] + edges[:, :-1])
         return {
-            f"density_{q}": (dims, density, {**attrs, "ancillary_variables": f"density_{q}_standard_error"}),
-            f"density_{q}_standard_error": (dims, error, {**attrs, "long_name": f"standard error of the density of the {q}"}),
+            f"density_{q}": (dims, density, attrs),
+            f"density_{q}_standard_error": (dims, error, of_error),
             f"{q}_edges": (("oscillator", f"{q}_edge"), edges, {"units": _UNITS[q], "long_name": "edges of the bins"}),
-            f"{q}_center": (dims, 0.5 * (edges[:, 1:] + edges[:, :-1]), {"units": _UNITS[q], "long_name": "centers of the bins"}),
-        }  # fmt: skip
+            f"{q}_center": (dims, centers, {"units": _UNITS[q], "long_name": "centers of the bins"}),
+        }
 
 
 class JointDensity(Record):

@@ -70,8 +70,10 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
     for slot in model.lines:
         name = model.bodies[slot]
         excitation = model.network.excitations[name]
-        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in excitation.lines())  # type: ignore[attr-defined]
-        if frequencies.ndim != 1 or frequencies.shape != amplitudes.shape or not np.isfinite([frequencies, amplitudes]).all():  # fmt: skip
+        parts = excitation.lines()  # type: ignore[attr-defined]
+        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
+        same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape
+        if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
                 f"{type(excitation).__name__}.lines must return two finite arrays of one length, angular "
                 f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
@@ -166,7 +168,8 @@ def penetrations(model: Model, energy: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """
     known: dict[tuple[Any, ...], tuple[float, float]] = {}
     result = np.zeros((2, len(model.ends)))
-    flexibility = np.append(np.divide(1.0, model.stiffness, out=np.full(len(model.mass), np.inf), where=model.stiffness > 0.0), 0.0)  # fmt: skip
+    with np.errstate(divide="ignore"):
+        flexibility = np.append(1.0 / model.stiffness, 0.0)  # a wall does not yield
     for slot, contact in enumerate(model.network.contacts.values()):
         overlap = max(-contact.clearance, 0.0)
         compliance = float(flexibility[model.ends[slot]].sum()) if overlap else 0.0

@@ -20,9 +20,10 @@ from impactlab.generate import generate
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.model import Model
 from impactlab.network import Network
-from impactlab.plan import Plan, make_plan, seed_of
+from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
+from impactlab.rules import seed_of
 from impactlab.scene import relaxation_time
 
 DRIFT = 6.0

@@ -158,7 +158,8 @@ class Integrator(Component):
             if excitation.kind not in self.handles:
                 raise InvalidInput(
                     f"{type(self).__name__} does not handle the excitation of {name!r} "
-                    f"({type(excitation).__name__}, defined by {excitation.kind}); it handles {', '.join(self.handles)}."
+                    f"({type(excitation).__name__}, defined by {excitation.kind}); "
+                    f"it handles {', '.join(self.handles)}."
                 )
 
 

@@ -171,7 +171,9 @@ def philox_words(counters_and_keys, words):  # type: ignore[no-untyped-def]
             words[row, part] = result[part]
 
 
-def normals_of(seed: tuple[int, int], name: str, purpose: str, realizations: np.ndarray, first_block: int, blocks: int) -> np.ndarray:  # fmt: skip
+def normals_of(
+    seed: tuple[int, int], name: str, purpose: str, realizations: np.ndarray, first_block: int, blocks: int
+) -> np.ndarray:
     """Return consecutive normals of one stream.
 
     Parameters
