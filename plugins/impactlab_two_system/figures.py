@@ -1,0 +1,312 @@
+"""The paper's figures 1 to 8, with error bars and the analytic solution beside the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import cycle, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from impactlab.plot import COLORS, band, draw_network, points, style
+from impactlab_two_system.results import Measured, Missing, Results, mean
+from impactlab_two_system.style import (
+    AXIS,
+    BLUE,
+    DENSITY_UNITS,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    letter,
+    ratio_axis,
+)
+
+if TYPE_CHECKING:
+    from impactlab_two_system.study import TwoSystemStudy
+
+X2, V2 = "mean_square_displacement", "mean_square_velocity"
+COORDINATES = tuple(AXIS)
+BAND = 2.0  # standard errors
+_POINTS: dict[str, Any] = {"fmt": "o-", "markersize": 3}
+
+
+def draw(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
+    """Yield the figures that the settings of the study allow."""
+    results = Results(study, tree)
+    drawings: dict[str, Any] = {
+        "figure_1": _system,
+        "figure_2": _base_densities,
+        "figure_3": lambda r: _density_grid(r, (12.0, 8.0, 4.0, 1.0)),
+        "figure_4": lambda r: _density_grid(r, (32.0, 64.0, 128.0, 256.0)),
+        "figure_5": _mean_squares,
+        "figure_6": _ratios,
+        "figure_7": _contact_ratio,
+        "figure_8": _largest_force,
+    }
+    with style():
+        for name, drawing in drawings.items():
+            try:
+                yield name, drawing(results)
+            except Missing:
+                continue
+
+
+def _system(results: Results) -> Figure:
+    study = results.study
+    return draw_network(study.network(study.balanced_ratio, study.density_clearance))
+
+
+def _variants(results: Results) -> list[str]:
+    return [name for name in ("paper", "accurate") if name in results.study.variants]
+
+
+_LOOKS: dict[str, dict[str, Any]] = {
+    "paper": {"color": GREY, "lw": 0.6, "label": "simulated, one record in the paper's way"},
+    "accurate": {"color": BLUE, "lw": 1.3, "label": r"simulated, ensemble ($\pm$2 standard errors)"},
+    "analytic": {
+        "color": ORANGE,
+        "lw": 1.1,
+        "ls": (0, (4, 2.5)),
+        "label": "analytic, Eq. 12 with exponent 5/2",
+    },
+}
+
+
+def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity: str) -> None:
+    """Draw the densities of one coordinate."""
+    (ratio,) = results.ratios(ratio, ratio)
+    shown = np.zeros(0)
+    for variant in _variants(results):
+        density = results.density(f"density/{variant}", system, ratio)
+        center, value = density[f"{quantity}_center"].values, density[f"density_{quantity}"].values
+        if variant == "accurate":
+            band(axes, center, value, density[f"density_{quantity}_standard_error"].values, **_LOOKS[variant])
+        else:
+            axes.plot(center, value, **_LOOKS[variant])
+        shown = center[value > 1e-3 * value.max()]
+    if results.study.reference:
+        density = results.density("reference/density", system, ratio)
+        axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["analytic"])
+    axes.set_xlim(shown[0], shown[-1])
+    axes.set_ylim(bottom=0.0)
+
+
+def _base_densities(results: Results) -> Figure:
+    """Figure 2: the base case with the absolute error below each density."""
+    ratio = results.study.balanced_ratio
+    results.ratios(ratio, ratio)
+    figure = Figure(figsize=(7.2, 6.2))
+    grid = figure.add_gridspec(5, 2, height_ratios=[3, 1, 0.12, 3, 1])
+    for index, (system, quantity) in enumerate(COORDINATES):
+        row = 0 if index < 2 else 3
+        above = figure.add_subplot(grid[row, index % 2])
+        below = figure.add_subplot(grid[row + 1, index % 2], sharex=above)
+        _densities(results, above, ratio, system, quantity)
+        above.tick_params(labelbottom=False)
+        symbol = "x" if quantity == "displacement" else "v"
+        units = DENSITY_UNITS[quantity]
+        above.set_ylabel(f"density ({units})")
+        letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
+        if results.study.reference:
+            _absolute_errors(results, below, ratio, system, quantity)
+        below.set_xlabel(AXIS[system, quantity][0])
+        below.set_ylabel(f"$|\\Delta p({symbol})|$")
+        below.set_ylim(bottom=0.0)
+    handles, labels = above.get_legend_handles_labels()
+    if results.study.reference:
+        handles.append(Line2D([], [], color=GREEN))
+        labels.append("absolute error of the ensemble (grey: of the record)")
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _absolute_errors(results: Results, axes: Axes, ratio: float, system: str, quantity: str) -> None:
+    name = f"density_{quantity}"
+    analytic = results.density("reference/density", system, ratio)[name].values
+    for variant in _variants(results):
+        density = results.density(f"density/{variant}", system, ratio)
+        colour, width = (GREY, 0.6) if variant == "paper" else (GREEN, 1.1)
+        center = density[f"{quantity}_center"].values
+        axes.plot(center, np.abs(density[name].values - analytic), color=colour, lw=width)
+        if variant == "accurate":
+            axes.fill_between(center, 0.0, BAND * density[f"{name}_standard_error"].values, color=SKY, alpha=0.5, lw=0)
+
+
+def _density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
+    """Figures 3 and 4: the densities of all coordinates, one row for each frequency ratio."""
+    ratios = [ratio for ratio in wanted if ratio in results.study.frequency_ratios]
+    if not ratios:
+        raise Missing("none of the frequency ratios was computed")
+    figure = Figure(figsize=(9.0, 0.9 + 1.65 * len(ratios)))
+    panels = figure.subplots(len(ratios), 4, squeeze=False)
+    for row, (ratio, line) in enumerate(zip(ratios, panels, strict=True)):
+        condition = results.value("velocity_ratio", "", ratio, 0.0, "linear").value
+        for column, ((system, quantity), axes) in enumerate(zip(COORDINATES, line, strict=True)):
+            _densities(results, axes, ratio, system, quantity)
+            axes.set_xlabel(AXIS[system, quantity][0])
+            axes.set_ylabel(f"density ({DENSITY_UNITS[quantity]})")
+            if column == 0:
+                letter(axes, row, rf"$\bar\omega={ratio:g}$, $C_{{DV}}={condition:.3g}$")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _curve(
+    results: Results,
+    axes: Axes,
+    source: str,
+    name: str,
+    label: str,
+    clearance: float,
+    colour: str,
+    **changes: Any,
+) -> None:
+    """Draw a statistic against the frequency ratio."""
+    ratios = np.array(results.ratios(0.0))
+    values = [results.value(name, label, ratio, clearance, source) for ratio in ratios]
+    if "relative_to" in changes:
+        base = [results.value(name, label, ratio, clearance, changes["relative_to"]) for ratio in ratios]
+        values = [Measured(v.value / b.value, v.error / b.value) for v, b in zip(values, base, strict=True)]
+    value, error = (np.array([getattr(item, part) for item in values]) for part in ("value", "error"))
+    if source == "accurate":
+        axes.errorbar(ratios, value, BAND * error, color=colour, marker="o", ms=3, lw=1.0, capsize=1.5, zorder=3)
+    elif source == "paper":
+        axes.plot(ratios, value, color=colour, marker="s", ms=4, mfc="none", mew=0.7, ls="none")
+    elif source == "analytic":
+        axes.plot(ratios, value, color=colour, ls=(0, (4, 2.5)), lw=1.0)
+    else:
+        axes.plot(ratios, value, color="black", ls=":", lw=1.2, zorder=1)
+
+
+def _curves(results: Results, axes: Axes, name: str, label: str, sources: tuple[str, ...], **changes: Any) -> None:
+    """Draw a statistic for all clearances and those sources that the study has."""
+    present = {"accurate", "paper"} & set(results.study.variants) | {"linear"}
+    present |= {"analytic"} if results.study.reference else set()
+    if "accurate" not in present:  # the scatter of one record is not known then
+        present -= {"paper"}
+    for source, (clearance, colour) in product(sources, _coloured(results)):
+        if source in present:
+            _curve(results, axes, source, name, label, clearance, colour, **changes)
+
+
+def _coloured(results: Results) -> list[tuple[float, str]]:
+    return list(zip(results.study.clearances, cycle(COLORS), strict=False))
+
+
+def _legend(figure: Figure, results: Results, sources: tuple[str, ...], columns: int = 4) -> None:
+    """Explain colours (clearance) and marks (source)."""
+    looks: dict[str, tuple[str, dict[str, Any]]] = {
+        "accurate": (r"ensemble ($\pm$2 standard errors)", {"marker": "o", "ms": 3, "lw": 1.0}),
+        "paper": (
+            "one record in the paper's way",
+            {"marker": "s", "ms": 4, "mfc": "none", "mew": 0.7, "ls": "none"},
+        ),
+        "analytic": ("analytic", {"ls": (0, (4, 2.5)), "lw": 1.0}),
+        "linear": ("linear, without contact", {"ls": ":", "lw": 1.2}),
+    }
+    shown = [Line2D([], [], color=colour, lw=4, label=f"d = {d:g} m") for d, colour in _coloured(results)]
+    skipped = set() if results.study.reference else {"analytic"}
+    skipped |= {"accurate", "paper"} - set(results.study.variants)
+    for source in sources:
+        if source not in skipped:
+            text, look = looks[source]
+            shown.append(Line2D([], [], color="black", label=text, **look))
+    figure.legend(handles=shown, loc="outside lower center", ncols=columns)
+
+
+def _mean_squares(results: Results) -> Figure:
+    """Figure 5: mean squares and variances, and below each how it stands to the linear one."""
+    sources = ("linear", "analytic", "paper", "accurate")
+    figure = Figure(figsize=(9.0, 7.4))
+    grid = figure.add_gridspec(5, 3, height_ratios=[2.2, 1.3, 0.1, 2.2, 1.3])
+    columns = (
+        (X2, "mean square displacement", "m$^2$"),
+        ("variance_displacement", "variance of displacement", "m$^2$"),
+        (V2, "mean square velocity", "m$^2$ s$^{-2}$"),
+    )
+    for row, system in enumerate(("one", "two")):
+        for column, (name, text, units) in enumerate(columns):
+            above = figure.add_subplot(grid[3 * row, column])
+            below = figure.add_subplot(grid[3 * row + 1, column])
+            _curves(results, above, name, system, sources)
+            _curves(results, below, name, system, sources[1:], relative_to="linear")
+            above.set_yscale("log")
+            below.axhline(1.0, color="black", ls=":", lw=1.2, zorder=1)
+            below.set_yscale("log")
+            ratio_axis(above, results.ratios(0.0))
+            ratio_axis(below, results.ratios(0.0))
+            above.set_xlabel("")
+            above.tick_params(labelbottom=False)
+            above.set_ylabel(f"{text} ({units})")
+            below.set_ylabel("over linear")
+            letter(above, 3 * row + column, f"System {row + 1}")
+    _legend(figure, results, sources)
+    return figure
+
+
+def _ratios(results: Results) -> Figure:
+    """Figure 6: ratios of the mean squares of the two systems."""
+    sources = ("linear", "analytic", "paper", "accurate")
+    figure = Figure(figsize=(7.2, 3.8))
+    for index, (name, axes) in enumerate(zip((X2, V2), figure.subplots(1, 2), strict=True)):
+        _curves(results, axes, name, "one/two", sources)
+        axes.set_yscale("log")
+        ratio_axis(axes, results.ratios(0.0))
+        symbol = "x" if name == X2 else "v"
+        axes.set_ylabel(f"$E[{symbol}_1^2]/E[{symbol}_2^2]$")
+        letter(axes, index, "displacement" if name == X2 else "velocity")
+    _legend(figure, results, sources)
+    return figure
+
+
+def _contact_ratio(results: Results) -> Figure:
+    """Figure 7: the share of time in contact."""
+    sources = ("analytic", "paper", "accurate")
+    figure = Figure(figsize=(5.2, 3.9))
+    axes = figure.add_subplot()
+    _curves(results, axes, "contact_ratio", "gap", sources)
+    ratio_axis(axes, results.ratios(0.0))
+    axes.set_ylabel("contact ratio")
+    axes.set_ylim(bottom=0.0)
+    _legend(figure, results, sources, columns=3)
+    return figure
+
+
+def _largest_force(results: Results) -> Figure:
+    """Figure 8: the largest force of a record, its distribution, and its growth with time."""
+    study = results.study
+    figure = Figure(figsize=(9.0, 3.6))
+    over_ratio, distribution, growth = figure.subplots(1, 3)
+    for clearance, colour in _coloured(results):
+        ratios = results.ratios(0.0)
+        levels = np.array([np.quantile(results.peaks(ratio, clearance), (0.05, 0.95)) for ratio in ratios])
+        over_ratio.fill_between(ratios, levels[:, 0], levels[:, 1], color=colour, alpha=0.13, lw=0)
+    _curves(results, over_ratio, "peak_contact_force", "gap", ("paper", "accurate"))
+    ratio_axis(over_ratio, results.ratios(0.0))
+    over_ratio.set_yscale("log")
+    over_ratio.set_ylabel(f"largest force in {study.duration:g} s (N)")
+    letter(over_ratio, 0, "mean, and 5 to 95 % of records")
+    base = study.balanced_ratio
+    if base in study.frequency_ratios:
+        for clearance, colour in _coloured(results):
+            peaks = np.sort(results.peaks(base, clearance))
+            distribution.plot(peaks, 1.0 - (np.arange(peaks.size) + 0.5) / peaks.size, color=colour)
+            counts = [count for count in (1, 2, 4, 8, 16, 32, 64) if count <= study.ensemble(base) // 16]
+            means = [mean(results.peaks(base, clearance, count)) for count in counts]
+            times, errors = study.duration * np.array(counts), [item.error for item in means]
+            points(growth, times, [item.value for item in means], errors, color=colour, **_POINTS)
+        distribution.set_yscale("log")
+        growth.set_xscale("log")
+    distribution.set_xlabel(f"largest force in {study.duration:g} s (N)")
+    distribution.set_ylabel("share of records with a larger one")
+    letter(distribution, 1, rf"distribution, $\bar\omega={base:g}$")
+    growth.set_xlabel("observation time (s)")
+    growth.set_ylabel("mean of the largest force (N)")
+    letter(growth, 2, rf"growth with time, $\bar\omega={base:g}$")
+    _legend(figure, results, ("paper", "accurate"), columns=5)
+    return figure

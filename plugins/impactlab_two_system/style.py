@@ -1,0 +1,43 @@
+"""How the figures of the study look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from impactlab.plot import COLORS
+
+BLUE, ORANGE, GREEN, SKY, GREY = COLORS[0], COLORS[1], COLORS[2], COLORS[5], "#767676"
+
+AXIS = {
+    ("one", "displacement"): ("$x_1$ (m)", "System 1"),
+    ("one", "velocity"): ("$v_1$ (m s$^{-1}$)", "System 1"),
+    ("two", "displacement"): ("$x_2$ (m)", "System 2"),
+    ("two", "velocity"): ("$v_2$ (m s$^{-1}$)", "System 2"),
+}
+DENSITY_UNITS = {"displacement": "m$^{-1}$", "velocity": "s m$^{-1}$"}
+
+
+def ratio_axis(axes: Axes, ratios: Iterable[float]) -> None:
+    """Give an axis of frequency ratios a logarithmic scale with a tick at each."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(_readable(list(ratios))))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel(r"frequency ratio $\bar\omega=\omega_1/\omega_2$")
+
+
+def _readable(ratios: list[float]) -> list[float]:
+    """Leave out ticks that would touch the one before."""
+    shown: list[float] = []
+    for ratio in ratios:
+        if not shown or ratio >= 1.45 * shown[-1]:
+            shown.append(ratio)
+    return shown
+
+
+def letter(axes: Axes, index: int, title: str) -> None:
+    """Set a title with the panel's letter."""
+    axes.set_title(f"({'abcdefghijklmnopqrstuvwxyz'[index]}) {title}", loc="left")
