@@ -1,0 +1,102 @@
+"""The documentation: its code runs and prints what is shown, its links and commands exist."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import impactlab as il
+from impactlab.cli import _parser
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [text for kind, text in BLOCK.findall(text_of(page)) if kind == language]
+
+
+def script(page: Path) -> str:
+    """The Python blocks of a page, each on the lines where it stands."""
+    lines, inside = [], False
+    for line in text_of(page).splitlines():
+        inside = inside and line != "```"
+        lines.append(line if inside else "")
+        inside = inside or line == "```python"
+    return "\n".join(lines) + "\n"
+
+
+def python(*arguments: str, folder: Path) -> str:
+    """Run the interpreter; every warning is an error. Return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-X", "utf8", *arguments],
+        cwd=folder, capture_output=True, encoding="utf-8", check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def readme_command(name: str) -> str:
+    found = re.findall(rf"^<!-- command: {name} -->\n```sh\n(.*)\n```$", text_of(ROOT / "README.md"), re.MULTILINE)
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name)
+def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -> None:
+    (tmp_path / "page.py").write_text(script(page), encoding="utf-8")
+    printed = python("page.py", folder=tmp_path)
+    for shown in blocks(page, "text"):
+        assert shown in printed, f"{page.name} shows\n{shown}\nbut its code prints\n{printed}"
+
+
+def test_figures_are_made_by_their_script(tmp_path: Path) -> None:
+    python(str(ROOT / "docs" / "figures" / "make_figures.py"), str(tmp_path), folder=tmp_path)
+    made = {file.name for file in tmp_path.iterdir()}
+    assert made == {file.name for file in (ROOT / "docs" / "figures").glob("*.png")}
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in PAGES:
+        prose = BLOCK.sub("", text_of(page))
+        for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+            if not target.startswith(("https://", "#")):
+                assert (page.parent / target.partition("#")[0]).exists(), f"{page.name} links to {target}"
+
+
+def test_commands_that_are_shown_exist() -> None:
+    shown = [line for page in PAGES for block in blocks(page, "sh") for line in block.splitlines()]
+    commands = [line for line in shown if line.startswith("impactlab ")]
+    assert commands
+    for command in commands:
+        _parser().parse_args(shlex.split(command, comments=True)[1:])
+
+
+def test_readme_command_of_the_study_runs_it(tmp_path: Path) -> None:
+    make, install, run = readme_command("study").split(" && ")
+    assert make == "python3 -m venv .venv"
+    assert install.startswith(".venv/bin/python -m pip install")
+    program, *arguments = shlex.split(run)
+    assert program == ".venv/bin/impactlab"
+    assert "realizations" in python("-m", "impactlab", *arguments, "--dry-run", folder=tmp_path)
+
+
+def test_readme_command_of_the_tests_is_what_ci_runs() -> None:
+    extraction = next(line for line in text_of(ROOT / ".ci" / "run").splitlines() if line.startswith("command="))
+    lines = "\n".join([extraction, 'echo "$command"'])
+    done = subprocess.run(["bash", "-c", lines], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == readme_command("test")
+    assert done.stdout.strip().endswith(".venv/bin/python -m pytest")
+
+
+def test_reference_lists_the_public_names() -> None:
+    listed = re.findall(r"^\| `(?:il\.)?(\w+)", text_of(ROOT / "docs" / "reference.md"), re.MULTILINE)
+    assert sorted(listed) == sorted(il.__all__)
