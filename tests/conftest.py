@@ -1,0 +1,59 @@
+"""What several tests share."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+import impactlab as il
+
+settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
+settings.load_profile("impactlab")
+
+
+@pytest.fixture
+def base_case():
+    """Make the pair of Luo, Yan and Zhang (2023); at a ratio of 16 its temperatures are equal."""
+
+    def make(frequency_ratio=16.0, clearance=0.05):
+        slow = 2.0 * np.pi
+        return il.Network(
+            oscillators={
+                "one": il.LinearOscillator.from_frequency(frequency_ratio * slow, 0.1),
+                "two": il.LinearOscillator.from_frequency(slow, 0.1),
+            },
+            contacts={"gap": il.Contact("one", "two", il.HertzContact(1e4), clearance=clearance)},
+            excitations={"one": il.WhiteNoise(16.0), "two": il.WhiteNoise(1.0)},
+        )
+
+    return make
+
+
+def start_python(*arguments, **environment):
+    """Start another Python that finds this impactlab; give it a script or ``-c`` and a text."""
+    package = str(Path(il.__file__).parents[1])
+    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8", **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+
+
+def output_of(process):
+    """Wait for a process that `start_python` started and return what it printed."""
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    return output
+
+
+@pytest.fixture
+def run_python():
+    """Run another Python and return what it printed."""
+    return lambda *arguments, **environment: output_of(start_python(*arguments, **environment))

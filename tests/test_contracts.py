@@ -1,0 +1,193 @@
+"""What every component promises. The classes are found, not listed."""
+
+import copy
+import dataclasses
+import importlib
+import json
+import pickle
+import pkgutil
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import impactlab as il
+
+for module in pkgutil.walk_packages(il.__path__, "impactlab."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+
+
+def subclasses(family):
+    """All bundled classes below a family that can be used, in the order of their names."""
+    found = {family}
+    for cls in family.__subclasses__():
+        found |= set(subclasses(cls))
+    usable = [cls for cls in found if cls.__module__.startswith("impactlab.") and not is_abstract(cls)]
+    return sorted(usable, key=lambda cls: cls.__name__)
+
+
+def is_abstract(cls):
+    return cls in (il.Component, il.Oscillator) or any(getattr(cls, name, None) is None for name in cls.required)
+
+
+def type_of(field):
+    return field.type if isinstance(field.type, str) else field.type.__name__
+
+
+SAMPLES = {"ContactLaw": il.HertzContact(1e4), "str": "text", "bool": True}
+
+
+def sample(cls):
+    """Make a component in which no number has its default value."""
+    values = {}
+    for field in dataclasses.fields(cls):
+        limits = field.metadata
+        low = next((limits[name] for name in ("minimum", "above") if limits.get(name) is not None), 0.0)
+        high = limits.get("maximum")
+        if type_of(field) == "float":
+            values[field.name] = low + 1.75 if high is None else 0.375 * low + 0.625 * high
+        elif type_of(field) == "int":
+            values[field.name] = int(low) + 7
+        elif field.default is dataclasses.MISSING:
+            values[field.name] = SAMPLES.get(type_of(field), field.name)
+    return cls(**values)
+
+
+COMPONENTS = [cls for cls in subclasses(il.Component) if not issubclass(cls, il.Study)]
+LAWS, OSCILLATORS = subclasses(il.ContactLaw), subclasses(il.Oscillator)
+each_component = pytest.mark.parametrize("cls", COMPONENTS)
+each_law = pytest.mark.parametrize("cls", LAWS)
+
+
+def each_with(kernel, classes):
+    return pytest.mark.parametrize("cls", [cls for cls in classes if cls.has_kernel(kernel)])
+
+
+def test_all_families_were_found():
+    """The search itself: it finds the classes that the design names."""
+    names = {cls.__name__ for cls in COMPONENTS}
+    assert names >= {
+        "Contact", "HertzContact", "LinearContact", "LinearOscillator", "DuffingOscillator", "WhiteNoise",
+        "ShinozukaNoise", "ExactFlow", "RungeKutta4", "EulerMaruyama", "Density", "Trajectory",
+    }  # fmt: skip
+    assert names.isdisjoint({"Component", "ContactLaw", "Oscillator", "Excitation", "Integrator", "Record"})
+
+
+@each_component
+def test_component_is_a_value(cls):
+    one, other = sample(cls), sample(cls)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one is not other
+    assert one != object()
+    for field in dataclasses.fields(cls):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(one, field.name, 1.0)
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            delattr(one, field.name)
+        if type_of(field) in ("float", "int"):
+            changed = one.replace(**{field.name: getattr(one, field.name) * 2})
+            assert changed != one
+            assert getattr(changed, field.name) == 2 * getattr(one, field.name)
+
+
+@each_component
+def test_component_survives_copies(cls):
+    one = sample(cls)
+    for other in (copy.copy(one), copy.deepcopy(one), pickle.loads(pickle.dumps(one)), one.replace()):
+        assert other == one
+        assert type(other) is cls
+
+
+@each_component
+def test_component_survives_json(cls):
+    one = sample(cls)
+    data = json.loads(json.dumps(one.to_dict(), allow_nan=False))
+    assert data["type"] == cls.__name__
+    assert cls.from_dict(data) == one
+    assert il.Component.from_dict(data) == one
+
+
+@each_component
+def test_repr_evaluates_to_the_component(cls):
+    one = sample(cls)
+    names = {name: getattr(il, name) for name in il.__all__} | {cls.__name__: cls}
+    assert eval(repr(one), {}, names) == one
+
+
+@each_component
+def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
+    for field in dataclasses.fields(cls):
+        if type_of(field) != "float":
+            continue
+        units = field.metadata["units"]
+        assert units == "1" or all(re.fullmatch(r"[A-Za-z]+(-?\d+(/\d+)?)?", unit) for unit in units.split())
+        assert cls.units(field.name) == units
+        bad = [np.nan, np.inf, -np.inf, "1", None, True]
+        if field.metadata["minimum"] is not None:
+            bad.append(np.nextafter(field.metadata["minimum"], -np.inf))
+        if field.metadata["above"] is not None:
+            bad.append(field.metadata["above"])
+        for value in bad:
+            with pytest.raises(il.InvalidInput, match=rf"{cls.__name__}.{field.name} must be"):
+                sample(cls).replace(**{field.name: value})
+
+
+@pytest.mark.parametrize("cls", [*LAWS, *OSCILLATORS])
+def test_physical_constants_of_a_force_are_not_negative(cls):
+    """Masses, stiffnesses and damping have a lower limit; a negative one is refused."""
+    for field in dataclasses.fields(cls):
+        with pytest.raises(il.InvalidInput, match=r"-1.0 was given"):
+            sample(cls).replace(**{field.name: -1.0})
+
+
+@each_law
+def test_law_at_zero_indentation(cls):
+    law = sample(cls)
+    for rate in (-2.0, 0.0, 3.0):
+        assert np.isfinite(law.call("force", 0.0, rate))
+    assert law.call("force", 0.0, 0.0) == 0.0
+    assert law.evaluate([-1.0, -1e-300, 0.0]).tolist() == [0.0] * 3
+    assert (law.evaluate([1e-9, 1.0, 1e3]) > 0.0).all()
+
+
+@each_with("potential", LAWS)
+def test_law_is_the_derivative_of_its_potential(cls):
+    law = sample(cls)
+    assert law.call("potential", 0.0) == 0.0
+    for depth in (1e-3, 0.1, 2.0):
+        work = quad(lambda d: float(law.evaluate(d)), 0.0, depth, epsabs=0.0, epsrel=1e-11)[0]
+        assert float(law.call("potential", depth)) == pytest.approx(work, rel=1e-10)
+
+
+@each_with("residual_potential", OSCILLATORS)
+def test_residual_is_the_derivative_of_its_potential(cls):
+    body = sample(cls)
+    assert body.call("residual_potential", 0.0) == 0.0
+    for x in (-2.0, 0.1, 1.5):
+        work = quad(lambda d: float(body.call("residual", d, 0.0)), 0.0, x, epsabs=0.0, epsrel=1e-11)[0]
+        assert float(body.call("residual_potential", x)) == pytest.approx(work, rel=1e-10)
+
+
+@each_law
+def test_compiled_and_plain_force_agree(cls):
+    """To one unit in the last place on random states, open and closed."""
+    law = sample(cls)
+    bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
+    compiled = il.Network(bodies, {"c": il.Contact("a", "b", law, clearance=0.25)}).compile()
+    y = np.random.default_rng(1).normal(size=(4, 400))
+    force = compiled.to_dataset(np.arange(400.0), y).contact_force[:, 0]
+    plain = law.evaluate(y[0] - y[1] - 0.25, y[2] - y[3])
+    assert 100 < np.count_nonzero(plain) < 300
+    np.testing.assert_array_max_ulp(force, plain, maxulp=1)
+
+
+@each_with("residual", OSCILLATORS)
+def test_compiled_and_plain_residual_agree(cls):
+    body = sample(cls).replace(mass=1.0, damping=0.0, stiffness=0.0)
+    compiled = il.Network({"a": body}).compile()
+    y = np.random.default_rng(2).normal(size=(2, 100))
+    acceleration = [compiled.rhs(0.0, column)[1] for column in y.T]
+    np.testing.assert_array_max_ulp(-np.array(acceleration), np.array(body.call("residual", *y)), maxulp=1)
