@@ -28,12 +28,12 @@ def _stranger(monkeypatch):
     monkeypatch.syspath_prepend(str(PLUGIN))
 
 
-@pytest.fixture()
+@pytest.fixture
 def example():
     return study_class("example")
 
 
-@pytest.fixture()
+@pytest.fixture
 def simulated(monkeypatch):
     """The clearances that are simulated, in order; `stop_at` raises there."""
     simulate, done = il.simulate, []

@@ -81,4 +81,7 @@ class ExampleStudy(Study):
         return [Check("contact ratio", ratio < self.largest_ratio, f"{ratio:.3f}")]
 
     def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
-        yield "Contact ratio", [{"contact ratio": float(value)} for value in tree["statistics/contact_ratio"].values[:, 0]]
+        yield (
+            "Contact ratio",
+            [{"contact ratio": float(value)} for value in tree["statistics/contact_ratio"].values[:, 0]],
+        )

@@ -1,0 +1,245 @@
+"""The command line: what it prints where, its exit codes, what it imports."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import impactlab as il
+from impactlab.cli import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
+
+PLUGIN = Path(__file__).parent / "plugin_example"
+SHORT = ["--set", "duration=20.0", "--set", "clearances=[0.5]"]
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(PLUGIN))
+    monkeypatch.chdir(tmp_path)
+
+
+def environment():
+    path = os.pathsep.join([str(PLUGIN), *(str(Path(entry).absolute()) for entry in sys.path)])
+    return {**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
+
+
+def process(*arguments):
+    return subprocess.run([sys.executable, *arguments], env=environment(), capture_output=True, text=True)
+
+
+# what is printed
+
+
+def test_list(capsys):
+    assert main(["list"]) == DONE
+    shown = capsys.readouterr()
+    assert "example     A body that a wall stops <example>\n" in shown.out
+    assert "two-system  " in shown.out
+    assert shown.err == ""
+
+
+def test_plugins_tell_what_fails(capsys, tmp_path, monkeypatch):
+    assert main(["plugins"]) == DONE
+    assert "example  impactlab-example 1.0  ok" in capsys.readouterr().out
+    folder = tmp_path / "broken-2.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
+    (folder / "entry_points.txt").write_text("[impactlab.studies]\nabsent = nowhere_at_all:Thing\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["plugins"]) == USAGE
+    assert "absent  broken 2.0  ModuleNotFoundError" in capsys.readouterr().out
+    assert main(["list"]) == DONE
+    shown = capsys.readouterr()
+    assert "example" in shown.out
+    assert "'absent' of broken 2.0 cannot be used: ModuleNotFoundError" in shown.err
+
+
+def test_run_prints_claims_and_writes_the_default_folder(capsys):
+    assert main(["run", "example", *SHORT]) == DONE
+    shown = capsys.readouterr()
+    assert shown.out.split(maxsplit=2)[:2] == ["1", "holds"]
+    assert "1 of 1 checks passed; 1 claims: holds 1." in shown.err
+    assert Path("results", "example", "report.html").is_file()
+
+
+def test_run_quietly_and_with_much_text(capsys):
+    assert main(["run", "example", *SHORT, "-q"]) == DONE
+    assert capsys.readouterr() == ("", "")
+    assert main(["run", "example", *SHORT, "-v"]) == DONE
+    shown = capsys.readouterr().err
+    assert "[1/1] clearance/0.5" in shown
+    assert "check passed: contact ratio" in shown
+
+
+def test_json_is_all_of_stdout(capsys):
+    assert main(["run", "example", *SHORT, "--json", "--out", "here"]) == DONE
+    data = json.loads(capsys.readouterr().out)
+    assert data["folder"] == "here"
+    assert data["claims"][0]["verdict"] == "holds"
+    assert data["checks"][0]["ok"] is True
+    assert set(data["files"]) >= {"result.nc", "report.html"}
+
+
+def test_a_toml_file_is_run(capsys):
+    text = 'study = "example"\nduration = 20.0\nclearances = [0.5]\n'
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    assert main(["run", "mine.toml", "--set", "law=linear", "--json"]) == DONE
+    settings = json.loads(capsys.readouterr().out)["settings"]
+    assert (settings["law"], settings["duration"], settings["clearances"]) == ("linear", 20.0, [0.5])
+
+
+def test_dry_run_simulates_nothing(capsys, monkeypatch):
+    monkeypatch.setattr(il, "simulate", None)
+    assert main(["run", "example", "--dry-run", "--quick"]) == DONE
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split() for row in rows[1:]] == [["clearance/0.5", "1", "1", "128", "100"]]
+    assert main(["run", "example", "--dry-run", "--json"]) == DONE
+    assert len(json.loads(capsys.readouterr().out)["items"]) == 2
+    assert not Path("results").exists()
+
+
+def test_report_draws_again_without_simulating(capsys, monkeypatch):
+    main(["run", "example", *SHORT, "--out", "here"])
+    before = json.loads(Path("here", "manifest.json").read_text(encoding="utf-8"))
+    Path("here", "report.html").unlink()
+    monkeypatch.setattr(il, "simulate", None)
+    capsys.readouterr()
+    assert main(["report", "here"]) == DONE
+    assert "holds" in capsys.readouterr().out
+    after = json.loads(Path("here", "manifest.json").read_text(encoding="utf-8"))
+    assert Path("here", "report.html").is_file()
+    assert after["checks"] == before["checks"]
+    assert after["complete"]
+
+
+def test_doctor(capsys):
+    assert main(["doctor"]) == DONE
+    shown = capsys.readouterr().out
+    assert f"impactlab    {il.__version__}" in shown
+    assert "simulation   works" in shown
+
+
+# exit codes
+
+
+def test_a_check_that_fails(capsys):
+    assert main(["run", "example", *SHORT, "--set", "largest_ratio=0.0", "--out", "here"]) == FAILED
+    assert "check failed: contact ratio" in capsys.readouterr().err
+    assert main(["resume", "here"]) == FAILED  # complete, but a check failed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "exampel"], "did you mean 'example'?"),
+        (["run", "missing.toml"], "Cannot read missing.toml"),
+        (["run", "example", "--set", "clearances=0.5"], "must be an array of numbers"),
+        (["run", "example", "--set", "clearance=[0.5]"], "did you mean 'clearances'?"),
+        (["run", "example", "--set", "duration"], "key=value"),
+        (["run", "example", "--workers", "0"], "workers"),
+        (["run", "example", "--out", "file"], "is a file"),
+        (["resume", "nowhere"], "not the folder of a study's run"),
+        (["report", "nowhere"], "not the folder of a study's run"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, message, capsys):
+    Path("file").write_text("kept")
+    assert main(arguments) == USAGE
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("impactlab: error: ")
+    assert shown.err.count("\n") == 1
+    assert message in shown.err
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "example", "--colour"]])
+def test_bad_usage(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == USAGE
+    assert "usage: impactlab" in capsys.readouterr().err
+
+
+def fail_at_the_second(monkeypatch, error):
+    simulate, calls = il.simulate, []
+
+    def failing(network, **options):
+        calls.append(1)
+        if len(calls) == 2:
+            raise error
+        return simulate(network, **options)
+
+    monkeypatch.setattr(il, "simulate", failing)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(KeyboardInterrupt(), INTERRUPTED), (il.Diverged("too wild"), INCOMPLETE), (OSError(28, "No space"), INCOMPLETE)],
+)
+def test_a_run_that_stops_says_how_to_go_on(error, code, capsys, monkeypatch):
+    fail_at_the_second(monkeypatch, error)
+    assert main(["run", "example", "--set", "duration=20.0", "--out", "here"]) == code
+    shown = capsys.readouterr().err
+    assert "1 simulation(s) are kept; continue with: impactlab resume here" in shown
+    assert main(["report", "here"]) == USAGE
+    assert "not complete" in capsys.readouterr().err
+    assert main(["resume", "here", "--json"]) == DONE
+    assert json.loads(capsys.readouterr().out)["settings"]["duration"] == 20.0
+    assert main(["resume", "here"]) == DONE
+    assert "is complete" in capsys.readouterr().err
+
+
+def test_a_traceback_only_when_asked_for(capsys, monkeypatch):
+    fail_at_the_second(monkeypatch, il.Diverged("too wild"))
+    assert main(["run", "example", "--set", "duration=20.0", "-v"]) == INCOMPLETE
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, INTERRUPTED), (signal.SIGTERM, INCOMPLETE)])
+def test_signals_stop_a_run(number, code, tmp_path):
+    endless = ["--set", "duration=1e7", "--set", "clearances=[0.5]"]
+    command = [sys.executable, "-m", "impactlab", "run", "example", *endless, "-v", "--out", "here"]
+    with subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True) as run:
+        assert run.stderr is not None
+        assert "[1/1]" in run.stderr.readline()
+        time.sleep(1.5)  # compiled code is running by now
+        begin = time.monotonic()
+        run.send_signal(number)
+        assert run.wait(30) == code
+        assert time.monotonic() - begin < 1.0  # the answer and the end of the process
+        assert "impactlab resume here" in run.stderr.read()
+    assert [path.name for path in (tmp_path / "here").iterdir()] == ["manifest.json"]
+
+
+# imports
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plugins"], ["run", "example", "--dry-run"]])
+def test_light_commands_import_nothing_heavy(arguments):
+    code = (
+        "import sys\nfrom impactlab.cli import main\n"
+        f"try: main({arguments})\nexcept SystemExit: pass\n"
+        "heavy = [name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules]\n"
+        "print(heavy, 'numpy' in sys.modules, file=sys.stderr)"
+    )
+    heavy = process("-c", code).stderr.strip().splitlines()[-1]
+    assert heavy.startswith("[] ")
+    if arguments == ["--help"]:
+        assert heavy == "[] False"
+
+
+def test_help_is_quick():
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        assert process("-m", "impactlab", "--help").returncode == DONE
+        times.append(time.perf_counter() - begin)
+    assert min(times) < 0.25
