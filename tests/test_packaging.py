@@ -1,0 +1,90 @@
+"""The wheel: built from the source files alone, installed into a clean environment, used from there."""
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "impactlab", "plugins")
+PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
+PLUGINS = {folder.name for folder in (ROOT / "plugins").glob("impactlab_*")}
+SCRIPTS = "Scripts" if os.name == "nt" else "bin"
+
+
+def run(*command: str | Path, folder: Path) -> str:
+    """Run a command away from the checkout, and return what it printed."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    done = subprocess.run(
+        list(map(str, command)), cwd=folder, env=environment, capture_output=True, encoding="utf-8", check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    source.mkdir()
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
+            shutil.copytree(ROOT / name, source / name, ignore=ignored)
+        else:
+            shutil.copy(ROOT / name, source / name)
+    run(*PIP, "wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", folder, source, folder=folder)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path) -> Path:
+    """The scripts of an environment that holds the wheel, and sees the dependencies of this one."""
+    environment = wheel.parent / "environment"
+    run(sys.executable, "-m", "venv", "--without-pip", environment, folder=wheel.parent)
+    scripts = environment / SCRIPTS
+    run(*PIP, "--python", scripts / "python", "install", "--no-deps", "--no-index", wheel, folder=wheel.parent)
+    # a path in a .pth file comes last, and the .pth files in it (of an editable impactlab) are not read
+    where = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    own = Path(run(scripts / "python", "-c", where, folder=scripts).strip())
+    dependencies = sorted({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")})
+    (own / "dependencies.pth").write_text("\n".join(dependencies) + "\n", encoding="utf-8")
+    return scripts
+
+
+def test_wheel_holds_the_packages_and_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    top = {name.partition("/")[0] for name in names}
+    assert {name for name in top if not name.endswith(".dist-info")} == {"impactlab", *PLUGINS}
+    assert {"impactlab/py.typed", "impactlab/__init__.pyi"} <= names
+    modules = {file.relative_to(ROOT).as_posix() for file in (ROOT / "impactlab").rglob("*.py")}
+    modules |= {file.relative_to(ROOT / "plugins").as_posix() for file in (ROOT / "plugins").rglob("*.py")}
+    assert {name for name in names if name.endswith(".py")} == modules
+    assert any(name.endswith("/LICENSE") for name in names)
+
+
+def test_installed_command_lists_the_studies(installed: Path) -> None:
+    listed = run(installed / "impactlab", "list", folder=installed)
+    assert listed.split()[0] == "two-system"
+
+
+def test_installed_package_simulates(installed: Path) -> None:
+    program = (
+        "import impactlab as il\n"
+        "body = il.LinearOscillator(stiffness=1.0, damping=1.0)\n"
+        "result = il.simulate(il.Network({'a': body}, {}, {'a': il.WhiteNoise(1.0)}), 50.0, realizations=64, rng=1)\n"
+        "print(il.__file__)\n"
+        "print(result.mean_square_velocity.item(), result.mean_square_velocity_standard_error.item())"
+    )
+    place, numbers = run(installed / "python", "-c", program, folder=installed).splitlines()
+    value, error = map(float, numbers.split())
+    assert Path(place).is_relative_to(installed.parent)
+    assert abs(value - math.pi) < 4.0 * error < 0.5
