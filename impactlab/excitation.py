@@ -95,12 +95,14 @@ class ShinozukaNoise(Excitation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.band, tuple) or len(self.band) != 2 or not self.band[0] < self.band[1]:
+        edges = self.band if isinstance(self.band, tuple) else ()
+        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in edges)
+        if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
             raise InvalidInput(
                 f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), "
                 f"{self.band!r} was given."
             )
-        object.__setattr__(self, "band", tuple(float(edge) for edge in self.band))
+        object.__setattr__(self, "band", edges)
 
     @classmethod
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:

@@ -60,7 +60,7 @@ class Oscillator(Component):
         Raises
         ------
         InvalidInput
-            If a value is negative or not finite.
+            If a value is negative or not finite, or damping or stiffness is given as well.
         """
         frequency = finite(f"{cls.__name__}.from_frequency: natural_frequency", natural_frequency)
         ratio = finite(f"{cls.__name__}.from_frequency: damping_ratio", damping_ratio)
@@ -69,6 +69,12 @@ class Oscillator(Component):
                 f"{cls.__name__}.from_frequency takes a natural frequency and a damping ratio of at least 0, "
                 f"{natural_frequency!r} and {damping_ratio!r} were given."
             )
+        for name in ("damping", "stiffness"):
+            if name in fields:
+                raise InvalidInput(
+                    f"{cls.__name__}.from_frequency computes {name} from the frequency and the damping ratio; "
+                    f"leave {name} out, or give mass, damping and stiffness to {cls.__name__} itself."
+                )
         mass = finite(f"{cls.__name__}.mass", mass)
         return cls(mass=mass, damping=2.0 * ratio * frequency * mass, stiffness=mass * frequency**2, **fields)
 
