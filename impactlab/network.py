@@ -50,8 +50,8 @@ class Network:
         excitations: Family[Excitation] | None = None,
     ) -> None:
         self._oscillators = _family("oscillators", oscillators, Oscillator)
-        self._contacts = _family("contacts", contacts or {}, Contact)
-        self._excitations = _family("excitations", excitations or {}, Excitation)
+        self._contacts = _family("contacts", {} if contacts is None else contacts, Contact)
+        self._excitations = _family("excitations", {} if excitations is None else excitations, Excitation)
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
         for name, contact in self._contacts.items():
@@ -228,7 +228,12 @@ def _each(name: str, value: Any, count: int) -> list[Any]:
 
 def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
-    pairs = list(members.items()) if isinstance(members, Mapping) else list(members)
+    try:
+        pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{title} must be a mapping of names to il.{kind.__name__} objects, {members!r} was given."
+        ) from error
     family: dict[str, Any] = {}
     for name, member in pairs:
         if not isinstance(name, str) or not name.strip():

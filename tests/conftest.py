@@ -57,3 +57,13 @@ def output_of(process):
 def run_python():
     """Run another Python and return what it printed."""
     return lambda *arguments, **environment: output_of(start_python(*arguments, **environment))
+
+
+@pytest.fixture
+def golden():
+    """Compare a text with the copy that a person has read; it lies in ``tests/golden``."""
+
+    def compare(name, text):
+        assert text == (Path(__file__).parent / "golden" / name).read_text(encoding="utf-8")
+
+    return compare
