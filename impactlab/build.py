@@ -6,12 +6,14 @@ import contextlib
 import hashlib
 import importlib.util
 import os
+import re
 import sys
 import tempfile
 import threading
 from pathlib import Path
 from types import ModuleType
 
+from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import cache_folder
 
 _LOCK = threading.Lock()
@@ -68,5 +70,22 @@ def _load(name: str, file: Path) -> ModuleType:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # numba looks the module up when it loads cached code
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever the compiler raises, it is about a kernel
+        del sys.modules[spec.name]
+        raise InvalidInput(_explained(str(error), file.read_text(encoding="utf-8"))) from None
     return module
+
+
+def _explained(message: str, text: str) -> str:
+    """Say which line of whose kernel does not compile, instead of the compiler's own report."""
+    reasons = [line.strip() for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
+    numbers = [int(number) for number in re.findall(r"network_\w+\.py\D{1,10}(\d+)", message)]
+    lines = text.splitlines()
+    if not numbers:
+        return f"The generated forces do not compile: {reasons[0]}"
+    number = numbers[-1]
+    owner = next((line for line in lines[number - 1 :: -1] if line.startswith("def ")), "")
+    name = owner.removeprefix("def ").split("(")[0]
+    return f"The kernel {name} does not compile at {lines[number - 1].strip()!r}: {reasons[0]}"

@@ -206,7 +206,12 @@ class Component:
         shape = np.broadcast_shapes(*(np.shape(value) for value in kinematic))
         scalar = np.vectorize(lambda *arguments: function(*arguments, *filled), otypes=[float])
         arguments = [np.asarray(values[item], dtype=float) for item in used]
-        result = scalar(*arguments) if arguments else np.float64(function(*filled))
+        try:
+            result = scalar(*arguments) if arguments else np.float64(function(*filled))
+        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError) as error:
+            raise InvalidInput(
+                f"The kernel {type(self).__name__}.{name} failed for {self!r}: {type(error).__name__}: {error}."
+            ) from error
         return np.broadcast_to(result, shape)
 
 

@@ -149,8 +149,10 @@ class _Block:
                     break
             else:
                 rest = np.flatnonzero(~open_lanes)
-                state.x[:, rest] = 0.0
+                state.x[:-1, rest] = plan.rest[:, None]
                 state.v[:, rest] = 0.0
+        else:
+            state.x[:-1] = plan.rest[:, None]
         return attempts
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:

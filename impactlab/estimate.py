@@ -71,7 +71,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
     trusted = enough_alone or (len(weights) >= BATCHES and steps.min() * plan.step >= 0.999 * BATCH_TIMES * relaxation)
-    if not trusted:
+    if not trusted and (len(plan.white) or plan.lines):
         _warn(plan, relaxation)
     values = {name: np.average(item, axis=-1, weights=weights) for name, item in units.items()}
     mean = values["mean_displacement"]

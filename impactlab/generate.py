@@ -45,7 +45,7 @@ def forces(x, v, parameters, indices, indentation, contact_force, total):
 '''
 
 _TIMETABLE = '''
-@kernel
+@timetable
 def {name}(times, parameters, indices, result):
     """Write {what} at some times, result[time, row]."""
 '''
@@ -112,7 +112,7 @@ def _header(model: Model, kernels: dict[str, str]) -> str:
         *(["import math", ""] if "math." in text else []),
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
-        + ", ".join([*(["kernel"] if tables else []), "pointer", *(["scalar"] if kernels else [])]),
+        + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
     ]
     return "\n".join(lines) + "\n"
 

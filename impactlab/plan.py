@@ -27,7 +27,7 @@ from impactlab.rules import (
     start_of,
     warn_of_bands,
 )
-from impactlab.scene import Lines, contact_energy, linear_variances, lines_of, penetrations, relaxation_time
+from impactlab.scene import Lines, Stiffening, energies, gap_scale, linear_variances, lines_of, relaxation_time
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -67,7 +67,9 @@ class Plan:
     start : str or (2, body) ndarray
         "stationary", "rest", or displacements and velocities.
     deviations : (2, body) ndarray
-        Standard deviations of the linear law under white noise, for a stationary start.
+        Standard deviations of displacement and velocity under white noise, for a stationary start.
+    rest : (body,) ndarray
+        Displacements of bodies that start at rest (m).
     step : float
     spin_up_steps, steps : int
     boundaries : tuple of int
@@ -101,6 +103,7 @@ class Plan:
     forced: np.ndarray
     start: str | np.ndarray
     deviations: np.ndarray
+    rest: np.ndarray
     step: float
     spin_up_steps: int
     steps: int
@@ -155,8 +158,7 @@ def make_plan(
     ):
         raise InvalidInput(f"realizations must be a whole number from 1 to 2^32 - 1, {realizations!r} was given.")
     start = start_of(initial, model)
-    energy = contact_energy(model, start, duration)
-    penetration, tangent = penetrations(model, energy)
+    stiffening = Stiffening.of(model, energies(model, start, duration))
     records = [record.resolved(model) for record in records]
     intervals = [interval for record in records if (interval := record.exact_interval()) is not None]
     relaxation = relaxation_time(model)
@@ -166,7 +168,7 @@ def make_plan(
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = choose_step(model, integrator, tangent, energy, given)
+    chosen = choose_step(model, integrator, stiffening, given)
     if given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1]):
         intervals.append(period)
     step, steps = fit_step(chosen, given is not None, intervals, duration)
@@ -193,7 +195,7 @@ def make_plan(
         linear=np.stack([model.mass, model.damping, model.stiffness]),
         ends=model.ends,
         clearance=model.clearance,
-        window=0.1 * np.where(penetration > 0.0, penetration, 1.0),
+        window=0.1 * gap_scale(model, stiffening.penetration),
         dissipative=model.dissipative,
         time_varying=model.time_varying,
         white=white,
@@ -204,7 +206,8 @@ def make_plan(
         lines=lines,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
-        deviations=_white_deviations(model),
+        deviations=_start_deviations(model, stiffening),
+        rest=stiffening.rest,
         step=step,
         spin_up_steps=spin_up_steps,
         steps=steps,
@@ -229,9 +232,14 @@ def _addresses(seed: tuple[int, int], names: Sequence[str], purpose: str) -> np.
     return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3)
 
 
-def _white_deviations(model: Model) -> np.ndarray:
-    """Standard deviations of the linear law under white noise alone, 0 for other bodies, (2, body)."""
-    variances = linear_variances(model)
+def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:
+    """Standard deviations under white noise alone, 0 for other bodies, (2, body).
+
+    They are the linear ones, but a residual force that stiffens a body narrows its displacement.
+    """
+    velocity = linear_variances(model)[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
     variances[:, list(model.lines)] = 0.0
     result: np.ndarray = np.sqrt(variances)
     return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from impactlab.component import finite, suggestion
 from impactlab.errors import AccuracyWarning, InvalidInput
 from impactlab.integrators.base import Integrator
 from impactlab.model import Model
-from impactlab.scene import linear_variances, lines_of, regular_lines
+from impactlab.scene import Stiffening, linear_variances, lines_of, regular_lines
 
 LANES = 256
 """Largest number of realizations in a block: enough to fill vector units, few enough for the cache."""
@@ -28,9 +29,7 @@ CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 """Length of a compiled call and the cost it is planned with: short, so that interrupts are answered."""
 
 
-def choose_step(
-    model: Model, integrator: Integrator, tangent: np.ndarray, energy: np.ndarray, given: float | None
-) -> float:
+def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, given: float | None) -> float:
     """Return the given step, checked, or the recommended one.
 
     Raises
@@ -39,12 +38,13 @@ def choose_step(
         If the step is too large for the scene (the largest safe one is named), or no rule
         leads to a step.
     """
-    if given is None and not np.isfinite(energy).all():
-        contact = model.contacts[int(np.flatnonzero(~np.isfinite(energy))[0])]
+    unknown = model.nonlinear_bodies & ~np.isfinite(stiffening.energy)
+    if given is None and unknown.any():
         raise InvalidInput(
-            f"No step can be chosen: the energy of the collisions at contact {contact!r} is not known, since an "
-            "excited body has no damping. Give step= (s)."
+            f"No step can be chosen: the energy that {model.bodies[int(unknown.argmax())]!r} brings into collisions "
+            "is not known, since an excited body has no damping. Give step= (s)."
         )
+    model, tangent = replace(model, stiffness=model.stiffness + stiffening.bodies), stiffening.contacts
     largest = integrator.largest_step(model, tangent)
     if largest <= 0.0:
         raise InvalidInput(

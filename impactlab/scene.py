@@ -11,6 +11,7 @@ import numpy as np
 from impactlab.contact import ContactLaw
 from impactlab.errors import InvalidInput
 from impactlab.model import Model
+from impactlab.oscillator import Oscillator
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +127,8 @@ def spread(model: Model) -> np.ndarray:
         return np.sqrt([temperature / model.stiffness, temperature / model.mass])
 
 
-def contact_energy(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
-    """Return the energy that a collision has to store, for every contact (J).
+def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
+    """Return the energy that each body may bring into a collision (J), (body,).
 
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start or of the response to a given force, whichever is largest.
@@ -139,51 +140,107 @@ def contact_energy(model: Model, start: str | np.ndarray, duration: float) -> np
     for slot in model.forced:
         excitation = model.network.excitations[model.bodies[slot]]
         mean_square = float(np.mean(excitation.call("force", times) ** 2))
-        damping = model.damping[slot]
-        resonant = model.mass[slot] * mean_square / (2.0 * damping**2) if damping else math.inf
-        heat[slot] = max(heat[slot], resonant)
+        heat[slot] = max(heat[slot], _over(model.mass[slot] * mean_square, 2.0 * model.damping[slot] ** 2))
     if model.time_varying:
         for slot in model.white:
             largest = float(model.network.excitations[model.bodies[slot]].call("intensity", times).max())
             heat[slot] = max(heat[slot], _over(np.pi * largest, model.damping[slot]))
-    return hottest(model, heat)[model.ends.min(axis=1)] if len(model.ends) else np.zeros(0)
+    return hottest(model, heat)
 
 
 def _over(numerator: float, denominator: float) -> float:
-    return numerator / denominator if denominator else math.inf
+    return float(numerator / denominator) if denominator else math.inf
 
 
-def penetrations(model: Model, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return thermal plus static penetration and tangent stiffness of every contact.
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """What contacts and residual forces add to the linear stiffness at a given energy.
 
-    The thermal penetration stores the energy, ``∫₀^δ F = E``; the static one is that of a
-    negative clearance. For ``F = η δ^p`` it is ``((p + 1) E/η)^(1/(p + 1))``.
-
-    Returns
-    -------
+    Attributes
+    ----------
+    energy : (body,) ndarray
+        Energy of the bodies (J).
     penetration : (contact,) ndarray
-        (m)
-    tangent : (contact,) ndarray
-        Derivative of the force there (N m-1).
+        Thermal plus static penetration (m).
+    contacts : (contact,) ndarray
+        Tangent stiffness of the contacts there (N m-1).
+    bodies : (body,) ndarray
+        Tangent stiffness of the residual forces (N m-1).
+    rest : (body,) ndarray
+        Displacements under the static forces of contacts with negative clearance (m).
     """
-    known: dict[tuple[Any, ...], tuple[float, float]] = {}
-    result = np.zeros((2, len(model.ends)))
-    with np.errstate(divide="ignore"):
-        flexibility = np.append(1.0 / model.stiffness, 0.0)  # a wall does not yield
-    for slot, contact in enumerate(model.network.contacts.values()):
-        overlap = max(-contact.clearance, 0.0)
-        compliance = float(flexibility[model.ends[slot]].sum()) if overlap else 0.0
-        key = (contact.law, float(energy[slot]), overlap, compliance)
-        if key not in known:
-            known[key] = _penetration(*key)
-        result[:, slot] = known[key]
-    return result[0], result[1]
+
+    energy: np.ndarray
+    penetration: np.ndarray
+    contacts: np.ndarray
+    bodies: np.ndarray
+    rest: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, energy: np.ndarray) -> Stiffening:
+        """Evaluate a scene at some energies of its bodies.
+
+        The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
+        ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
+        """
+        known: dict[tuple[Any, ...], tuple[float, float, float]] = {}
+        of_contacts = np.zeros((3, len(model.ends)))
+        with np.errstate(divide="ignore"):
+            flexibility = np.append(1.0 / model.stiffness, 0.0)  # a wall does not yield
+        for slot, contact in enumerate(model.network.contacts.values()):
+            overlap = max(-contact.clearance, 0.0)
+            compliance = float(flexibility[model.ends[slot]].sum()) if overlap else 0.0
+            key = (contact.law, float(energy[model.ends[slot].min()]), overlap, compliance)
+            if key not in known:
+                known[key] = _penetration(*key)
+            of_contacts[:, slot] = known[key]
+        penetration, tangent, force = of_contacts
+        rest = np.zeros(len(model.mass) + 1)
+        np.add.at(rest, model.ends[:, 0], -force)
+        np.add.at(rest, model.ends[:, 1], force)
+        rest = np.where(np.isfinite(flexibility), rest * np.minimum(flexibility, 1e300), 0.0)[:-1]
+        bodies = np.array(
+            [
+                _residual_stiffness(body, float(heat)) if body.has_kernel("residual") else 0.0
+                for body, heat in zip(model.network.oscillators.values(), energy, strict=True)
+            ]
+        )
+        return cls(energy, penetration, tangent, bodies, rest)
+
+
+def _residual_stiffness(body: Oscillator, energy: float) -> float:
+    """Largest tangent stiffness of a residual force within the amplitude that stores the energy."""
+
+    def stored(amplitude: float) -> float:
+        x = 0.5 * amplitude * (_NODES + 1.0)
+        forces = (body.stiffness * x + np.maximum(body.call("residual", x, 0.0), 0.0),
+                  body.stiffness * x + np.maximum(-body.call("residual", -x, 0.0), 0.0))  # fmt: skip
+        return float(0.5 * amplitude * min((_WEIGHTS * force).sum() for force in forces))
+
+    if not 0.0 < energy < math.inf:
+        return 0.0
+    amplitude = _solve(stored, energy)
+    x = np.linspace(-amplitude, amplitude, 65)
+    return max(float(np.gradient(body.call("residual", x, 0.0), x).max()), 0.0) if amplitude else 0.0
+
+
+def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
+    """Return the length over which the density of each gap varies near contact (m).
+
+    It is the penetration or the spread of the gap, whichever is smaller; 1 if nothing moves.
+    """
+    variance = np.append(spread(model)[0] ** 2, 0.0)
+    of_gap = np.sqrt(variance[model.ends].sum(axis=1))
+    scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)
+    return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float]:
+def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float, float]:
+    """Penetration, tangent stiffness there, and static force of a contact."""
+
     def stored(depth: float) -> float:
         return float(0.5 * depth * (_WEIGHTS * law.evaluate(0.5 * depth * (_NODES + 1.0))).sum())
 
@@ -194,10 +251,10 @@ def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: flo
     static = _solve(pressed, overlap) if overlap > 0.0 and compliance < math.inf else 0.0
     depth = thermal + static
     if depth == 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     width = 1e-3 * depth
     low, high = law.evaluate([depth - width, depth + width])
-    return depth, max(float(high - low) / (2.0 * width), 0.0)
+    return depth, max(float(high - low) / (2.0 * width), 0.0), float(law.evaluate(static))
 
 
 def _solve(increasing: Any, target: float) -> float:

@@ -58,6 +58,11 @@ def loop(signature: Any, function: Function) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
+def timetable(function: Function) -> Function:
+    """Compile a generated function of time: (times, parameters, indices, result[time, row])."""
+    return loop(void(f8[::1], f8[::1], i8[::1], f8[:, ::1]), function)
+
+
 def evaluate(forces: Any, *arrays: Any) -> None:
     """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
     loop(_EVALUATE, _evaluate)(forces, *arrays)
