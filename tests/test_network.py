@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import time
 
 import pytest
 
@@ -202,12 +201,9 @@ def test_repr_is_short_and_readable(golden):
     assert repr(il.Network({"a": BODY})).splitlines()[0] == "Network: 1 body, no contacts, no excitations"
 
 
-def test_a_hundred_thousand_bodies():
-    start = time.perf_counter()
-    network = il.chain(100_000, BODY, LAW, excitation=NOISE)
-    text = repr(network)
+def test_repr_of_a_hundred_thousand_bodies():
+    text = repr(il.chain(100_000, BODY, LAW, excitation=NOISE))
+    assert text.startswith("Network: 100000 bodies, 99999 contacts, 100000 excitations\n")
     assert len(text.splitlines()) == 25
     assert text.count("… and 99994 more") == 2
-    assert "… and 99993 more" in text
-    assert hash(network) == hash(pickle.loads(pickle.dumps(network)))
-    assert time.perf_counter() - start < 20.0
+    assert text.count("… and 99993 more") == 1
