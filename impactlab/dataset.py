@@ -124,7 +124,7 @@ def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def configuration_of(source: xr.Dataset | str | os.PathLike[str]) -> dict[str, Any]:
+def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> dict[str, Any]:
     """Return the configuration stored with a dataset or a file.
 
     Raises
@@ -132,7 +132,7 @@ def configuration_of(source: xr.Dataset | str | os.PathLike[str]) -> dict[str, A
     InvalidInput
         If there is none: the dataset was not made by impactlab, or lost its attributes.
     """
-    dataset = source if isinstance(source, xr.Dataset) else _attributes(Path(source))
+    dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
     if CONFIGURATION not in dataset.attrs:
         raise InvalidInput(
             f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
@@ -194,6 +194,25 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
+    """Read a file that `save` wrote into memory: a dataset, or a tree if the file has groups.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file, or it cannot be read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"There is no file {path}.")
+    try:
+        with _LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
+            loaded = tree.load()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InvalidInput(f"{path} cannot be read: {error}") from error
+    return loaded if loaded.children else loaded.to_dataset()
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary path that replaces `path`, whole and on disk, when all went well."""
@@ -230,11 +249,3 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
         for name, variable in dataset.variables.items()
         if variable.ndim and variable.size and variable.dtype.kind in "fiu"
     }
-
-
-def _attributes(path: Path) -> xr.Dataset:
-    """Read the global attributes of a file."""
-    if not path.is_file():
-        raise InvalidInput(f"There is no file {path}.")
-    with _LOCK, xr.open_dataset(path, engine="netcdf4") as dataset:
-        return dataset.load()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import os
 import threading
 from collections.abc import Callable
@@ -61,7 +62,8 @@ def run(
     Diverged
         If a realization left the range of finite numbers.
     """
-    if executor is not None:
+    shared_memory = executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
+    if executor is not None and not shared_memory:
         return [future.result() for future in [executor.submit(run_block, plan, k) for k in range(plan.blocks)]]
     total = plan.realizations * (plan.spin_up_steps + plan.steps)
     done, stop, lock = [0], threading.Event(), threading.Lock()
@@ -72,7 +74,8 @@ def run(
         with lock:
             done[0] += steps
 
-    with concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())) as pool:
+    with contextlib.ExitStack() as stack:
+        pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
         futures = [pool.submit(run_block, plan, k, tick) for k in range(plan.blocks)]
         try:
             pending = set(futures)

@@ -95,8 +95,8 @@ class ShinozukaNoise(Excitation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        edges = self.band if isinstance(self.band, tuple) else ()
-        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in edges)
+        given = self.band if isinstance(self.band, tuple) else ()
+        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in given)
         if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
             raise InvalidInput(
                 f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), "

@@ -126,10 +126,10 @@ class Folder:
         if not path.is_file():
             return None
         try:
-            with dataset._LOCK, xr.open_dataset(path, engine="netcdf4") as file:
-                result = file.load()
-        except (OSError, RuntimeError, ValueError):  # damaged: it is computed again
+            result = dataset.load(path)
+        except InvalidInput:  # damaged: it is computed again
             return None
+        assert isinstance(result, xr.Dataset)
         return result if result.attrs.pop(_ITEM, None) == _identity(item) else None
 
     def _item_path(self, item: Item) -> Path:
@@ -155,8 +155,9 @@ class Folder:
         path = self.path / RESULT
         if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
             raise InvalidInput(f"{path} is not the file that the run wrote; run the study again.")
-        with dataset._LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
-            return tree.load()
+        result = dataset.load(path)
+        assert isinstance(result, xr.DataTree)
+        return result
 
     def clean(self, figures: list[str]) -> None:
         """Remove the items' files, and figures of an earlier run that were not drawn again."""

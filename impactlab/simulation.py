@@ -114,7 +114,9 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     """
     configuration = configuration_of(source)
     if "simulate" not in configuration:
-        raise InvalidInput("The configuration that is stored describes no simulation.")
+        study = configuration.get("study")
+        advice = f" It is a result of the study {study['name']!r}: use il.run_study." if study else ""
+        raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
     network = Network.from_dict(configuration["network"])
     if digest(generate(Model.of(network))) != configuration["text"]:
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
