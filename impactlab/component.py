@@ -254,6 +254,11 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
         if argument.kind is not argument.POSITIONAL_OR_KEYWORD or argument.default is not argument.empty:
             raise InvalidInput(f"{place}: {argument} is not a plain argument; write {form}.")
     names = list(arguments)
+    for field in fields:
+        if field in kinematic:
+            raise InvalidInput(
+                f"{cls.__name__}: the field {field!r} has the name of a kinematic argument of {name}; rename it."
+            )
     if "self" in names:
         raise InvalidInput(
             f"{place} must not take self: a kernel is a function of scalars, {form}. "

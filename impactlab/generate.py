@@ -12,10 +12,11 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
+import itertools
 import math
 import textwrap
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,8 @@ _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
     "at", "body", "clearance", "contact_force", "first", "force", "gap", "indentation", "index", "indices", "lane",
-    "math", "member", "np", "parameters", "rate", "result", "row", "second", "slot", "times", "total", "v", "x",
+    "math", "max", "member", "np", "parameters", "range", "rate", "result", "row", "second", "slot", "times", "total",
+    "v", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -76,8 +78,9 @@ def generate(model: Model) -> str:
     """
     names = _kernel_names(model.kinds)
     kernels: dict[str, str] = {}
+    taken = set(names.values())
     for kind, name in names.items():
-        kernels.update(_kernel_text(kind, name))
+        _Inliner(name, kernels, taken).inline(kind.component.kernel(kind.kernel)[0], name)
     parts = [_header(model, kernels)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts.append("\n" + _FORCES)
@@ -96,10 +99,14 @@ def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
     for kind in kinds:
         if kind.role == "intensity" and not any(k.kinematic for k in kinds if k.role == "intensity"):
             continue  # constant intensities are numbers, not code
-        name = f"{kind.component.__name__}_{kind.kernel}"
-        same = sum(other.startswith(name) for other in names.values())
-        names[kind] = f"{name}_{same + 1}" if same else name
+        names[kind] = _free(f"{kind.component.__name__}_{kind.kernel}", names.values())
     return names
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """Return the name, numbered if it is taken."""
+    numbered = (f"{name}_{number}" for number in itertools.count(2))
+    return next(item for item in itertools.chain([name], numbered) if item not in taken)
 
 
 def _header(model: Model, kernels: dict[str, str]) -> str:
@@ -145,7 +152,7 @@ def _call(kind: Kind, name: str, values: dict[str, str]) -> str:
 
 def _local(field: str) -> str:
     """Name of a field's value inside a loop, where some names are taken."""
-    return f"{field}_" if field in _TAKEN else field
+    return f"{field}_" if field.rstrip("_") in _TAKEN else field
 
 
 def _contact_loop(index: int, kind: Kind, name: str) -> str:
@@ -183,25 +190,19 @@ def _timetable_loop(index: int, kind: Kind, name: str) -> str:
 _LOOPS: dict[str, Callable[[int, Kind, str], str]] = {"force": _contact_loop, "residual": _residual_loop}
 
 
-def _kernel_text(kind: Kind, name: str) -> dict[str, str]:
-    """Return the definitions of a kernel and of the helpers it calls, by name."""
-    function = kind.component.kernel(kind.kernel)[0]
-    texts: dict[str, str] = {}
-    _Inliner(name, texts).inline(function, name)
-    return texts
-
-
 class _Inliner:
     """Copies a function and what it calls, with every name it reads resolved."""
 
-    def __init__(self, prefix: str, texts: dict[str, str]) -> None:
+    def __init__(self, prefix: str, texts: dict[str, str], taken: set[str]) -> None:
         self.prefix = prefix
         self.texts = texts
+        self.taken = taken
         self.done: dict[Any, str] = {}
 
     def inline(self, function: Any, name: str) -> None:
         function = getattr(function, "py_func", function)
         self.done[function] = name
+        self.taken.add(name)
         definition = _definition(function)
         definition.name = name
         definition.decorator_list = []
@@ -234,7 +235,7 @@ class _Resolve(ast.NodeTransformer):
         if isinstance(owner, ast.Name) and owner.id not in self.local:
             value = self.outside.get(owner.id)
             if isinstance(value, types.ModuleType) and value in _MODULES:
-                return ast.Attribute(ast.Name(_MODULES[value], ast.Load()), node.attr, ast.Load())
+                return self._public(node, _MODULES[value], node.attr)
             if isinstance(value, types.ModuleType) and hasattr(value, node.attr):
                 return self._resolved(node, f"{owner.id}.{node.attr}", getattr(value, node.attr))
         self.generic_visit(node)
@@ -248,20 +249,26 @@ class _Resolve(ast.NodeTransformer):
         return self._resolved(node, node.id, self.outside[node.id])
 
     def _resolved(self, node: ast.expr, name: str, value: Any) -> ast.AST:
-        if isinstance(value, bool | int | float | np.number):
-            return ast.Constant(value.item() if isinstance(value, np.number) else value)
+        if isinstance(value, bool | int | float | np.bool_ | np.integer | np.floating):
+            return _literal(value.item() if isinstance(value, np.generic) else value)
         if getattr(builtins, name, None) is value:
             return node
         for module, alias in _MODULES.items():
             public = getattr(value, "__name__", "")
             if public and getattr(module, public, None) is value:
-                return ast.Attribute(ast.Name(alias, ast.Load()), public, ast.Load())
+                return self._public(node, alias, public)
         plain = getattr(value, "py_func", value)
         if isinstance(plain, types.FunctionType):
             if plain not in self.inliner.done:
-                self.inliner.inline(plain, f"{self.inliner.prefix}_{plain.__name__}")
+                name = _free(f"{self.inliner.prefix}_{plain.__name__}", self.inliner.taken)
+                self.inliner.inline(plain, name)
             return ast.Name(self.inliner.done[plain], ast.Load())
         return self._refuse(node, name, f"is {type(value).__name__}")
+
+    def _public(self, node: ast.expr, module: str, name: str) -> ast.AST:
+        if module in self.local:
+            return self._refuse(node, name, f"is hidden by an argument or variable that is named {module!r}")
+        return ast.Attribute(ast.Name(module, ast.Load()), name, ast.Load())
 
     def _refuse(self, node: ast.expr, name: str, problem: str) -> ast.AST:
         code = self.function.__code__
@@ -272,7 +279,18 @@ class _Resolve(ast.NodeTransformer):
         )
 
 
+def _literal(value: float) -> ast.expr:
+    """Return a number as an expression; a negative one is an operation, so that a power gets its brackets."""
+    text = repr(value).replace("inf", "math.inf").replace("nan", "math.nan")
+    return ast.parse(text, mode="eval").body
+
+
 def _definition(function: types.FunctionType) -> ast.FunctionDef:
+    if hasattr(function, "__wrapped__"):
+        raise InvalidInput(
+            f"The kernel {function.__qualname__} is changed by a decorator, which cannot be copied; "
+            "write the whole formula in the function."
+        )
     try:
         source = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError) as error:

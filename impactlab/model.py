@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.component import Component
+from impactlab.component import Component, finite
 from impactlab.contact import Wall
 from impactlab.network import Network
 
@@ -215,5 +215,12 @@ def _packed(
         header += [len(members[kind]), start + len(rows), len(parameters)]
         for component, leading, extra in members[kind]:
             rows += leading
-            parameters += [*extra, *(float(getattr(component, field)) for field in kind.fields)]
+            parameters += [*extra, *(_number(component, field) for field in kind.fields)]
     return np.array(parameters, dtype=np.float64), np.array([*header, *rows], dtype=np.int64)
+
+
+def _number(component: Component, field: str) -> float:
+    """Return the value of a field that a kernel takes: a number or a truth value."""
+    value = getattr(component, field)
+    place = f"{type(component).__name__}.{field}, which a kernel takes,"
+    return float(value) if isinstance(value, bool) else finite(place, value)
