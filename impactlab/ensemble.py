@@ -188,7 +188,8 @@ class _Block:
             return Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
-        kept = max(sample_count(lines.frequencies, interval, needed) for lines in plan.lines)
+        counts = {sample_count(lines.frequencies, interval, needed) for lines in plan.lines}
+        kept = max(counts) if len(counts) == 1 else max(needed, *counts)  # different periods: the whole run
         samples = np.empty((kept, rows, len(self.realizations)))
         width = rows // len(plan.lines)
         for row, lines in enumerate(plan.lines):

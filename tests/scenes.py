@@ -1,0 +1,34 @@
+"""Networks and bodies that several tests use, and the comparison of a run with numbers."""
+
+import numpy as np
+
+import impactlab as il
+
+
+def base(ratio=16.0, clearance=0.05, **changes):
+    """The pair of Luo, Yan and Zhang (2023): natural frequencies 2π ratio and 2π, damping ratio 0.1."""
+    one = il.LinearOscillator.from_frequency(natural_frequency=2.0 * np.pi * ratio, damping_ratio=0.1)
+    two = il.LinearOscillator.from_frequency(natural_frequency=2.0 * np.pi, damping_ratio=0.1)
+    network = il.Network(
+        {"one": one, "two": two},
+        {"gap": il.Contact("one", "two", il.HertzContact(1e4), clearance=clearance)},
+        {"one": il.WhiteNoise(16.0), "two": il.WhiteNoise(1.0)},
+    )
+    return network.replace(**changes)
+
+
+def linear(frequency=2.0 * np.pi, ratio=0.1, density=1.0):
+    """One linear body under white noise."""
+    body = il.LinearOscillator.from_frequency(natural_frequency=frequency, damping_ratio=ratio)
+    return il.Network({"a": body}, excitations={"a": il.WhiteNoise(density)})
+
+
+def deviations(dataset, reference, names, relative=0.0):
+    """Distance of each statistic from its reference in standard errors, beyond a relative allowance."""
+    result = {}
+    for name in names:
+        error = np.asarray(dataset[f"{name}_standard_error"])
+        expected = np.asarray(reference[name])
+        beyond = np.abs(np.asarray(dataset[name]) - expected) - relative * np.abs(expected)
+        result[name] = float(np.max(beyond / error))
+    return result

@@ -1,0 +1,186 @@
+"""Sums of cosines by FFT, against direct sums and what is known of the noise."""
+
+import numpy as np
+import pytest
+from scenes import linear
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.stats import kstest
+
+import impactlab as il
+from impactlab.model import Model
+from impactlab.rules import seed_of
+from impactlab.scene import Lines, linear_variances, lines_of
+from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
+
+SEED = (1, 2)
+
+
+def lines_with(noise):
+    return Lines(0, "a", *noise.lines())
+
+
+def direct(frequencies, amplitudes, times):
+    return np.array([(a * np.exp(1j * np.outer(times, frequencies))).sum(axis=1).real for a in amplitudes]).T
+
+
+GRIDS = {  # band, components, interval
+    "on the grid": ((0.0, 50.0), 500, 1e-3),
+    "a line at Nyquist": ((0.0, 50.0), 500, 1e-2),
+    "folded above Nyquist": ((0.0, 50.0), 500, 0.04),
+    "folded many times onto few samples": ((0.0, 50.0), 500, 1.25),
+    "band from above zero, on the grid": ((10.0, 20.0), 50, 4e-3),
+    "off the grid of samples": ((0.0, 50.0), 500, 1.03e-3),
+    "lower end no multiple of the spacing": ((3.3333, 20.0), 77, 4e-3),
+    "one line": ((0.0, 2.0), 1, 0.01),
+}
+
+
+@pytest.mark.parametrize(("band", "components", "interval"), GRIDS.values(), ids=GRIDS)
+def test_synthesis_is_the_direct_sum(band, components, interval):
+    lines = lines_with(il.ShinozukaNoise(1.0, band=band, components=components))
+    phase = phases(SEED, lines, 3, 0)
+    amplitudes = np.concatenate(
+        [force_amplitudes(lines, phase), response_amplitudes(lines, np.array([1.0, 2.0, 400.0]), phase)]
+    )
+    wanted = 1500
+    count = sample_count(lines.frequencies, interval, wanted)
+    samples = synthesize(lines.frequencies, amplitudes, interval, wanted)
+    assert len(samples) == count
+    times = interval * np.arange(wanted)
+    expected = direct(lines.frequencies, amplitudes, times)
+    scale = np.abs(amplitudes).sum(axis=1)
+    error = np.abs(samples[np.arange(wanted) % count] - expected) / scale
+    assert error.max() < 1e-11
+
+
+def test_only_regular_grids_are_taken_by_fft():
+    def count(name):
+        band, components, interval = GRIDS[name]
+        return sample_count(il.ShinozukaNoise(1.0, band=band, components=components).lines()[0], interval, 1500)
+
+    assert count("on the grid") == 10_000
+    assert count("folded above Nyquist") == 250
+    assert count("off the grid of samples") == 1500
+    assert count("lower end no multiple of the spacing") == 1500
+
+
+def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
+    noise = il.ShinozukaNoise(0.7, band=(0.0, 20.0), components=400)
+    lines = lines_with(noise)
+    spacing = 20.0 / 400
+    amplitude = np.sqrt(2.0 * 4.0 * np.pi * 0.7 * spacing)
+    np.testing.assert_allclose(lines.amplitudes, amplitude, rtol=1e-14)
+    np.testing.assert_allclose(lines.frequencies, 2.0 * np.pi * spacing * np.arange(1, 401), rtol=1e-14)
+    assert noise.period == pytest.approx(1.0 / spacing)
+    force = synthesize(lines.frequencies, force_amplitudes(lines, phases(SEED, lines, 0, 0)), 0.005, 8000)[:, 0]
+    assert len(force) == 4000  # one period
+    assert np.abs(force).max() <= 400 * amplitude
+    assert abs(force.mean()) < 1e-12
+    assert (force**2).mean() == pytest.approx(4.0 * np.pi * 0.7 * 20.0, rel=1e-12)  # S_f times the band
+    spectrum = np.abs(np.fft.rfft(force)) / 2000.0
+    np.testing.assert_allclose(spectrum[1:401], amplitude, rtol=1e-9)
+    assert spectrum[401:].max() < 1e-9
+
+
+def test_the_bound_is_reached_when_all_phases_agree():
+    lines = lines_with(il.ShinozukaNoise(1.0, band=(0.0, 5.0), components=50))
+    force = synthesize(lines.frequencies, force_amplitudes(lines, np.zeros(50)), 0.01, 100)
+    assert force[0, 0] == pytest.approx(lines.amplitudes.sum(), rel=1e-13)
+
+
+def test_phases_are_uniform_and_belong_to_realization_attempt_body_and_seed():
+    lines = lines_with(il.ShinozukaNoise(1.0, components=50000))
+    phase = phases(SEED, lines, 0, 0)
+    assert kstest(phase / (2.0 * np.pi), "uniform").pvalue > 1e-3
+    other_body = Lines(0, "b", lines.frequencies, lines.amplitudes)
+    addresses = [(SEED, lines, 1, 0), (SEED, lines, 0, 1), ((2, 2), lines, 0, 0), (SEED, other_body, 0, 0)]
+    for address in addresses:
+        other = phases(*address)
+        assert abs(np.corrcoef(phase, other)[0, 1]) * np.sqrt(len(phase)) < 4.0
+        assert not np.isin(phase, other).mean() > 1e-3
+
+
+@pytest.mark.parametrize("linear_part", [(1.0, 2.0, 400.0), (2.0, 0.1, 50.0), (0.5, 5.0, 0.0)], ids=str)
+def test_response_solves_the_equation_of_motion(linear_part):
+    m, c, k = linear_part
+    lines = lines_with(il.ShinozukaNoise(1.0, band=(1.0, 6.0), components=20))
+    phase = phases(SEED, lines, 0, 0)
+    force = force_amplitudes(lines, phase)
+    response = response_amplitudes(lines, np.array(linear_part), phase)
+
+    def rhs(t, y):
+        f = (force[0] * np.exp(1j * lines.frequencies * t)).sum().real
+        return [y[1], (f - c * y[1] - k * y[0]) / m]
+
+    start = response.real.sum(axis=1)
+    times = np.linspace(0.0, 4.0, 33)
+    solution = solve_ivp(rhs, (0.0, 4.0), start, "DOP853", times, rtol=1e-11, atol=1e-12).y.T
+    np.testing.assert_allclose(direct(lines.frequencies, response, times), solution, rtol=0.0, atol=1e-8)
+
+
+def band_limited(ratio, components):
+    network = linear(density=1.0, ratio=ratio)
+    noise = il.ShinozukaNoise(1.0, band=(0.0, 10.0), components=components)
+    return network.replace(excitations={"a": noise}), noise
+
+
+def test_band_limited_law_is_the_sum_over_the_lines_and_tends_to_the_white_one():
+    network, noise = band_limited(0.1, 2000)
+    model = Model.of(network)
+    (omega, amplitude), body = noise.lines(), network.oscillators["a"]
+    gain = amplitude**2 / 2.0 / ((body.stiffness - omega**2) ** 2 + (body.damping * omega) ** 2)
+    computed = linear_variances(model)[:, 0]
+    np.testing.assert_allclose(computed, [gain.sum(), (omega**2 * gain).sum()], rtol=1e-12)
+    white = np.pi / body.damping * np.array([1.0 / body.stiffness, 1.0])
+    assert computed[0] == pytest.approx(white[0], rel=1e-3)
+    assert 0.98 < computed[1] / white[1] < 0.995  # the band lowers it: 4ζ f_n/(π f_b) = 1.3 %
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()], ids=["exact flow", "RK4"])
+def test_a_period_of_a_linear_body_has_the_mean_square_of_its_lines(integrator):
+    """Over one whole period, from the steady start, the mean square is no random number."""
+    network, _ = band_limited(0.1, 400)
+    step = {"ExactFlow": 0.02, "RungeKutta4": 0.002}[type(integrator).__name__]
+    options = {"step": step, "integrator": integrator, "spin_up": 0.0, "rng": 1}
+    ds = il.simulate(network, 40.0, realizations=2, record=il.PerRealization(), **options)
+    expected = linear_variances(Model.of(network))[:, 0]
+    tolerance = {"ExactFlow": 1e-10, "RungeKutta4": 1e-3}[type(integrator).__name__]
+    np.testing.assert_allclose(ds.mean_square_displacement_by_realization[:, 0], expected[0], rtol=tolerance)
+    np.testing.assert_allclose(ds.mean_square_velocity_by_realization[:, 0], expected[1], rtol=tolerance)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("step", [0.5, 0.05, 0.013])
+def test_exact_flow_follows_bounded_noise_exactly_at_any_step(step):
+    network, _ = band_limited(0.1, 40)
+    network = network.replace(excitations={"a": network.excitations["a"].replace(allow_repeat=True)})
+    ds = il.simulate(network, 40 * step, step=step, initial="rest", spin_up=0.0, rng=5, record=il.Trajectory(step))
+    item = lines_of(Model.of(network))[0]
+    phase = phases(seed_of(5), item, 0, 0)
+    body = network.oscillators["a"]
+    drift = np.array([[0.0, 1.0], [-body.stiffness, -body.damping]])
+    amplitudes = response_amplitudes(item, np.array([1.0, body.damping, body.stiffness]), phase)
+    steady = direct(item.frequencies, amplitudes, ds.time.values)
+    transient = np.array([expm(drift * t) @ -steady[0] for t in ds.time.values])
+    np.testing.assert_allclose(ds.displacement[0, :, 0], (steady + transient)[:, 0], rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(ds.velocity[0, :, 0], (steady + transient)[:, 1], rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()], ids=["exact flow", "RK4"])
+def test_series_of_different_periods_repeat_each_after_its_own(integrator):
+    """A body's path does not depend on what excites another body that it never touches."""
+    body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)
+    noises = {
+        "a": il.ShinozukaNoise(1.0, band=(0.0, 5.0), components=20, allow_repeat=True),  # 4 s
+        "b": il.ShinozukaNoise(1.0, band=(0.0, 5.0), components=30, allow_repeat=True),  # 6 s
+    }
+    options = {"step": 0.01, "rng": 1, "spin_up": 0.0, "integrator": integrator, "record": il.Trajectory(0.5)}
+    both = il.simulate(il.Network({"a": body, "b": body}, excitations=noises), 20.0, **options)
+    for name in "ab":
+        alone = il.simulate(il.Network({name: body}, excitations={name: noises[name]}), 20.0, **options)
+        np.testing.assert_allclose(
+            both.displacement.sel(oscillator=name), alone.displacement.sel(oscillator=name), rtol=0.0, atol=1e-12
+        )
