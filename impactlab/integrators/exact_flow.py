@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, Integrator, frequencies
-from impactlab.kernels.flow import COEFFICIENTS, add_noise, flow, flow_coefficients, transition
+from impactlab.kernels.flow import COEFFICIENTS, flow, flow_coefficients, transition
 from impactlab.kernels.jit import loop
-from impactlab.kernels.kick import add_forced, add_response, clear, scaled_sum
+from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, scaled_sum
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import add_contacts, add_kick, add_state, write_snapshot
 from impactlab.model import Model
@@ -94,16 +94,17 @@ def _advance(  # type: ignore[no-untyped-def]
     x, v, y, middle, total = state.x, state.v, state.reading, state.velocity, state.total
     indentation, contact_force = state.indentation, state.contact_force
     push = state.external
+    rows = np.full(coefficients.shape[0], -1)
+    for row in range(noise.bodies.shape[0]):
+        rows[noise.bodies[row]] = row
     for index in range(count):
         now = first + index
         if series.bodies.shape[0]:
             add_response(series.samples, now, -1.0, series.bodies, x, v)
-        flow(coefficients, x, v)
-        if noise.bodies.shape[0]:
-            if index == 0 or now % 2 == 0:
-                fill_normals(noise.streams, noise.realizations, np.uint64(now // 2), state.normals)
-            sample = index if noise.scale.shape[0] > 1 else 0
-            add_noise(coefficients, noise.bodies, noise.scale, sample, state.normals, 2 * (now % 2), x, v)
+        if noise.bodies.shape[0] and (index == 0 or now % 2 == 0):
+            fill_normals(noise.streams, noise.realizations, np.uint64(now // 2), state.normals)
+        sample = index if noise.scale.shape[0] > 1 else 0
+        flow(coefficients, rows, noise.scale, sample, state.normals, 2 * (now % 2), x, v)
         if forced.bodies.shape[0]:
             clear(push)
             add_forced(forced.force, index, forced.bodies, push)
@@ -115,11 +116,10 @@ def _advance(  # type: ignore[no-untyped-def]
         forces(x, state.rest, parameters, indices, indentation, contact_force, total)
         scaled_sum(x, coefficients, _SHIFT, total, y)
         forces(y, v, parameters, indices, indentation, contact_force, total)
-        scaled_sum(v, coefficients, _HALF_KICK, total, middle)
         if dissipative:  # once more, with the velocity in the middle of the kick
-            forces(y, middle, parameters, indices, indentation, contact_force, total)
             scaled_sum(v, coefficients, _HALF_KICK, total, middle)
-        scaled_sum(v, coefficients, _KICK, total, v)
+            forces(y, middle, parameters, indices, indentation, contact_force, total)
+        apply_kick(coefficients, _KICK, total, v, middle)
         if summing:
             add_state(x, middle, sums.bodies)
             add_kick(x, middle, total, coefficients, _KICK, sums.bodies)

@@ -70,28 +70,15 @@ def flow_coefficients(a: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def flow(coefficients, x, v):  # type: ignore[no-untyped-def]
-    """Carry all bodies over one step without noise."""
-    for body in range(coefficients.shape[0]):
-        a_xx, a_xv = coefficients[body, 0], coefficients[body, 1]
-        a_vx, a_vv = coefficients[body, 2], coefficients[body, 3]
-        for lane in range(x.shape[1]):
-            displacement = x[body, lane]
-            velocity = v[body, lane]
-            x[body, lane] = a_xx * displacement + a_xv * velocity
-            v[body, lane] = a_vx * displacement + a_vv * velocity
-
-
-@kernel
-def add_noise(coefficients, bodies, scale, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
-    """Add the noise of one step to bodies under white noise.
+def flow(coefficients, rows, scale, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
+    """Carry all bodies over one step.
 
     Parameters
     ----------
     coefficients : (body, 7) ndarray
         The flow.
-    bodies : (row,) ndarray of int
-        Slots of the bodies under white noise.
+    rows : (body,) ndarray of int
+        Row of each body's noise, -1 for a body without.
     scale : (time, row) ndarray
         Amplitude of the noise relative to the coefficients'.
     sample : int
@@ -103,12 +90,22 @@ def add_noise(coefficients, bodies, scale, sample, normals, column, x, v):  # ty
     x, v : [body, lane]
         State.
     """
-    for row in range(bodies.shape[0]):
-        body = bodies[row]
-        l_xx = scale[sample, row] * coefficients[body, 4]
-        l_vx = scale[sample, row] * coefficients[body, 5]
-        l_vv = scale[sample, row] * coefficients[body, 6]
-        for lane in range(x.shape[1]):
-            x[body, lane] += l_xx * normals[row, column, lane]
-        for lane in range(v.shape[1]):
-            v[body, lane] += l_vx * normals[row, column, lane] + l_vv * normals[row, column + 1, lane]
+    for body in range(rows.shape[0]):
+        a_xx, a_xv = coefficients[body, 0], coefficients[body, 1]
+        a_vx, a_vv = coefficients[body, 2], coefficients[body, 3]
+        row = rows[body]
+        if row < 0:
+            for lane in range(x.shape[1]):
+                displacement, velocity = x[body, lane], v[body, lane]
+                x[body, lane] = a_xx * displacement + a_xv * velocity
+                v[body, lane] = a_vx * displacement + a_vv * velocity
+        else:
+            l_xx = scale[sample, row] * coefficients[body, 4]
+            l_vx = scale[sample, row] * coefficients[body, 5]
+            l_vv = scale[sample, row] * coefficients[body, 6]
+            for lane in range(x.shape[1]):
+                displacement, velocity = x[body, lane], v[body, lane]
+                z = normals[row, column, lane]
+                x[body, lane] = a_xx * displacement + a_xv * velocity + l_xx * z
+                noise = l_vx * z + l_vv * normals[row, column + 1, lane]
+                v[body, lane] = a_vx * displacement + a_vv * velocity + noise

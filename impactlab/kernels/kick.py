@@ -15,6 +15,18 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
 
 
 @kernel
+def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyped-def]
+    """Add ``coefficient total`` to the velocities; write those in the middle of the kick to `middle`."""
+    for body in range(coefficients.shape[0]):
+        c = coefficients[body, column]
+        for lane in range(v.shape[1]):
+            g = c * total[body, lane]
+            before = v[body, lane]
+            middle[body, lane] = before + 0.5 * g
+            v[body, lane] = before + g
+
+
+@kernel
 def clear(block):  # type: ignore[no-untyped-def]
     """Set a block to 0."""
     for body in range(block.shape[0]):
