@@ -78,12 +78,12 @@ class AnalyticSolution:
     @property
     def linear_mean_square_displacement(self) -> np.ndarray:
         """σ_x² = πS/(ck) of the linear systems (m2), below Eq. 10."""
-        return self.temperatures / np.array(self.stiffnesses)
+        return np.asarray(self.temperatures / np.array(self.stiffnesses))
 
     @property
     def linear_mean_square_velocity(self) -> np.ndarray:
         """σ_v² = πS/(cm) of the linear systems (m2 s-2), below Eq. 10."""
-        return self.temperatures / np.array(self.masses)
+        return np.asarray(self.temperatures / np.array(self.masses))
 
     @property
     def velocity_ratio(self) -> float:
@@ -105,11 +105,11 @@ class AnalyticSolution:
 
     def potential(self, indentation: np.ndarray) -> np.ndarray:
         """Contact potential (J) as it stands in the exponent of Eq. 10."""
-        return 0.4 * self.contact_stiffness * np.maximum(indentation, 0.0) ** self.exponent
+        return np.asarray(0.4 * self.contact_stiffness * np.maximum(indentation, 0.0) ** self.exponent)
 
     def force(self, indentation: np.ndarray) -> np.ndarray:
         """Contact force of Eq. 2 (N), whatever the exponent of the potential."""
-        return self.contact_stiffness * np.maximum(indentation, 0.0) ** 1.5
+        return np.asarray(self.contact_stiffness * np.maximum(indentation, 0.0) ** 1.5)
 
     def log_density(self, displacement: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Logarithm of Eq. 10 without its constant; arrays have the two systems first."""

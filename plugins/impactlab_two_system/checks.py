@@ -50,7 +50,7 @@ def _exact(results: Results) -> Iterator[Check]:
     for name in STATISTICS:
         if name not in exact or name not in accurate:
             continue
-        difference = np.abs(accurate[name] - exact[name]) - BIAS * np.abs(exact[name])
+        difference = abs(accurate[name] - exact[name]) - BIAS * abs(exact[name])
         excess = (difference / accurate[f"{name}_standard_error"]).values
         bound = _bound(excess.size)
         yield Check(
@@ -87,7 +87,7 @@ def _balances(results: Results) -> Iterator[Check]:
     for name in BALANCES:
         if name not in accurate:
             continue
-        z = np.abs(accurate[name] / accurate[f"{name}_standard_error"]).values
+        z = abs(accurate[name] / accurate[f"{name}_standard_error"]).values
         z = z[np.isfinite(z)]
         bound = _bound(z.size)
         yield Check(

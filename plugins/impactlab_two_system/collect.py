@@ -77,14 +77,21 @@ def _stacked(datasets: list[xr.Dataset], coordinate: tuple[str, np.ndarray, dict
 
 
 def _statistics(result: xr.Dataset) -> xr.Dataset:
-    """Return the statistics of one case, the scatter of one record, and what was chosen."""
+    """Return the statistics of one case, their errors or scatter, and what was chosen.
+
+    One record alone has no standard errors; many have the scatter of one, too.
+    """
     names = [name for name in (*dataset.STATISTICS, *dataset.BALANCES) if name in result]
-    found = result[[*names, *(f"{name}_standard_error" for name in names if f"{name}_standard_error" in result)]]
+    found = result[names].copy()
     data: dict[str, Any] = {}
     for name in names:
-        if f"{name}_by_realization" in result:
+        if result.attrs["realizations"] == 1:
+            found[name].attrs.pop("ancillary_variables", None)
+            continue
+        data[f"{name}_standard_error"] = result[f"{name}_standard_error"]
+        if f"{name}_by_realization" in result and name in dataset.STATISTICS:
             scatter = result[f"{name}_by_realization"].std("realization", ddof=1)
-            _, units, long_name = {**dataset.STATISTICS, **dataset.BALANCES}[name]
+            _, units, long_name = dataset.STATISTICS[name]
             scatter.attrs = {"units": units, "long_name": f"standard deviation of one record's {long_name}"}
             data[f"{name}_scatter"] = scatter
     for name, units in (("step", "s"), ("spin_up", "s"), ("duration", "s"), ("realizations", "1")):

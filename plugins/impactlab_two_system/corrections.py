@@ -113,7 +113,7 @@ def _record_length(results: Results) -> Iterator[Row]:
     cases = {
         "scatter": f"{study.components} cosines, {study.duration:g} s",
         "scatter_components": f"{4 * study.components} cosines, {study.duration:g} s",
-        "scatter_duration": f"{2 * study.components} cosines, {2 * study.duration:g} s",
+        "scatter_duration": f"{4 * study.components} cosines, {4 * study.duration:g} s",
     }
     for item, text in cases.items():
         yield Row(

@@ -23,6 +23,7 @@ from impactlab_two_system.style import (
     ORANGE,
     SKY,
     letter,
+    plain_log_axis,
     ratio_axis,
 )
 
@@ -93,6 +94,7 @@ def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity
         density = results.density("reference/density", system, ratio)
         axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["analytic"])
     axes.set_xlim(shown[0], shown[-1])
+    axes.locator_params(axis="x", nbins=4)
     axes.set_ylim(bottom=0.0)
 
 
@@ -116,12 +118,12 @@ def _base_densities(results: Results) -> Figure:
             _absolute_errors(results, below, ratio, system, quantity)
         below.set_xlabel(AXIS[system, quantity][0])
         below.set_ylabel(f"$|\\Delta p({symbol})|$")
-        below.set_ylim(bottom=0.0)
     handles, labels = above.get_legend_handles_labels()
     if results.study.reference:
         handles.append(Line2D([], [], color=GREEN))
-        labels.append("absolute error of the ensemble (grey: of the record)")
+        labels.append("absolute error of the ensemble")
     figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.align_ylabels()
     return figure
 
 
@@ -134,7 +136,10 @@ def _absolute_errors(results: Results, axes: Axes, ratio: float, system: str, qu
         center = density[f"{quantity}_center"].values
         axes.plot(center, np.abs(density[name].values - analytic), color=colour, lw=width)
         if variant == "accurate":
-            axes.fill_between(center, 0.0, BAND * density[f"{name}_standard_error"].values, color=SKY, alpha=0.5, lw=0)
+            level = BAND * density[f"{name}_standard_error"].values
+            axes.fill_between(center, 1e-9, level, color=SKY, alpha=0.4, lw=0)
+    axes.set_yscale("log")
+    axes.set_ylim(3e-5 * analytic.max(), 0.5 * analytic.max())
 
 
 def _density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
@@ -235,9 +240,12 @@ def _mean_squares(results: Results) -> Figure:
             below = figure.add_subplot(grid[3 * row + 1, column])
             _curves(results, above, name, system, sources)
             _curves(results, below, name, system, sources[1:], relative_to="linear")
-            above.set_yscale("log")
             below.axhline(1.0, color="black", ls=":", lw=1.2, zorder=1)
-            below.set_yscale("log")
+            if system == "one":  # over seven decades, and close to the linear law
+                above.set_yscale("log")
+            else:
+                plain_log_axis(above)
+                plain_log_axis(below)
             ratio_axis(above, results.ratios(0.0))
             ratio_axis(below, results.ratios(0.0))
             above.set_xlabel("")
@@ -246,6 +254,7 @@ def _mean_squares(results: Results) -> Figure:
             below.set_ylabel("over linear")
             letter(above, 3 * row + column, f"System {row + 1}")
     _legend(figure, results, sources)
+    figure.align_ylabels()
     return figure
 
 
@@ -260,7 +269,7 @@ def _ratios(results: Results) -> Figure:
         symbol = "x" if name == X2 else "v"
         axes.set_ylabel(f"$E[{symbol}_1^2]/E[{symbol}_2^2]$")
         letter(axes, index, "displacement" if name == X2 else "velocity")
-    _legend(figure, results, sources)
+    _legend(figure, results, sources, columns=3)
     return figure
 
 
@@ -284,13 +293,14 @@ def _largest_force(results: Results) -> Figure:
     over_ratio, distribution, growth = figure.subplots(1, 3)
     for clearance, colour in _coloured(results):
         ratios = results.ratios(0.0)
-        levels = np.array([np.quantile(results.peaks(ratio, clearance), (0.05, 0.95)) for ratio in ratios])
-        over_ratio.fill_between(ratios, levels[:, 0], levels[:, 1], color=colour, alpha=0.13, lw=0)
+        if clearance == study.density_clearance:
+            levels = np.array([np.quantile(results.peaks(ratio, clearance), (0.05, 0.95)) for ratio in ratios])
+            over_ratio.fill_between(ratios, levels[:, 0], levels[:, 1], color=colour, alpha=0.18, lw=0)
     _curves(results, over_ratio, "peak_contact_force", "gap", ("paper", "accurate"))
     ratio_axis(over_ratio, results.ratios(0.0))
-    over_ratio.set_yscale("log")
+    plain_log_axis(over_ratio)
     over_ratio.set_ylabel(f"largest force in {study.duration:g} s (N)")
-    letter(over_ratio, 0, "mean, and 5 to 95 % of records")
+    letter(over_ratio, 0, "mean; band: 90 % of records")
     base = study.balanced_ratio
     if base in study.frequency_ratios:
         for clearance, colour in _coloured(results):

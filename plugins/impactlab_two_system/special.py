@@ -54,7 +54,7 @@ def fluctuations_stay(results: Results) -> Judgement:
     few, many, longer = (
         results.scatter(item, X2, "two") for item in ("scatter", "scatter_components", "scatter_duration")
     )
-    text = f"scatter of E[x2²]: {few:%}, with 4 N {many:%}, with 2 N and twice the record {longer:%}"
+    text = f"scatter of E[x2²]: {few:%}, with 4 N {many:%}, with 4 N and four times the record {longer:%}"
     return Judgement(text, grade([not (few - many).surely_positive()]))
 
 
@@ -197,18 +197,16 @@ def rises_then_stable(results: Results, clearance: float) -> Judgement:
 
 
 def minimum_at(results: Results, clearance: float, ratio: float) -> Judgement:
-    """All other frequency ratios have a larger value, by more than three standard errors."""
+    """Its neighbours, and all other frequency ratios, surely have a larger value."""
     found = _contact_ratios(results, clearance)
     (here,) = results.ratios(ratio, ratio)
-    larger = [(value - found[here]).surely_positive() for place, value in found.items() if place != here]
+    larger = {place: (value - found[here]).surely_positive() for place, value in found.items() if place != here}
+    places = list(found)
+    index = places.index(here)
+    neighbours = places[max(0, index - 1) : index] + places[index + 1 : index + 2]
     lowest = min(found, key=lambda place: found[place].value)
-    verdict = "holds" if all(larger) else "holds partly" if _flat(found, here, lowest) else "does not hold"
-    return Judgement(f"minimum at ω̄ = {lowest:g}: {_listed(found)}", verdict)
-
-
-def _flat(found: dict[float, Measured], here: float, lowest: float) -> bool:
-    """Whether the value is within 5 % of the lowest."""
-    return found[here].against(found[lowest]).within(CLOSE)
+    conditions = [all(larger[place] for place in neighbours), all(larger.values())]
+    return Judgement(f"lowest at ω̄ = {lowest:g}: {_listed(found)}", grade(conditions))
 
 
 def jump_at(results: Results, clearance: float, ratio: float) -> Judgement:
