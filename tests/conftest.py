@@ -33,30 +33,42 @@ def base_case():
     return make
 
 
-def start_python(*arguments, **environment):
-    """Start another Python that finds this impactlab; give it a script or ``-c`` and a text."""
-    package = str(Path(il.__file__).parents[1])
-    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
-    return subprocess.Popen(
-        [sys.executable, "-W", "error", *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8", **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-    )
+@pytest.fixture(scope="session")
+def start_python():
+    """Start another Python that finds this impactlab; what is returned waits for its output."""
+
+    started = []
+
+    def start(*arguments, **environment):
+        package = str(Path(il.__file__).parents[1])
+        path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
+        process = subprocess.Popen(
+            [sys.executable, "-W", "error", *map(str, arguments)],
+            env={**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8", **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+        )
+
+        started.append(process)
+
+        def output():
+            printed, errors = process.communicate(timeout=120)
+            assert process.returncode == 0, errors
+            return printed
+
+        return output
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
-def output_of(process):
-    """Wait for a process that `start_python` started and return what it printed."""
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 0, errors
-    return output
-
-
-@pytest.fixture
-def run_python():
+@pytest.fixture(scope="session")
+def run_python(start_python):
     """Run another Python and return what it printed."""
-    return lambda *arguments, **environment: output_of(start_python(*arguments, **environment))
+    return lambda *arguments, **environment: start_python(*arguments, **environment)()
 
 
 @pytest.fixture
