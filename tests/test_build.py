@@ -16,7 +16,7 @@ import warnings
 import impactlab as il
 from impactlab.kernels.jit import cache_folder, compilations
 
-def run(law=il.HertzContact(1e4), integrator=il.ExactFlow(), bodies=2, realizations=3, **options):
+def run(law=il.HertzContact(1e4), integrator=il.RungeKutta4(), bodies=2, realizations=3, **options):
     body = il.DuffingOscillator(30.0, damping=0.4, stiffness=4.0)
     network = il.chain(bodies, body, law, clearance=0.01, excitation=il.WhiteNoise(1.0), walls=True)
     with warnings.catch_warnings():
@@ -95,26 +95,28 @@ if __name__ == "__main__":
         def potential(indentation, stiffness):
             return stiffness * power(indentation) * indentation / (EXPONENT + 1)
 
-    laws = [PowerLaw(1e3), WithPotential(1e3), il.LinearContact(1e3)]
-    results = [run(law) for law in laws]
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        results.append(run(laws[0], executor=executor))
+    results = [run(PowerLaw(1e3)), run(WithPotential(1e3))]
+    if EXPONENT == 1:
+        results.append(run(il.LinearContact(1e3)))
+    else:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+            results.append(run(PowerLaw(1e3), executor=executor))
     print(json.dumps(results))
 """
 
 
 def test_kernel_in_a_script_that_is_changed(cache, run_python, tmp_path):
-    """With and without potential, here and in a spawned worker that never sees the class."""
+    """With and without potential, and in a spawned worker that never sees the class."""
     script = tmp_path / "script.py"
     results = {}
     for exponent in (1, 2):
         script.write_text(SCRIPT.format(scene=SCENE, exponent=exponent), encoding="utf-8")
         results[exponent] = json.loads(run_python(script, IMPACTLAB_CACHE=cache))
-    for force, with_potential, linear, in_worker in results.values():
-        assert force == with_potential == in_worker
-        assert linear == results[1][2]
-    assert results[1][0] == results[1][2]
-    assert results[2][0] != results[1][0]
+    force, with_potential, linear = results[1]
+    assert force == with_potential == linear
+    changed, with_potential, in_worker = results[2]
+    assert changed == with_potential == in_worker
+    assert changed != force
 
 
 def test_cache_that_cannot_be_written(two_at_once, run_python, tmp_path):
