@@ -10,6 +10,7 @@ import pytest
 
 import impactlab as il
 from impactlab.cli import _parser
+from impactlab.dataset import STATISTICS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -97,6 +98,16 @@ def test_readme_command_of_the_tests_is_what_ci_runs() -> None:
     assert done.stdout.strip().endswith(".venv/bin/python -m pytest")
 
 
-def test_reference_lists_the_public_names() -> None:
-    listed = re.findall(r"^\| `(?:il\.)?(\w+)", text_of(ROOT / "docs" / "reference.md"), re.MULTILINE)
-    assert sorted(listed) == sorted(il.__all__)
+def test_reference_lists_the_public_names_and_the_statistics() -> None:
+    page = text_of(ROOT / "docs" / "reference.md")
+    assert sorted(re.findall(r"^\| `il\.(\w+)", page, re.MULTILINE)) == sorted(il.__all__)
+    variables = page.partition("## Variables of a result")[2].partition("Records add")[0]
+    assert re.findall(r"^\| `(\w+)`", variables, re.MULTILINE) == list(STATISTICS)
+
+
+def test_architecture_names_every_module() -> None:
+    page = text_of(ROOT / "docs" / "architecture.md").partition("## Where to add what")[0]
+    modules = [file.stem for file in (ROOT / "impactlab").rglob("*.py") if not file.stem.startswith("__")]
+    inside_reference = {file.stem for file in (ROOT / "impactlab" / "reference").glob("*.py")}
+    missing = [name for name in modules if name not in inside_reference and not re.search(rf"\b{name}\b", page)]
+    assert not missing
