@@ -168,13 +168,22 @@ def test_equal_bodies_get_equal_numbers_in_their_order():
         np.testing.assert_array_equal(q[row], one(body, 0.1)[1])
 
 
-def test_kernel_applies_the_transition_and_leaves_the_wall():
+@pytest.mark.parametrize("column", [0, 2])
+def test_kernel_applies_the_transition_and_leaves_the_wall(column):
     a, q = transition(*np.array(list(BODIES.values())).T, 0.1)
+    coefficients = flow_coefficients(a, q)
+    rows = np.full(len(a), -1)
+    rows[[1, 3, 4]] = 0, 2, 1
     rng = np.random.default_rng(1)
     x, v = rng.normal(size=(2, len(a) + 1, 5))
+    scale, normals = rng.uniform(size=(2, 3)), rng.normal(size=(3, 4, 5))
     before = np.stack([x, v], axis=1).copy()
-    flow(flow_coefficients(a, q), x, v)
+    flow(coefficients, rows, scale, 1, normals, column, x, v)
     expected = np.einsum("bij,bjl->bil", a, before[:-1])
+    for body in (1, 3, 4):
+        row = rows[body]
+        z = scale[1, row] * normals[row, column : column + 2]
+        expected[body] += np.linalg.cholesky(q[body]) @ z
     np.testing.assert_allclose(x[:-1], expected[:, 0], rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(v[:-1], expected[:, 1], rtol=1e-13, atol=1e-12)
     np.testing.assert_array_equal([x[-1], v[-1]], before[-1])
