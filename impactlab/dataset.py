@@ -35,6 +35,13 @@ STATISTICS: dict[str, tuple[str, str, str]] = {
 }
 """Default statistics: name to dimension, units and long name."""
 
+DIRECT: dict[str, tuple[str, str, str]] = {
+    f"direct_{name}": (dimension, units, f"{long_name}: plain mean")
+    for name, (dimension, units, long_name) in STATISTICS.items()
+    if name != "peak_contact_force"
+}
+"""Plain means of statistics whose values are combined with balances."""
+
 BALANCES: dict[str, tuple[str, str, str]] = {
     f"balance_{name}": (
         "oscillator",
@@ -44,6 +51,9 @@ BALANCES: dict[str, tuple[str, str, str]] = {
     for name in ("mean_displacement", "mean_square_displacement", "mean_square_velocity")
 }
 """Differences between two estimates of one quantity, zero in expectation."""
+
+VARIABLES = {**STATISTICS, **DIRECT, **BALANCES}
+"""Everything that is estimated: name to dimension, units and long name."""
 
 _LOCK = threading.RLock()  # the netCDF library is not thread-safe
 
@@ -76,7 +86,7 @@ def statistics(
     labels = {"oscillator": oscillators, "contact": contacts}
     data: dict[str, Any] = {}
     for name, value in values.items():
-        dimension, units, long_name = {**STATISTICS, **BALANCES}[name]
+        dimension, units, long_name = VARIABLES[name]
         if not labels[dimension]:
             continue
         attrs = {"units": units, "long_name": long_name}

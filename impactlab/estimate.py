@@ -1,8 +1,9 @@
-"""From sums to statistics and their standard errors.
+"""From statistics of independent units to values and their standard errors.
 
 A *unit* is what counts as independent: a realization or, where there are few of them, a
-batch of one. Every statistic is a mean over units or a smooth function of such means,
-and its standard error comes from the scatter of the units.
+batch of one. A value is a mean over units. Where balances hold, whose expectation is
+known to be 0, the part of a statistic's scatter that follows theirs is removed: the value
+is that of a linear regression on the balances, at balance 0 (control variates).
 """
 
 from __future__ import annotations
@@ -13,12 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.errors import AccuracyWarning
-from impactlab.kernels.flow import transition
-from impactlab.kernels.sums import CLOSED, FLUX, FORCE, GG, GV, GX, PEAK, VV, XV, XX, G, V, X
+from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
+from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
 from impactlab.rules import BATCH_TIMES, BATCHES
 
-Values = dict[str, np.ndarray]
+SETTLED = 5.0
+"""Relaxation times of spin-up after which balances may be used as controls."""
+
+UNITS_PER_CONTROL = 8
+"""Least number of units for each control of a regression."""
+
+BROKEN = 6.0
+"""Balance, in standard errors, from which it counts as not closed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +36,10 @@ class Estimates:
     Attributes
     ----------
     values, errors : dict of str to ndarray
-        Values and standard errors, per body or contact.
+        Values and standard errors, per body or contact; ``direct_<name>`` are plain means
+        where the value itself is a combination with balances.
     by_realization : dict of str to (realization, body or contact) ndarray
-        The same statistics of each realization.
+        The direct statistics of each realization.
     drift : float
         Largest difference between the first and the second half of the run, in standard
         errors; NaN with fewer than 8 realizations.
@@ -61,27 +70,23 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
     steps = np.diff([0, *plan.boundaries]).astype(float)
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
-    whole = _statistics(plan, bodies.sum(axis=0) / plan.steps, contacts.sum(axis=0) / plan.steps)
-    peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
+    whole = statistics_of(plan, bodies.sum(axis=0) / plan.steps, contacts.sum(axis=0) / plan.steps)
     if enough_alone:
         units, weights = whole, np.ones(realizations)
     else:
         scaled = steps[:, None, None, None]
-        per_batch = [_statistics(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
+        per_batch = [statistics_of(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
     trusted = enough_alone or (len(weights) >= BATCHES and steps.min() * plan.step >= 0.999 * BATCH_TIMES * relaxation)
     if not trusted and (len(plan.white) or plan.lines):
         _warn(plan, relaxation)
-    values = {name: np.average(item, axis=-1, weights=weights) for name, item in units.items()}
-    mean = values["mean_displacement"]
-    values["variance_displacement"] = values["mean_square_displacement"] - mean**2
-    linear = units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"]
-    units = {**units, "variance_displacement": linear}
-    errors = {name: _error(item, weights, trusted) for name, item in units.items()}
-    variance = whole["mean_square_displacement"] - whole["mean_displacement"] ** 2
+    settled = trusted and plan.spin_up_steps * plan.step >= SETTLED * relaxation * (1.0 - 1e-9)
+    values, errors = _combined(plan, units, weights, trusted, settled)
+    peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
-    errors["peak_contact_force"] = _error(peak, np.ones(realizations), realizations > 1)
+    errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
+    variance = whole["mean_square_displacement"] - whole["mean_displacement"] ** 2
     by_realization = {**whole, "variance_displacement": variance, "peak_contact_force": peak}
     return Estimates(
         values,
@@ -91,117 +96,110 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
     )
 
 
-def _statistics(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Values:
-    """Turn mean sums (row, body or contact, unit) into statistics (body or contact, unit)."""
-    processed = {
-        "mean_displacement": bodies[X],
-        "mean_square_displacement": bodies[XX],
-        "mean_velocity": bodies[V],
-        "mean_square_velocity": bodies[VV],
-    }
-    balances = {}
-    if plan.integrator.kicks:
-        processed = _processed(plan, bodies)
-        balances = _balances(plan, bodies)
-    return {
-        **processed,
-        "contact_ratio": contacts[CLOSED],
-        "contact_rate": contacts[FLUX] / (2.0 * plan.window[:, None]),
-        "mean_contact_force": contacts[FORCE],
-        **balances,
-    }
+def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool, settled: bool) -> tuple[Values, Values]:
+    """Return values and standard errors, combined with the balances where these can be used."""
+    balances = [name for name in units if name.startswith("balance_")]
+    values, errors = {}, {}
+    for name in balances:
+        values[name], errors[name] = _mean(units[name], weights, trusted)
+    controls = _controls(plan, units, values, errors) if settled else {}
+    for name in units:
+        if name in balances:
+            continue
+        direct = _mean(units[name], weights, trusted)
+        values[name], errors[name] = _regressed(plan, name, units[name], controls, weights) if controls else direct
+        if controls:
+            values[f"direct_{name}"], errors[f"direct_{name}"] = direct
+    for prefix in ("", "direct_") if controls else ("",):
+        # the influence of a unit on E[x²] − E[x]² is that of x² − 2 E[x] x
+        mean = values[f"{prefix}mean_displacement"]
+        linear = units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"]
+        name = f"{prefix}variance_displacement"
+        plain = prefix or not controls
+        value, errors[name] = (
+            _mean(linear, weights, trusted) if plain else _regressed(plan, name, linear, controls, weights)
+        )
+        values[name] = value + mean**2
+    return values, errors
 
 
-def _processed(plan: Plan, s: np.ndarray) -> Values:
-    """Moments as (kick + 2 middle of the flow)/3: Simpson's rule over the time of a step.
+def _controls(plan: Plan, units: Values, values: Values, errors: Values) -> dict[int, list[np.ndarray]]:
+    """Return the balances of each body that close, by its slot; nothing if one does not.
 
-    It removes the error of second order. The moments in the middle of the flow follow
-    exactly from those after the kick. Only the flow of white noise of constant intensity is
-    closed in this way; other bodies keep the moments at the kick.
+    A balance that is off says that the run is not stationary, or the step is beyond what
+    the theory covers; then no value is corrected by it.
     """
-    mass, damping, stiffness = plan.linear
-    a, q = transition(mass, damping, stiffness, _intensity(plan), 0.5 * plan.step)
-    velocity = s[V] + 0.5 * s[G]
-    after = s[XX], s[XV] + 0.5 * s[GX], s[VV] + s[GV] + 0.25 * s[GG]
-    closed = _closed_flow(plan)[:, None]
-    result = {}
-    for row, quantity, mean, square in ((0, "displacement", X, XX), (1, "velocity", V, VV)):
-        of_x, of_v = a[:, row, 0, None], a[:, row, 1, None]
-        middle = of_x * s[X] + of_v * velocity
-        middle_square = of_x**2 * after[0] + 2.0 * of_x * of_v * after[1] + of_v**2 * after[2] + q[:, row, row, None]
-        result[f"mean_{quantity}"] = np.where(closed, (s[mean] + 2.0 * middle) / 3.0, s[mean])
-        result[f"mean_square_{quantity}"] = np.where(closed, (s[square] + 2.0 * middle_square) / 3.0, s[square])
-    return result
+    controls: dict[int, list[np.ndarray]] = {}
+    for name in (name for name in units if name.startswith("balance_")):
+        for body in np.flatnonzero(np.isfinite(errors[name])):
+            scatter = errors[name][body]
+            if abs(values[name][body]) > BROKEN * scatter:
+                warnings.warn(
+                    f"{name} of {plan.bodies[body]!r} is {abs(values[name][body]) / scatter:.1f} standard errors "
+                    "off 0, so balances are not used: the spin-up may be too short, or the step too large.",
+                    AccuracyWarning,
+                    stacklevel=5,
+                )
+                return {}
+            if scatter > 0.0:
+                controls.setdefault(int(body), []).append(units[name][body])
+    return controls
 
 
-def _balances(plan: Plan, s: np.ndarray) -> Values:
-    """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
+def _regressed(
+    plan: Plan, name: str, units: np.ndarray, controls: dict[int, list[np.ndarray]], weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Regress each row of units on the balances of the bodies concerned.
 
-    With A the flow, Σ the linear law, g the velocity increment of a kick, and
-    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before the kick are Σ + D with
-    D = A (D + K) Aᵀ. Where the linear law does not exist, a part of this remains:
-    the velocity of a damped free body, the power of the kicks on an undamped one.
+    They are the body and its neighbours, or the two bodies of a contact. The standard error
+    is that of the regression at balance 0: ``s² (1/n + ḡᵀ (Σ (g − ḡ)(g − ḡ)ᵀ)⁻¹ ḡ)``.
     """
-    mass, damping, stiffness = plan.linear
-    a, _ = transition(mass, damping, stiffness, np.zeros_like(mass), plan.step)
-    intensity = _intensity(plan)
-    shape = s[X].shape
-    mean, displacement, velocity = (np.full(shape, np.nan) for _ in range(3))
-    for body in np.flatnonzero(_closed_flow(plan)):
-        flow = a[body]
-        c_x, c_v = s[GX, body], s[GV, body]
-        before = s[VV, body] - c_v + 0.25 * s[GG, body]  # E[v²] before the kick
-        if stiffness[body] > 0.0:
-            gain = np.linalg.solve(np.eye(2) - flow, flow)[0, 1]
-            mean[body] = s[X, body] - gain * s[G, body]
-        if damping[body] == 0.0:
-            if intensity[body] == 0.0:
-                velocity[body] = c_v
-        elif stiffness[body] == 0.0:
-            decay = flow[1, 1] ** 2
-            linear = np.pi * intensity[body] / (mass[body] * damping[body])
-            velocity[body] = before - linear - 2.0 * c_v * decay / (1.0 - decay)
-        else:
-            lyapunov = np.kron(flow, flow)
-            unit = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T
-            d = np.linalg.solve(np.eye(4) - lyapunov, lyapunov @ unit)
-            linear = np.pi * intensity[body] / (mass[body] * damping[body])
-            velocity[body] = before - linear - d[3, 0] * c_x - d[3, 1] * c_v
-            linear *= mass[body] / stiffness[body]
-            displacement[body] = s[XX, body] - linear - d[0, 0] * c_x - d[0, 1] * c_v
-    return {
-        "balance_mean_displacement": mean,
-        "balance_mean_square_displacement": displacement,
-        "balance_mean_square_velocity": velocity,
-    }
+    of_contacts = len(units) == len(plan.ends) and "contact" in name
+    result = np.empty((2, len(units)))
+    most = len(weights) // UNITS_PER_CONTROL
+    for row, values in enumerate(units):
+        near = plan.ends[row] if of_contacts else _neighbours(plan, row)
+        chosen = [control for body in near for control in controls.get(int(body), [])][:most]
+        result[:, row] = _regression(values, chosen, weights)
+    return result[0], result[1]
 
 
-def _intensity(plan: Plan) -> np.ndarray:
-    """Density of the white noise on every body, (body,)."""
-    result = np.zeros(len(plan.bodies))
-    result[plan.white] = plan.intensity
-    return result
+def _neighbours(plan: Plan, body: int) -> np.ndarray:
+    """Slots of a body and of those it can touch, itself first."""
+    touching = plan.ends[(plan.ends == body).any(axis=1)]
+    return np.concatenate([[body], np.unique(touching[touching != body])])
 
 
-def _closed_flow(plan: Plan) -> np.ndarray:
-    """Bodies between whose kicks there is nothing but white noise of constant intensity."""
-    result = np.ones(len(plan.bodies), dtype=bool)
-    result[[lines.body for lines in plan.lines]] = False
-    result[plan.forced] = False
-    if plan.time_varying:
-        result[plan.white] = False
-    return result
+def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndarray) -> tuple[float, float]:
+    """Return the value of a weighted linear regression at control 0, and its standard error."""
+    share = weights / weights.sum()
+    root = np.sqrt(share * len(weights))
+    mean = share @ values
+    g = np.array(controls).reshape(len(controls), -1)
+    offsets = g @ share
+    centred = (g - offsets[:, None]) * root
+    scale = np.sqrt((centred**2).sum(axis=1))
+    used = scale > 0.0
+    u, s, vt = np.linalg.svd((centred[used] / scale[used, None]).T, full_matrices=False)
+    kept = s > 1e-7
+    u, s, vt = u[:, kept], s[kept], vt[kept]
+    residual = (values - mean) * root
+    slopes = u.T @ residual
+    shift = vt @ (offsets[used] / scale[used]) / s
+    residual = residual - u @ slopes
+    freedom = len(values) - 1 - len(s)
+    variance = residual @ residual / freedom * (1.0 / len(values) + shift @ shift)
+    return float(mean - shift @ slopes), float(np.sqrt(variance))
 
 
-def _error(units: np.ndarray, weights: np.ndarray, trusted: bool) -> np.ndarray:
-    """Standard error of the weighted mean over the last axis; NaN if it cannot be trusted."""
+def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean over the last axis and its standard error; NaN if it cannot be trusted."""
     count = units.shape[-1]
-    if not trusted or count < 2:
-        return np.full(units.shape[:-1], np.nan)
     mean = np.average(units, axis=-1, weights=weights)
+    if not trusted or count < 2:
+        return mean, np.full(units.shape[:-1], np.nan)
     scatter = ((weights * (units - mean[..., None])) ** 2).sum(axis=-1)
-    result: np.ndarray = np.sqrt(scatter * count / (count - 1.0)) / weights.sum()
-    return result
+    return mean, np.sqrt(scatter * count / (count - 1.0)) / weights.sum()
 
 
 def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray) -> float:

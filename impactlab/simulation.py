@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.build import digest
-from impactlab.dataset import BALANCES, STATISTICS, configuration_of, provenance, statistics
+from impactlab.dataset import VARIABLES, configuration_of, provenance, statistics
 from impactlab.ensemble import cores, merged, run
 from impactlab.errors import AccuracyWarning, InvalidInput
 from impactlab.estimate import Estimates, estimate
@@ -167,7 +167,7 @@ def _simulate(
 
 def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:
     """Return the dataset of a finished run."""
-    names = [name for name in (*STATISTICS, *BALANCES) if _known(estimates.values.get(name))]
+    names = [name for name in VARIABLES if _known(estimates.values.get(name))]
     values = {name: estimates.values[name] for name in names}
     errors = {name: estimates.errors[name] for name in names}
     observation = plan.steps * plan.step
@@ -191,7 +191,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
     for index, (item, ratio) in enumerate(plan.records):
         if isinstance(item, PerRealization):
             for name in names:
-                dimension, units, long_name = {**STATISTICS, **BALANCES}[name]
+                dimension, units, long_name = VARIABLES[name]
                 if dimension in dataset.dims and name in estimates.by_realization:
                     dataset[f"{name}_by_realization"] = (
                         ("realization", dimension),
