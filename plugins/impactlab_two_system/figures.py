@@ -12,16 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from impactlab.plot import COLORS, band, draw_network, points, style
+from impactlab.plot import COLORS, draw_network, points, style
+from impactlab_two_system.density_figures import base_densities, density_grid
 from impactlab_two_system.results import Measured, Missing, Results, mean
 from impactlab_two_system.style import (
-    AXIS,
-    BLUE,
-    DENSITY_UNITS,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
     letter,
     plain_log_axis,
     ratio_axis,
@@ -31,8 +25,6 @@ if TYPE_CHECKING:
     from impactlab_two_system.study import TwoSystemStudy
 
 X2, V2 = "mean_square_displacement", "mean_square_velocity"
-COORDINATES = tuple(AXIS)
-BAND = 2.0  # standard errors
 _POINTS: dict[str, Any] = {"fmt": "o-", "markersize": 3}
 
 
@@ -41,9 +33,9 @@ def draw(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure
     results = Results(study, tree)
     drawings: dict[str, Any] = {
         "figure_1": _system,
-        "figure_2": _base_densities,
-        "figure_3": lambda r: _density_grid(r, (12.0, 8.0, 4.0, 1.0)),
-        "figure_4": lambda r: _density_grid(r, (32.0, 64.0, 128.0, 256.0)),
+        "figure_2": base_densities,
+        "figure_3": lambda r: density_grid(r, (12.0, 8.0, 4.0, 1.0)),
+        "figure_4": lambda r: density_grid(r, (32.0, 64.0, 128.0, 256.0)),
         "figure_5": _mean_squares,
         "figure_6": _ratios,
         "figure_7": _contact_ratio,
@@ -62,105 +54,6 @@ def _system(results: Results) -> Figure:
     return draw_network(study.network(study.balanced_ratio, study.density_clearance))
 
 
-def _variants(results: Results) -> list[str]:
-    return [name for name in ("paper", "accurate") if name in results.study.variants]
-
-
-_LOOKS: dict[str, dict[str, Any]] = {
-    "paper": {"color": GREY, "lw": 0.6, "label": "simulated, one record in the paper's way"},
-    "accurate": {"color": BLUE, "lw": 1.3, "label": r"simulated, ensemble ($\pm$2 standard errors)"},
-    "analytic": {
-        "color": ORANGE,
-        "lw": 1.1,
-        "ls": (0, (4, 2.5)),
-        "label": "analytic, Eq. 12 with exponent 5/2",
-    },
-}
-
-
-def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity: str) -> None:
-    """Draw the densities of one coordinate."""
-    (ratio,) = results.ratios(ratio, ratio)
-    shown = np.zeros(0)
-    for variant in _variants(results):
-        density = results.density(f"density/{variant}", system, ratio)
-        center, value = density[f"{quantity}_center"].values, density[f"density_{quantity}"].values
-        if variant == "accurate":
-            band(axes, center, value, density[f"density_{quantity}_standard_error"].values, **_LOOKS[variant])
-        else:
-            axes.plot(center, value, **_LOOKS[variant])
-        shown = center[value > 1e-3 * value.max()]
-    if results.study.reference:
-        density = results.density("reference/density", system, ratio)
-        axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["analytic"])
-    axes.set_xlim(shown[0], shown[-1])
-    axes.locator_params(axis="x", nbins=4)
-    axes.set_ylim(bottom=0.0)
-
-
-def _base_densities(results: Results) -> Figure:
-    """Figure 2: the base case with the absolute error below each density."""
-    ratio = results.study.balanced_ratio
-    results.ratios(ratio, ratio)
-    figure = Figure(figsize=(7.2, 6.2))
-    grid = figure.add_gridspec(5, 2, height_ratios=[3, 1, 0.12, 3, 1])
-    for index, (system, quantity) in enumerate(COORDINATES):
-        row = 0 if index < 2 else 3
-        above = figure.add_subplot(grid[row, index % 2])
-        below = figure.add_subplot(grid[row + 1, index % 2], sharex=above)
-        _densities(results, above, ratio, system, quantity)
-        above.tick_params(labelbottom=False)
-        symbol = "x" if quantity == "displacement" else "v"
-        units = DENSITY_UNITS[quantity]
-        above.set_ylabel(f"density ({units})")
-        letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
-        if results.study.reference:
-            _absolute_errors(results, below, ratio, system, quantity)
-        below.set_xlabel(AXIS[system, quantity][0])
-        below.set_ylabel(f"$|\\Delta p({symbol})|$")
-    handles, labels = above.get_legend_handles_labels()
-    if results.study.reference:
-        handles.append(Line2D([], [], color=GREEN))
-        labels.append("absolute error of the ensemble")
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    figure.align_ylabels()
-    return figure
-
-
-def _absolute_errors(results: Results, axes: Axes, ratio: float, system: str, quantity: str) -> None:
-    name = f"density_{quantity}"
-    analytic = results.density("reference/density", system, ratio)[name].values
-    for variant in _variants(results):
-        density = results.density(f"density/{variant}", system, ratio)
-        colour, width = (GREY, 0.6) if variant == "paper" else (GREEN, 1.1)
-        center = density[f"{quantity}_center"].values
-        axes.plot(center, np.abs(density[name].values - analytic), color=colour, lw=width)
-        if variant == "accurate":
-            level = BAND * density[f"{name}_standard_error"].values
-            axes.fill_between(center, 1e-9, level, color=SKY, alpha=0.4, lw=0)
-    axes.set_yscale("log")
-    axes.set_ylim(3e-5 * analytic.max(), 0.5 * analytic.max())
-
-
-def _density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
-    """Figures 3 and 4: the densities of all coordinates, one row for each frequency ratio."""
-    ratios = [ratio for ratio in wanted if ratio in results.study.frequency_ratios]
-    if not ratios:
-        raise Missing("none of the frequency ratios was computed")
-    figure = Figure(figsize=(9.0, 0.9 + 1.65 * len(ratios)))
-    panels = figure.subplots(len(ratios), 4, squeeze=False)
-    for row, (ratio, line) in enumerate(zip(ratios, panels, strict=True)):
-        condition = results.value("velocity_ratio", "", ratio, 0.0, "linear").value
-        for column, ((system, quantity), axes) in enumerate(zip(COORDINATES, line, strict=True)):
-            _densities(results, axes, ratio, system, quantity)
-            axes.set_xlabel(AXIS[system, quantity][0])
-            axes.set_ylabel(f"density ({DENSITY_UNITS[quantity]})")
-            if column == 0:
-                letter(axes, row, rf"$\bar\omega={ratio:g}$, $C_{{DV}}={condition:.3g}$")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
-
-
 def _curve(
     results: Results,
     axes: Axes,
@@ -169,17 +62,17 @@ def _curve(
     label: str,
     clearance: float,
     colour: str,
-    **changes: Any,
+    relative_to: str | None = None,
 ) -> None:
-    """Draw a statistic against the frequency ratio."""
+    """Draw a statistic against the frequency ratio, or its ratio to another source."""
     ratios = np.array(results.ratios(0.0))
     values = [results.value(name, label, ratio, clearance, source) for ratio in ratios]
-    if "relative_to" in changes:
-        base = [results.value(name, label, ratio, clearance, changes["relative_to"]) for ratio in ratios]
+    if relative_to is not None:
+        base = [results.value(name, label, ratio, clearance, relative_to) for ratio in ratios]
         values = [Measured(v.value / b.value, v.error / b.value) for v, b in zip(values, base, strict=True)]
     value, error = (np.array([getattr(item, part) for item in values]) for part in ("value", "error"))
     if source == "accurate":
-        axes.errorbar(ratios, value, BAND * error, color=colour, marker="o", ms=3, lw=1.0, capsize=1.5, zorder=3)
+        points(axes, ratios, value, error, color=colour, zorder=3, **_POINTS)
     elif source == "paper":
         axes.plot(ratios, value, color=colour, marker="s", ms=4, mfc="none", mew=0.7, ls="none")
     elif source == "analytic":
@@ -188,15 +81,15 @@ def _curve(
         axes.plot(ratios, value, color="black", ls=":", lw=1.2, zorder=1)
 
 
-def _curves(results: Results, axes: Axes, name: str, label: str, sources: tuple[str, ...], **changes: Any) -> None:
+def _curves(
+    results: Results, axes: Axes, name: str, label: str, sources: tuple[str, ...], relative_to: str | None = None
+) -> None:
     """Draw a statistic for all clearances and those sources that the study has."""
     present = {"accurate", "paper"} & set(results.study.variants) | {"linear"}
     present |= {"analytic"} if results.study.reference else set()
-    if "accurate" not in present:  # the scatter of one record is not known then
-        present -= {"paper"}
     for source, (clearance, colour) in product(sources, _coloured(results)):
         if source in present:
-            _curve(results, axes, source, name, label, clearance, colour, **changes)
+            _curve(results, axes, source, name, label, clearance, colour, relative_to)
 
 
 def _coloured(results: Results) -> list[tuple[float, str]]:

@@ -74,7 +74,8 @@ class Results:
 
     Sources are ``accurate``, ``paper``, ``analytic`` (the paper's solution), ``exact`` and
     ``linear``. A number of the paper variant comes from one record; its standard error
-    is the scatter of such records in the accurate variant, which has the same length.
+    is the scatter of such records in the accurate variant, which has the same length,
+    and NaN if that was not run.
     """
 
     def __init__(self, study: TwoSystemStudy, tree: xr.DataTree) -> None:
@@ -106,7 +107,8 @@ class Results:
             return first / second
         value = self._at(SOURCES[source], name, label, ratio, clearance)
         if source == "paper":
-            return Measured(float(value), self.one_record(name, label, ratio, clearance))
+            known = "accurate" in self.study.variants
+            return Measured(float(value), self.one_record(name, label, ratio, clearance) if known else math.nan)
         error = f"{name}_standard_error"
         known = error in self.node(SOURCES[source])
         return Measured(

@@ -198,7 +198,10 @@ def test_one_variant_alone_is_enough():
     tree = study.collect(results)
     assert "accurate" not in tree.children
     assert study.claims(tree).sizes["claim"] == len(CLAIMS)
-    assert {name for name, _ in study.figures(tree)} >= {"figure_1", "figure_2"}
+    figures = dict(study.figures(tree))
+    assert set(figures) == {"figure_1", "figure_2", "figure_5", "figure_6", "figure_7"}
+    squares = [line for line in figures["figure_7"].axes[0].get_lines() if line.get_marker() == "s"]
+    np.testing.assert_allclose(squares[0].get_ydata(), tree["paper"]["contact_ratio"].values.ravel())
 
 
 @pytest.mark.parametrize(
