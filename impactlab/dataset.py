@@ -142,6 +142,8 @@ def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) 
     InvalidInput
         If there is none: the dataset was not made by impactlab, or lost its attributes.
     """
+    if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):
+        raise InvalidInput(f"Give a dataset that simulate returned, or the path of a file of one; got {source!r}.")
     dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
     if CONFIGURATION not in dataset.attrs:
         raise InvalidInput(
@@ -190,8 +192,11 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     Raises
     ------
     InvalidInput
-        If the folder does not exist or cannot be written to, or the path is a folder.
+        If the folder does not exist or cannot be written to, the path is a folder, or
+        `dataset` is not one.
     """
+    if not isinstance(dataset, xr.Dataset | xr.DataTree):
+        raise InvalidInput(f"save takes a Dataset or a DataTree, {dataset!r} was given.")
     path = Path(path)
     with _LOCK, replacing(path) as temporary:
         if isinstance(dataset, xr.DataTree):

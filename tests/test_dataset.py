@@ -1,0 +1,231 @@
+"""Datasets: labels, attributes, files that are whole or absent."""
+
+import hashlib
+import json
+import re
+import threading
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import impactlab as il
+from impactlab.dataset import BALANCES, CONFIGURATION, STATISTICS, configuration_of, load, provenance, statistics
+
+
+@pytest.fixture(scope="module")
+def network():
+    body = il.LinearOscillator(damping=0.4, stiffness=4.0)
+    return il.chain(2, body, il.HertzContact(1e3), clearance=0.1, excitation=il.WhiteNoise(1.0))
+
+
+@pytest.fixture(scope="module")
+def result(network):
+    """A result with every kind of variable."""
+    records = [
+        il.Trajectory(0.5),
+        il.Density("velocity", bins=5),
+        il.JointDensity("body_0", "body_1", bins=4),
+        il.PerRealization(),
+    ]
+    return il.simulate(network, 2.0, realizations=64, step=0.02, spin_up=0.0, record=records, rng=1)
+
+
+def made_by_hand():
+    """A small dataset with values of its own."""
+    values = {"mean_displacement": np.array([1.5, 2.5]), "contact_ratio": np.array([0.25])}
+    return statistics(["a", "b"], ["c"], values, {"contact_ratio": np.array([0.01])}, **provenance("Test", {}))
+
+
+# Labels and attributes
+
+
+def test_labels():
+    data = made_by_hand()
+    assert data.mean_displacement.sel(oscillator="b") == 2.5
+    assert data.contact_ratio_standard_error.sel(contact="c") == 0.01
+    assert list(data.data_vars) == ["mean_displacement", "contact_ratio", "contact_ratio_standard_error"]
+    assert "mean_displacement_standard_error" not in data
+
+
+def test_variables_without_labels_are_left_out():
+    data = statistics(["a"], [], {"mean_displacement": np.zeros(1), "contact_ratio": np.zeros(0)})
+    assert list(data.variables) == ["mean_displacement", "oscillator"]
+
+
+def test_every_default_statistic_has_its_error_and_its_units(result):
+    for name, (dimension, units, long_name) in {**STATISTICS, **BALANCES}.items():
+        variable, error = result[name], result[f"{name}_standard_error"]
+        assert variable.dims == error.dims == (dimension,)
+        assert variable.attrs["units"] == error.attrs["units"] == units
+        assert variable.attrs["long_name"] == long_name
+        assert variable.attrs["ancillary_variables"] == error.name
+
+
+def test_attributes_follow_cf(result):
+    assert result.attrs["Conventions"] == "CF-1.11"
+    assert {"title", "source", "history", "references"} <= set(result.attrs)
+    assert result.attrs["source"] == f"impactlab {il.__version__}"
+    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ made by impactlab", result.attrs["history"])
+    for value in result.attrs.values():
+        assert isinstance(value, str | int | float)
+        assert not isinstance(value, bool)
+    for name, variable in result.variables.items():
+        assert re.fullmatch(r"[A-Za-z]\w*", name)
+        if variable.dtype.kind == "f":
+            assert variable.attrs["units"], name
+            assert variable.attrs["long_name"], name
+        for other in variable.attrs.get("ancillary_variables", "").split():
+            assert other in result
+
+
+def test_numbers_that_say_how_it_was_made(result):
+    assert (result.attrs["step"], result.attrs["duration"], result.attrs["spin_up"]) == (0.02, 2.0, 0.0)
+    assert (result.attrs["realizations"], result.attrs["integrator"]) == (64, "ExactFlow")
+    assert float(result.observation_time) == 2.0
+
+
+def test_configuration_is_json(result, network):
+    configuration = json.loads(result.attrs[CONFIGURATION])
+    assert configuration == configuration_of(result)
+    assert configuration["network"] == network.to_dict()
+
+
+# Files
+
+
+def test_file_is_the_dataset(result, network, tmp_path):
+    path = tmp_path / "result.nc"
+    digest = il.save(result, path)
+    assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    xr.testing.assert_identical(load(path), result)
+    with xr.open_dataset(path) as data:
+        xr.testing.assert_identical(data.load(), result)
+    assert il.network_of(path) == il.network_of(str(path)) == il.network_of(result) == network
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+
+
+def test_plain_to_netcdf_works(result, tmp_path):
+    result.to_netcdf(tmp_path / "result.nc")
+    xr.testing.assert_identical(load(tmp_path / "result.nc"), result)
+
+
+def test_file_opens_without_xarray(result, tmp_path):
+    il.save(result, tmp_path / "result.nc")
+    with netCDF4.Dataset(tmp_path / "result.nc") as file:
+        assert file.Conventions == "CF-1.11"
+        assert file.data_model == "NETCDF4"
+        assert list(file["oscillator"][:]) == ["body_0", "body_1"]
+        assert file["mean_square_velocity"].units == "m2 s-2"
+        np.testing.assert_array_equal(file["mean_square_velocity"][:], result.mean_square_velocity)
+        assert file["displacement"].dimensions == ("realization", "time", "oscillator")
+
+
+def test_every_array_of_numbers_has_a_checksum(result, tmp_path):
+    tree = xr.DataTree.from_dict({"/hand": made_by_hand(), "/inside": result})
+    il.save(result, tmp_path / "result.nc")
+    il.save(tree, tmp_path / "tree.nc")
+    with netCDF4.Dataset(tmp_path / "result.nc") as file, netCDF4.Dataset(tmp_path / "tree.nc") as groups:
+        for group in (file, groups["hand"], groups["inside"]):
+            checked = {name for name, item in group.variables.items() if item.filters()["fletcher32"]}
+            numbers = {name for name, item in group.variables.items() if item.ndim and item.dtype is not str}
+            assert checked == numbers
+            assert checked
+
+
+def test_damage_is_found(tmp_path):
+    """One bit is turned; without the checksum the wrong number would be read."""
+    path = tmp_path / "result.nc"
+    il.save(made_by_hand(), path)
+    content = bytearray(path.read_bytes())
+    place = content.index(np.array([1.5, 2.5]).tobytes())
+    content[place + 6] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(il.InvalidInput, match=r"result.nc cannot be read"):
+        load(path)
+
+
+def test_tree_round_trip(result, network, tmp_path):
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=result.attrs), "/statistics": result, "/hand": made_by_hand()})
+    il.save(tree, tmp_path / "tree.nc")
+    loaded = load(tmp_path / "tree.nc")
+    assert loaded.identical(tree)
+    assert il.network_of(tmp_path / "tree.nc") == il.network_of(loaded) == network
+
+
+@pytest.mark.parametrize("old", [b"old", None])
+def test_failure_in_the_middle_leaves_what_was_there(old, tmp_path, monkeypatch):
+    path = tmp_path / "result.nc"
+    if old is not None:
+        path.write_bytes(old)
+
+    def write_half(self, place, **options):
+        Path(place).write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", write_half)
+    with pytest.raises(KeyboardInterrupt):
+        il.save(made_by_hand(), path)
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == ([] if old is None else [old])
+
+
+def test_attribute_that_netcdf_cannot_hold_leaves_the_old_file(tmp_path):
+    path = tmp_path / "result.nc"
+    il.save(made_by_hand(), path)
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        il.save(made_by_hand().assign_attrs(bad=None), path)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+
+
+def test_threads_may_save_and_load_at_once(result, tmp_path):
+    """The netCDF library itself crashes the process when two threads are in it."""
+    failures = []
+
+    def work(name):
+        try:
+            for _ in range(8):
+                il.save(result, tmp_path / name)
+                xr.testing.assert_identical(load(tmp_path / name), result)
+        except BaseException as error:  # what a thread raises is lost otherwise
+            failures.append(error)
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in ("one.nc", "two.nc", "two.nc")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["one.nc", "two.nc"]
+
+
+# Bad input
+
+
+def test_bad_places(tmp_path):
+    data = made_by_hand()
+    with pytest.raises(il.InvalidInput, match=r"is a folder; give the name of a file"):
+        il.save(data, tmp_path)
+    with pytest.raises(il.InvalidInput, match=r"Cannot write .*Give a folder that exists and is writable"):
+        il.save(data, tmp_path / "nowhere" / "result.nc")
+    (tmp_path / "file").touch()
+    with pytest.raises(il.InvalidInput, match=r"Cannot write .*Give a folder that exists and is writable"):
+        il.save(data, tmp_path / "file" / "result.nc")
+    with pytest.raises(il.InvalidInput, match=r"There is no file .*missing.nc"):
+        il.network_of(tmp_path / "missing.nc")
+    with pytest.raises(il.InvalidInput, match=r"file cannot be read"):
+        il.network_of(tmp_path / "file")
+
+
+def test_what_is_not_a_result():
+    with pytest.raises(il.InvalidInput, match=r"save takes a Dataset or a DataTree, 3 was given"):
+        il.save(3, "result.nc")
+    with pytest.raises(il.InvalidInput, match=r"Give a dataset that simulate returned.*got 3"):
+        il.network_of(3)
+    with pytest.raises(il.InvalidInput, match=r"There is no attribute 'impactlab_configuration'"):
+        il.network_of(xr.Dataset())
+    with pytest.raises(il.InvalidInput, match=r"describes no network"):
+        il.network_of(made_by_hand())
