@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import inspect
 import math
 import types
@@ -182,7 +183,7 @@ class Component:
     def kernel(cls, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
         """Return a kernel with the names of its kinematic arguments and of its fields."""
         function = getattr(cls, name)
-        names = tuple(inspect.signature(function).parameters)
+        names = _argument_names(function)
         kinematic = tuple(item for item in cls.kernels[name] if item in names)
         return function, kinematic, names[len(kinematic) :]
 
@@ -213,6 +214,11 @@ class Component:
                 f"The kernel {type(self).__name__}.{name} failed for {self!r}: {type(error).__name__}: {error}."
             ) from error
         return np.broadcast_to(result, shape)
+
+
+@functools.cache
+def _argument_names(function: Callable[..., Any]) -> tuple[str, ...]:
+    return tuple(inspect.signature(function).parameters)
 
 
 def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:

@@ -262,7 +262,7 @@ def _solve(increasing: Any, target: float) -> float:
     low, high = -60.0, 40.0
     if not increasing(10.0**high) >= target:
         return 0.0
-    for _ in range(60):
+    for _ in range(40):  # to ten digits
         middle = 0.5 * (low + high)
         low, high = (middle, high) if increasing(10.0**middle) < target else (low, middle)
     return float(10.0 ** (0.5 * (low + high)))

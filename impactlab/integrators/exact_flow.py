@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, Integrator, frequencies
-from impactlab.kernels.flow import COEFFICIENTS, flow, flow_coefficients, transition
+from impactlab.kernels.flow import COEFFICIENTS, flow, flow_coefficients, response_to_force, transition
 from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, scaled_sum
 from impactlab.kernels.random import fill_normals
@@ -49,7 +49,7 @@ class ExactFlow(Integrator):
                 step**2 / 12.0 / model.mass,
                 step / model.mass,
                 0.5 * step / model.mass,
-                *_push(model, step).T,
+                *response_to_force(model.mass, model.damping, model.stiffness, step).T,
             ]
         )
 
@@ -69,22 +69,6 @@ class ExactFlow(Integrator):
 
 def _over(number: float, frequency: float) -> float:
     return number / float(frequency) if frequency > 0.0 else float("inf")
-
-
-def _push(model: Model, step: float) -> np.ndarray:
-    """Displacement and velocity after a step under a unit force, (body, 2).
-
-    The flow of (x, v, f) with constant f, by the same block exponential: a body without
-    noise whose state is extended by the force.
-    """
-    from scipy.linalg import expm
-
-    extended = np.zeros((len(model.mass), 3, 3))
-    extended[:, 0, 1] = 1.0
-    extended[:, 1, 0] = -model.stiffness / model.mass
-    extended[:, 1, 1] = -model.damping / model.mass
-    extended[:, 1, 2] = 1.0 / model.mass
-    return expm(step * extended)[:, :2, 2] if model.forced else np.zeros((len(model.mass), 2))
 
 
 def _advance(  # type: ignore[no-untyped-def]

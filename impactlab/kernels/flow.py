@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm
 
 from impactlab.kernels.jit import kernel
 
@@ -35,30 +34,65 @@ def transition(
     -------
     A, Q : (n, 2, 2) ndarray
     """
-    bodies = np.stack([mass, damping, stiffness, intensity], axis=1)
+    bodies = np.stack([mass, damping, stiffness], axis=1)
     unique, which = np.unique(bodies, axis=0, return_inverse=True)
-    m, c, k, intensities = unique.T
-    drift = np.zeros((len(unique), 2, 2))
-    drift[:, 0, 1] = 1.0
-    drift[:, 1, 0] = -k / m
-    drift[:, 1, 1] = -c / m
-    diffusion = np.zeros_like(drift)
-    diffusion[:, 1, 1] = 2.0 * np.pi * intensities / m**2
-    rate = np.max(np.abs(drift[:, 1, :]).sum(axis=1) ** 0.5 + c / m, initial=0.0)
-    doublings = max(0, int(np.ceil(np.log2(max(step * rate, 1e-300)))))
-    block = np.zeros((len(unique), 4, 4))
-    block[:, :2, :2] = -drift
-    block[:, :2, 2:] = diffusion
-    block[:, 2:, 2:] = drift.transpose(0, 2, 1)
-    exponential = expm(block * (step / 2.0**doublings))
+    which = which.reshape(-1)
+    drift = _drift(unique)
+    halvings = _halvings(unique, step)
+    unit = np.zeros_like(drift)
+    unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
+    block = np.block([[-drift, unit], [np.zeros_like(drift), drift.transpose(0, 2, 1)]])
+    exponential = _taylor(block * (step / 2.0**halvings))
     a = exponential[:, 2:, 2:].transpose(0, 2, 1)
     q = a @ exponential[:, :2, 2:]
-    for _ in range(doublings):
+    for _ in range(halvings):
         q = q + a @ q @ a.transpose(0, 2, 1)
         a = a @ a
     q = 0.5 * (q + q.transpose(0, 2, 1))
-    which = which.reshape(-1)
-    return a[which], q[which]
+    return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+
+
+def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
+    """Return displacement and velocity after a step from rest under a unit force, (n, 2) (m, m s-1)."""
+    bodies = np.stack([mass, damping, stiffness], axis=1)
+    extended = np.zeros((len(bodies), 3, 3))  # the state (x, v, f) with a constant force f
+    extended[:, :2, :2] = _drift(bodies)
+    extended[:, 1, 2] = 1.0 / mass
+    halvings = _halvings(bodies, step)
+    exponential = _taylor(extended * (step / 2.0**halvings))
+    for _ in range(halvings):
+        exponential = exponential @ exponential
+    return exponential[:, :2, 2]
+
+
+def _drift(bodies: np.ndarray) -> np.ndarray:
+    """Matrix M of (x, v)' = M (x, v) of bodies (mass, damping, stiffness), (n, 2, 2)."""
+    m, c, k = bodies.T
+    drift = np.zeros((len(bodies), 2, 2))
+    drift[:, 0, 1] = 1.0
+    drift[:, 1, 0] = -k / m
+    drift[:, 1, 1] = -c / m
+    return drift
+
+
+def _halvings(bodies: np.ndarray, step: float) -> int:
+    """How often to halve a step until it is short for every body."""
+    m, c, k = bodies.T
+    rate = float(np.max(np.sqrt(k / m) + c / m, initial=0.0))
+    return max(0, int(np.ceil(np.log2(max(step * rate, 1e-300)))))
+
+
+def _taylor(matrices: np.ndarray) -> np.ndarray:
+    """Exponential of matrices whose eigenvalues are at most 1: 20 terms reach the last bit.
+
+    Scaled units would only scale the entries, so large ones (k/m) do no harm.
+    """
+    term = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    total = term.copy()
+    for order in range(1, 21):
+        term = term @ matrices / order
+        total += term
+    return total
 
 
 def flow_coefficients(a: np.ndarray, q: np.ndarray) -> np.ndarray:
