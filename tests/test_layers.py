@@ -1,0 +1,116 @@
+"""The layers: imports point one way, and heavy packages stay where they belong."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import impactlab
+
+PACKAGE = Path(impactlab.__file__).parent
+
+LAYERS = [
+    {"errors", "progress", "kernels"},
+    {"component", "build"},
+    {"oscillator", "contact", "excitation"},
+    {"network"},
+    {"model", "dataset", "plot"},
+    {"generate", "scene", "integrators", "reference"},
+    {"rules", "series"},
+    {"compiled", "plan"},
+    {"record", "moments", "ensemble"},
+    {"estimate"},
+    {"simulation"},
+    {"folder", "plugins"},
+    {"run"},
+    {"study"},
+    {"report"},
+    {"cli"},
+    {"__main__"},
+]
+"""From the bottom to the top; a folder counts as one. A module imports from lower layers only."""
+
+DOORS = {
+    ("network", "compiled"),
+    ("network", "generate"),
+    ("network", "model"),
+    ("study", "report"),
+    ("plugins", "study"),
+}
+"""Imports inside a function that point up, so that a person can write ``network.compile()``."""
+
+HEAVY = {"numba": {"kernels", "integrators", "build"}, "matplotlib": {"plot"}, "netCDF4": set()}
+"""Packages, and the only parts that may import them."""
+
+HEIGHT = {name: height for height, layer in enumerate(LAYERS) for name in layer}
+
+
+def imports(file):
+    """All imports of a file that are made when it runs: (module, names, whether inside a function)."""
+
+    def walk(node, inside):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                yield from ((item.name, [], inside) for item in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                yield child.module, [item.name for item in child.names], inside
+            elif not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+                yield from walk(child, inside or isinstance(child, ast.FunctionDef))
+
+    return list(walk(ast.parse(file.read_text(encoding="utf-8")), False))
+
+
+def part(file):
+    """The module of the package, or its folder, that a file belongs to."""
+    return file.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+FILES = [file for file in sorted(PACKAGE.rglob("*.py")) if file != PACKAGE / "__init__.py"]
+each_file = pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(PACKAGE).as_posix())
+
+
+def test_every_module_has_a_layer():
+    assert {part(file) for file in FILES} == set(HEIGHT), "LAYERS must list every module once"
+    assert len(HEIGHT) == sum(map(len, LAYERS))
+
+
+@each_file
+def test_imports_point_down(file):
+    here = part(file)
+    for module, names, inside in imports(file):
+        package, _, rest = module.partition(".")
+        if package != "impactlab":
+            continue
+        below = rest.partition(".")[0]
+        if below not in (here, "") and not (inside and (here, below) in DOORS):
+            assert HEIGHT[below] < HEIGHT[here], f"{here} must not import {below}"
+        assert below == here or not any(name.startswith("_") for name in names if name != "__version__")
+
+
+@each_file
+def test_heavy_packages_stay_where_they_belong(file):
+    for module, _, _ in imports(file):
+        package = module.partition(".")[0]
+        assert part(file) in HEAVY.get(package, {part(file)}), f"{part(file)} must not import {package}"
+
+
+@each_file
+def test_the_package_knows_no_plugin(file):
+    assert not any(module.startswith("impactlab_") for module, _, _ in imports(file))
+
+
+def test_plugins_import_matplotlib_for_figures_only():
+    """A plugin is found and configured without it: its package and its study do not import it."""
+    for file in (PACKAGE.parent / "plugins").glob("*/*.py"):
+        if file.stem in ("__init__", "study"):
+            assert not [module for module, _, inside in imports(file) if module.startswith("matplotlib") and not inside]
+
+
+def test_a_network_is_described_without_heavy_packages(run_python):
+    text = """
+import sys
+import impactlab as il
+il.chain(3, il.LinearOscillator(stiffness=1.0), il.HertzContact(1e4), excitation=il.WhiteNoise(1.0)).to_dict()
+print(sorted({"numba", "xarray", "matplotlib", "scipy", "netCDF4", "pandas"} & set(sys.modules)))
+"""
+    assert run_python("-c", text).strip() == "[]"
