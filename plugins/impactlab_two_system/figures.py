@@ -169,7 +169,7 @@ def _ratios(results: Results) -> Figure:
 def _contact_ratio(results: Results) -> Figure:
     """Figure 7: the share of time in contact."""
     sources = ("analytic", "paper", "accurate")
-    figure = Figure(figsize=(5.2, 3.9))
+    figure = Figure(figsize=(6.0, 4.0))
     axes = figure.add_subplot()
     _curves(results, axes, "contact_ratio", "gap", sources)
     ratio_axis(axes, results.ratios(0.0))
