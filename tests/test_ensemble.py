@@ -1,0 +1,240 @@
+"""Numbers do not depend on how an ensemble runs; interrupts, divergence and progress."""
+
+import concurrent.futures
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from scenes import base, linear
+
+import impactlab as il
+import impactlab.ensemble
+import impactlab.rules
+
+RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
+
+
+class RunawayContact(il.ContactLaw):
+    """Pulls instead of pushing, ever harder."""
+
+    @staticmethod
+    def force(indentation):
+        return -1e6 * indentation
+
+
+class UndefinedOscillator(il.Oscillator):
+    """Has no force beyond a displacement."""
+
+    end: float = il.parameter(units="m")
+
+    @staticmethod
+    def residual(displacement, end):
+        return math.sqrt(end - displacement) if displacement < end else math.nan
+
+
+def run(network=None, realizations=20, **options):
+    return il.simulate(network or base(), 0.5, realizations=realizations, **{"rng": 1, "spin_up": 0.5, **options})
+
+
+def assert_same(first, second):
+    assert set(first.variables) == set(second.variables)
+    for name in first.variables:
+        np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=name)
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_threads_do_not_change_the_numbers(workers):
+    with concurrent.futures.ThreadPoolExecutor(workers) as pool:
+        assert_same(run(record=RECORDS), run(record=RECORDS, executor=pool))
+
+
+def test_processes_do_not_change_the_numbers():
+    with concurrent.futures.ProcessPoolExecutor(2) as pool:
+        assert_same(run(record=RECORDS), run(record=RECORDS, executor=pool))
+
+
+@pytest.mark.parametrize("lanes", [1, 3, 8, 16])
+def test_block_sizes_do_not_change_the_numbers(lanes, monkeypatch):
+    expected = run(record=RECORDS)
+    monkeypatch.setattr(impactlab.rules, "LANES", lanes)
+    assert_same(expected, run(record=RECORDS))
+
+
+@pytest.mark.parametrize(
+    ("integrator", "step"), [(il.ExactFlow(), 5e-3), (il.RungeKutta4(), 1e-3), (il.EulerMaruyama(), 5e-5)]
+)
+@pytest.mark.parametrize("noise", [il.WhiteNoise(1.0), il.ShinozukaNoise(1.0, band=(0.0, 20.0), components=400)])
+def test_a_realization_is_the_same_alone_and_among_many(integrator, step, noise):
+    network = base().replace(excitations={"one": noise, "two": noise})
+    options = {"integrator": integrator, "record": il.PerRealization(), "step": step}
+    many = run(network, 12, **options)
+    for count in (1, 5):
+        few = run(network, count, **options)
+        for name in few:
+            if name.endswith("_by_realization"):
+                np.testing.assert_array_equal(few[name], many[name][:count], err_msg=name)
+
+
+def test_the_length_of_a_compiled_call_does_not_change_the_numbers(monkeypatch):
+    expected = run(record=RECORDS)
+    monkeypatch.setattr(impactlab.rules, "CALL_SECONDS", 2e-5)
+    assert_same(expected, run(record=RECORDS))
+
+
+def test_a_longer_run_begins_like_a_shorter_one():
+    short = il.simulate(base(), 0.5, rng=1, step=5e-3, record=il.Trajectory(0.05))
+    long = il.simulate(base(), 1.0, rng=1, step=5e-3, record=il.Trajectory(0.05))
+    np.testing.assert_array_equal(short.displacement, long.displacement[:, : short.sizes["time"]])
+
+
+def test_another_body_does_not_change_the_noise():
+    """Names key the streams: order, number and contacts of other bodies do not matter."""
+    network = base().replace(contacts={"gap": None})
+    third = il.LinearOscillator.from_frequency(5.0, 0.2)
+    larger = il.Network(
+        {"third": third, **network.oscillators},
+        excitations={"third": il.WhiteNoise(3.0), **network.excitations},
+    )
+    options = {"step": 5e-3, "spin_up": 1.0, "record": il.Trajectory(0.05)}
+    names = ["one", "two"]
+    few, many = run(network, **options), run(larger, **options)
+    np.testing.assert_array_equal(few.displacement, many.displacement.sel(oscillator=names))
+    alone = run(network.replace(oscillators={"two": None}, excitations={"two": None}), **options)
+    np.testing.assert_array_equal(alone.displacement[:, :, 0], many.displacement.sel(oscillator="one"))
+
+
+def test_equal_bodies_have_different_noise():
+    body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)
+    noise = il.WhiteNoise(1.0)
+    ds = run(il.Network({"a": body, "b": body}, excitations={"a": noise, "b": noise}), 300, record=il.Trajectory(0.5))
+    a, b = ds.displacement.values[:, -1].T
+    assert abs(np.corrcoef(a, b)[0, 1]) * np.sqrt(300) < 4.0
+
+
+def test_seeds_matter_and_are_kept():
+    first, again, other = run(), run(), run(rng=2)
+    assert_same(first, again)
+    assert (first.mean_displacement != other.mean_displacement).all()
+
+
+@pytest.mark.parametrize("rng", [None, 5])
+def test_rerun_gives_the_same_numbers(rng, tmp_path):
+    ds = run(record=RECORDS, rng=rng, initial="rest")
+    assert_same(ds, il.rerun(ds))
+    il.save(ds, tmp_path / "result.nc")
+    again = il.rerun(tmp_path / "result.nc")
+    assert_same(ds, again)
+    assert again.attrs["impactlab_configuration"] == ds.attrs["impactlab_configuration"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"integrator": il.RungeKutta4(), "step": 1e-3},
+        {"initial": {"displacement": {"two": 0.2}, "velocity": {"one": -3.0}}},
+        {"record": [il.JointDensity("one", "two", bins=7), il.Density("velocity", limits={"one": (-1.0, 1.0)})]},
+    ],
+)
+def test_rerun_takes_every_option(options):
+    ds = run(**options)
+    assert_same(ds, il.rerun(ds))
+
+
+def test_rerun_refuses_what_is_no_simulation():
+    with pytest.raises(il.InvalidInput, match=r"describes no simulation"):
+        il.rerun(il.exact(base()).statistics())
+
+
+# divergence
+
+
+def test_divergence_is_an_error_that_says_where():
+    network = linear().replace(contacts={"w": il.Contact("a", il.WALL, RunawayContact(), clearance=0.05)})
+    with pytest.raises(il.Diverged, match=r"realization \d+ left the range of finite numbers before t = -?\d"):
+        il.simulate(network, 100.0, realizations=8, rng=1)
+
+
+def test_a_law_that_returns_nan_is_never_averaged_away():
+    body = UndefinedOscillator(1.0, stiffness=4.0, damping=0.4)
+    network = il.Network({"a": body}, excitations={"a": il.WhiteNoise(0.5)})
+    with pytest.raises(il.Diverged, match=r"realization \d+ left"):
+        il.simulate(network, 200.0, realizations=8, rng=1, initial="rest", step=0.05)
+
+
+def test_an_executor_passes_divergence_on():
+    network = linear().replace(contacts={"w": il.Contact("a", il.WALL, RunawayContact(), clearance=0.05)})
+    with concurrent.futures.ThreadPoolExecutor(1) as pool, pytest.raises(il.Diverged):
+        il.simulate(network, 100.0, realizations=8, rng=1, executor=pool)
+
+
+# progress and interrupts
+
+
+def test_progress_rises_to_one():
+    parts = []
+    il.simulate(base(), 50.0, realizations=64, rng=1, progress=parts.append)
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
+    assert all(0.0 <= part <= 1.0 for part in parts)
+
+
+def test_nothing_is_printed_where_nobody_watches(capfd):
+    run()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_error_in_progress_stops_the_run():
+    def fail(part):
+        raise RuntimeError("seen")
+
+    begin = time.monotonic()
+    with pytest.raises(RuntimeError, match="seen"):
+        il.simulate(base(), 1e5, realizations=256, rng=1, progress=fail)
+    assert time.monotonic() - begin < 2.0
+
+
+LONG = """
+import impactlab as il
+body = il.LinearOscillator.from_frequency(6.0, 0.1)
+network = il.chain(2, body, il.HertzContact(1e4), clearance=0.05, excitation=il.WhiteNoise(1.0))
+def started(part):
+    if part > 0.0:
+        print("started", flush=True)
+try:
+    il.simulate(network, 1e7, realizations={realizations}, rng=1, spin_up=0.0, progress=started)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+    raise
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+@pytest.mark.parametrize("realizations", [1, 2000])
+def test_interrupt_is_answered_within_half_a_second(realizations):
+    process = subprocess.Popen(
+        [sys.executable, "-c", LONG.format(realizations=realizations)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    try:
+        assert process.stdout.readline() == "started\n"
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "interrupted\n"
+        elapsed = time.monotonic() - begin
+        _, errors = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    assert errors.rstrip().endswith("KeyboardInterrupt")
+    assert process.returncode != 0
+    assert elapsed < 0.5

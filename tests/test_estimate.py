@@ -1,0 +1,164 @@
+"""Standard errors that cover, drift, balances and processed moments."""
+
+import numpy as np
+import pytest
+from scenes import base, linear
+
+import impactlab as il
+
+LAW = {  # of scenes.linear(): mean squares under white noise
+    "mean_square_displacement": np.pi / (0.4 * np.pi * 4.0 * np.pi**2),
+    "mean_square_velocity": np.pi / (0.4 * np.pi),
+    "mean_displacement": 0.0,
+    "mean_velocity": 0.0,
+}
+
+
+def coverage(runs, names, expected):
+    """Part of the runs whose interval of 1.96 standard errors holds the expected value, by name."""
+    return {
+        name: np.mean(
+            [abs(float(ds[name][0]) - expected[name]) < 1.96 * float(ds[f"{name}_standard_error"][0]) for ds in runs]
+        )
+        for name in names
+    }
+
+
+BATCH = 1.01 * 20.0 / (0.2 * np.pi)  # a little more than twenty relaxation times of scenes.linear()
+
+
+@pytest.mark.parametrize(
+    ("realizations", "duration"),
+    [(64, 10.0), (8, 8 * BATCH), (1, 64 * BATCH)],
+    ids=["realizations", "batches of realizations", "batches of one"],
+)
+def test_standard_errors_cover(realizations, duration):
+    """95 % intervals of 200 runs; the standard error of one coverage is 1.5 %."""
+    runs = [il.simulate(linear(), duration, rng=k, realizations=realizations, step=0.25) for k in range(200)]
+    law = {**LAW, **{f"direct_{name}": value for name, value in LAW.items()}}
+    parts = coverage(runs, law, law)
+    assert min(parts.values()) >= 0.90, parts
+    assert 0.90 <= np.mean(list(parts.values())) <= 0.98
+    # and the errors are of the right size, not only wide enough
+    for name, expected in law.items():
+        scores = [(float(ds[name][0]) - expected) / float(ds[f"{name}_standard_error"][0]) for ds in runs]
+        assert 0.85 < np.std(scores) < 1.2, name
+
+
+def test_standard_errors_of_contacts_cover():
+    network = il.Network(
+        {"a": il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)},
+        {"wall": il.Contact("a", il.WALL, il.LinearContact(400.0), clearance=0.1)},
+        {"a": il.WhiteNoise(1.0)},
+    )
+    names = ["variance_displacement", "mean_square_velocity", "contact_ratio", "contact_rate", "mean_contact_force"]
+    exact = il.exact(network).statistics()
+    runs = [il.simulate(network, 10.0, realizations=64, rng=k) for k in range(200)]
+    parts = coverage(runs, names, {name: float(exact[name][0]) for name in names})
+    assert min(parts.values()) >= 0.90, parts
+    assert 0.90 <= np.mean(list(parts.values())) <= 0.98
+
+
+@pytest.mark.parametrize(("realizations", "advice"), [(1, r"2\.04e\+03 s"), (40, r"63\.7 s")])
+def test_too_few_samples_give_nan_and_say_how_many_would_do(realizations, advice):
+    with pytest.warns(il.AccuracyWarning, match=rf"Too few independent samples .* run for at least {advice}"):
+        ds = il.simulate(linear(), 20.0, realizations=realizations, rng=1)
+    assert np.isnan(ds.mean_square_displacement_standard_error).all()
+    assert np.isfinite(ds.mean_square_displacement).all()
+
+
+def test_errors_shrink_with_the_square_root_of_the_realizations():
+    few, many = (il.simulate(linear(), 20.0, realizations=n, rng=1, step=0.1) for n in (256, 4096))
+    name = "direct_mean_square_displacement_standard_error"
+    ratio = few[name] / many[name]
+    assert float(ratio[0]) == pytest.approx(4.0, rel=0.15)
+
+
+# drift
+
+
+def test_a_start_far_from_stationary_is_seen():
+    with pytest.warns(il.AccuracyWarning, match=r"two halves of the run differ by \d+\.\d standard errors"):
+        il.simulate(linear(), 5.0, realizations=1024, spin_up=0.0, initial="rest", rng=1)
+
+
+@pytest.mark.parametrize("rng", range(5))
+def test_a_stationary_run_shows_no_drift(rng):
+    ds = il.simulate(base(), 20.0, realizations=128, rng=rng)
+    assert ds.drift < 4.5
+
+
+def test_drift_is_not_warned_of_where_the_start_is_given():
+    ds = il.simulate(linear(), 5.0, realizations=256, initial={"displacement": {"a": 3.0}}, rng=1)
+    assert ds.drift > 6.0
+
+
+# processed moments and balances
+
+
+def test_processed_moments_remove_the_error_of_second_order():
+    """The moments at the kicks are biased, Simpson's rule over the time of a step is hardly."""
+    network = il.Network(
+        {"a": il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)},
+        {"wall": il.Contact("a", il.WALL, il.LinearContact(400.0), clearance=0.0)},
+        {"a": il.WhiteNoise(1.0)},
+    )
+    step = 0.6 / np.sqrt(4.0 * np.pi**2 + 400.0)
+    ds = il.simulate(network, 100.0, realizations=512, step=step, rng=1)
+    exact = il.exact(network).statistics().mean_square_velocity[0]
+    processed = float(ds.mean_square_velocity[0] / exact - 1.0)
+    removed = float(1.0 - raw_velocity(network, step) / ds.direct_mean_square_velocity[0])  # of the same paths
+    error = float(ds.mean_square_velocity_standard_error[0] / exact)
+    assert removed > 0.005
+    assert abs(processed) + 3.0 * error < 0.4 * removed
+
+
+def raw_velocity(network, step):
+    """Mean square velocity at the kicks, without processing."""
+    from impactlab.ensemble import merged, run
+    from impactlab.kernels.sums import VV
+    from impactlab.plan import make_plan
+    from impactlab.rules import seed_of
+
+    plan = make_plan(
+        network, duration=100.0, realizations=512, step=step, integrator=il.ExactFlow(), spin_up=None, initial=None,
+        records=(), seed=seed_of(1), workers=2,
+    )  # fmt: skip
+    bodies, _ = merged(run(plan, None, lambda part: None))
+    return bodies[:, VV, 0].sum(axis=0).mean() / plan.steps
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 1.5])
+def test_balances_hold_at_every_step(share):
+    """They are exact for the chain of steps, not only in the limit."""
+    automatic = il.simulate(base(), 1.0, realizations=64, rng=1, spin_up=0.0).step
+    ds = il.simulate(base(), 60.0, realizations=256, rng=2, step=share * automatic)
+    for name in ("mean_displacement", "mean_square_displacement", "mean_square_velocity"):
+        score = ds[f"balance_{name}"] / ds[f"balance_{name}_standard_error"]
+        assert (abs(score) < 3.5).all(), name
+
+
+def test_combination_with_balances_reduces_the_variance():
+    """By 50 for E[x²] of the fast body and by 6 for the slow one, at a ratio of frequencies of 16."""
+    ds = il.simulate(base(), 60.0, realizations=256, rng=2)
+    gain = ds.direct_mean_square_displacement_standard_error / ds.mean_square_displacement_standard_error
+    assert (gain**2 > [20.0, 3.0]).all()
+
+
+def test_without_enough_spin_up_values_are_plain_means():
+    ds = il.simulate(base(), 20.0, realizations=64, rng=2, spin_up=1.0)
+    assert not any(name.startswith("direct_") for name in ds)
+
+
+def test_balance_of_a_free_damped_body():
+    network = il.Network(
+        {"a": il.LinearOscillator(damping=1.0)},
+        {
+            "right": il.Contact("a", il.WALL, il.LinearContact(100.0), clearance=0.5),
+            "left": il.Contact(il.WALL, "a", il.LinearContact(100.0), clearance=0.5),
+        },
+        {"a": il.WhiteNoise(1.0)},
+    )
+    ds = il.simulate(network, 100.0, realizations=256, rng=1, spin_up=30.0, initial="rest")
+    assert abs(float(ds.balance_mean_square_velocity[0] / ds.balance_mean_square_velocity_standard_error[0])) < 3.5
+    assert "balance_mean_square_displacement" not in ds  # there is no linear law to compare with

@@ -1,0 +1,183 @@
+"""Densities against the exact law, trajectories, and several records at once."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scenes import base, linear
+from scipy.special import ndtr
+
+import impactlab as il
+
+RUN = {"duration": 100.0, "realizations": 512, "rng": 1}
+
+
+@pytest.fixture(scope="module")
+def densities():
+    record = [il.Density("displacement"), il.Density("velocity", bins=150), il.JointDensity("one", "two")]
+    return il.simulate(base(), record=record, **RUN), il.exact(base())
+
+
+def test_densities_are_the_exact_averages_over_bins(densities):
+    ds, exact = densities
+    scores = []
+    for oscillator, quantity in itertools.product(("one", "two"), ("displacement", "velocity")):
+        own = ds.sel(oscillator=oscillator)
+        edges = own[f"{quantity}_edges"].values
+        expected = exact.bin_density(oscillator, quantity, edges)
+        width = np.diff(edges)
+        share = own[f"density_{quantity}"].values * width
+        error = own[f"density_{quantity}_standard_error"].values * width
+        assert 1.0 - 1e-5 < share.sum() <= 1.0  # the limits are beyond 5 standard deviations
+        assert 1.0 - share.sum() == pytest.approx(1.0 - (expected * width).sum(), abs=2e-6)
+        counted = (error > 0.0) & (share * (1.0 - share) >= 100.0 * error**2)  # bins of 100 effective counts
+        assert counted.sum() > 60
+        scores.append((share - expected * width)[counted] / error[counted])
+    scores = np.abs(np.concatenate(scores))
+    assert (scores < 3.0).mean() >= 0.99
+    assert scores.max() < 5.0
+    assert 0.2 < (scores > 1.0).mean() < 0.45  # the errors are neither too wide nor too narrow
+
+
+def test_joint_density_has_the_densities_as_marginals():
+    limits = {"one": (-0.04, 0.04), "two": (-0.5, 0.7)}
+    record = [il.JointDensity("one", "two", bins=25, limits=limits), il.Density(bins=25, limits=limits)]
+    ds = il.simulate(base(), 5.0, realizations=64, rng=1, record=record)
+    widths = [np.diff(ds[f"joint_{side}_edges"].values) for side in ("first", "second")]
+    mass = ds.joint_density.values * np.outer(*widths)
+    outside = 1.0 - mass.sum()
+    assert 0.01 < outside < 0.1
+    for axis, name in enumerate(("one", "two")):
+        single = ds.density_displacement.sel(oscillator=name).values * widths[axis]
+        missing = single - mass.sum(axis=1 - axis)
+        assert (missing > -1e-12).all()
+        assert missing.sum() <= outside + 1e-12
+
+
+def test_joint_density_is_the_exact_one(densities):
+    ds, exact = densities
+    joint = ds.joint_density.values
+    widths = [np.diff(ds[f"joint_{side}_edges"].values) for side in ("first", "second")]
+    mass = joint * np.outer(*widths)
+    centers = [0.5 * (edges[1:] + edges[:-1]) for edges in (ds.joint_first_edges.values, ds.joint_second_edges.values)]
+    # fine points inside each bin: the average over it, not the value in its middle
+    nodes, weights = np.array(np.polynomial.legendre.leggauss(6)) / 2.0
+    x = centers[0][:, None] + widths[0][:, None] * nodes
+    y = centers[1][:, None] + widths[1][:, None] * nodes
+    values = exact.joint_density("one", "two", x[:, None, :, None], y[None, :, None, :])
+    expected = np.einsum("ijkl,k,l->ij", values, weights, weights)
+    error = ds.joint_density_standard_error.values
+    counted = mass > 1e-4
+    scores = (joint - expected)[counted] / error[counted]
+    assert counted.sum() > 300
+    assert np.mean(np.abs(scores) < 3.0) >= 0.99
+    assert np.abs(scores).max() < 5.5
+
+
+def test_what_lies_outside_is_counted_as_samples():
+    ds = il.simulate(linear(), 50.0, realizations=256, rng=1, record=il.Density(limits=(0.0, 0.2), bins=4))
+    scale = np.sqrt(np.pi / (0.4 * np.pi * 4.0 * np.pi**2))
+    inside = ds.density_displacement[0].values * 0.05
+    expected = np.diff(ndtr(np.linspace(0.0, 0.2, 5) / scale))
+    assert (np.abs(inside - expected) < 4.0 * ds.density_displacement_standard_error[0].values * 0.05).all()
+
+
+def test_a_density_of_some_bodies_leaves_the_others_out():
+    record = il.Density("displacement", oscillators=("two",), bins=10, limits={"two": (-1.0, 1.0)})
+    ds = il.simulate(base(), 2.0, realizations=64, rng=1, record=record)
+    assert np.isnan(ds.density_displacement.sel(oscillator="one")).all()
+    assert np.isfinite(ds.density_displacement.sel(oscillator="two")).all()
+    np.testing.assert_allclose(ds.displacement_edges.sel(oscillator="two"), np.linspace(-1.0, 1.0, 11))
+    np.testing.assert_allclose(ds.displacement_center.sel(oscillator="two"), np.linspace(-0.9, 0.9, 10), atol=1e-12)
+
+
+def test_limits_can_be_triples_pairs_or_a_mapping():
+    forms = [(-1.0, 1.0), {"one": (-1.0, 1.0), "two": (-1.0, 1.0)}, (("one", -1.0, 1.0), ("two", -1.0, 1.0))]
+    options = {"realizations": 64, "rng": 1}
+    first, *others = (il.simulate(base(), 1.0, record=il.Density("velocity", limits=item), **options) for item in forms)
+    for other in others:
+        np.testing.assert_array_equal(first.density_velocity, other.density_velocity)
+
+
+def test_limits_that_cannot_be_chosen_are_asked_for():
+    network = il.Network({"a": il.LinearOscillator(damping=1.0)}, excitations={"a": il.WhiteNoise(1.0)})
+    with pytest.raises(il.InvalidInput, match=r"limits for 'a' cannot be chosen; give limits="):
+        il.simulate(network, 1.0, record=il.Density("displacement"))
+    with pytest.raises(il.InvalidInput, match=r"no oscillator 'b'"):
+        il.simulate(linear(), 1.0, record=il.Density(limits={"b": (0.0, 1.0)}))
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_trajectories_have_their_times_and_agree_with_one_another():
+    step = 0.005
+    options = {"step": step, "rng": 1, "realizations": 3}
+    fine, coarse = (il.simulate(base(), 2.0, record=il.Trajectory(t), **options) for t in (step, 6 * step))
+    assert fine.displacement.dims == ("realization", "time", "oscillator")
+    assert fine.contact_force.dims == ("realization", "time", "contact")
+    np.testing.assert_allclose(fine.time, step * np.arange(401), rtol=1e-12)
+    np.testing.assert_allclose(coarse.time, 6 * step * np.arange(67), rtol=1e-12)
+    for name in ("displacement", "velocity", "contact_force"):
+        np.testing.assert_array_equal(coarse[name], fine[name][:, ::6])
+    assert np.isfinite(fine.contact_force).all()
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
+def test_the_contact_force_is_the_law_at_the_recorded_displacements(integrator):
+    options = {"step": 1e-3, "rng": 1, "realizations": 2, "integrator": integrator}
+    ds = il.simulate(base(), 2.0, record=il.Trajectory(5e-3), **options)
+    indentation = ds.displacement[:, :, 0] - ds.displacement[:, :, 1] - 0.05
+    expected = il.HertzContact(1e4).evaluate(indentation)
+    assert (expected > 0.0).sum() > 20
+    np.testing.assert_allclose(ds.contact_force[:, :, 0], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_a_trajectory_has_the_statistics_of_its_run():
+    ds = il.simulate(
+        base(), 10.0, step=0.005, rng=1, realizations=2, integrator=il.RungeKutta4(), record=il.Trajectory(0.005)
+    )
+    path = ds.isel(time=slice(0, -1))  # the sums are taken at the beginning of each step
+    for name, values in (
+        ("mean_displacement", path.displacement),
+        ("mean_square_displacement", path.displacement**2),
+        ("mean_square_velocity", path.velocity**2),
+        ("mean_contact_force", path.contact_force),
+        ("contact_ratio", path.contact_force > 0.0),
+    ):
+        np.testing.assert_allclose(values.mean(("realization", "time")), ds[name], rtol=1e-10, err_msg=name)
+    largest = ds.isel(time=slice(0, -1)).contact_force.max("time").mean("realization")
+    np.testing.assert_allclose(largest, ds.peak_contact_force)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_records_of_different_strides_do_not_disturb_each_other():
+    density, paths = il.Density("displacement", bins=30), il.Trajectory(0.02)
+    options = {"step": 0.005, "rng": 1, "realizations": 8}
+    slow = il.Density("velocity", oscillators=("two",), bins=10)  # sampled once per radian of the slow body
+    together = il.simulate(base(), 3.0, record=[density, paths, slow, il.PerRealization()], **options)
+    for item in (density, paths, slow):
+        alone = il.simulate(base(), 3.0, record=item, **options)
+        for name in alone.data_vars:
+            if name.startswith(("density", "displacement", "velocity", "contact_force")):
+                np.testing.assert_array_equal(together[name], alone[name], err_msg=name)
+    for name in ("mean_displacement", "mean_square_velocity", "contact_ratio"):
+        alone = il.simulate(base(), 3.0, **options)
+        np.testing.assert_allclose(together[name], alone[name], rtol=1e-12)
+
+
+def test_realizations_average_to_the_statistics():
+    ds = il.simulate(base(), 5.0, realizations=64, rng=1, record=il.PerRealization())
+    names = [name for name in ds.data_vars if name.endswith("_by_realization")]
+    assert len(names) >= 12
+    for name in names:
+        statistic = name.removesuffix("_by_realization")
+        assert ds[name].dims[0] == "realization"
+        if statistic == "variance_displacement":  # of each realization about its own mean
+            square, mean = ds["mean_square_displacement_by_realization"], ds["mean_displacement_by_realization"]
+            np.testing.assert_allclose(ds[name], square - mean**2, rtol=1e-12)
+            continue
+        plain = f"direct_{statistic}" if f"direct_{statistic}" in ds else statistic
+        np.testing.assert_allclose(ds[name].mean("realization"), ds[plain], rtol=1e-12, atol=1e-13, err_msg=name)
+        error = ds[name].std("realization", ddof=1) / 8.0
+        np.testing.assert_allclose(error, ds[f"{plain}_standard_error"], rtol=1e-10, atol=1e-15, err_msg=name)
