@@ -15,7 +15,7 @@ import inspect
 import math
 import types
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Self, dataclass_transform
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -78,7 +78,8 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata, kw_only=kw_only)  # type: ignore[call-overload]
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(parameter,))
+# Not marked as a dataclass_transform: type checkers know neither a first field by position nor a
+# default that `parameter` takes by position, and would refuse correct programs.
 class Component:
     """Base of oscillators, contact laws, excitations, integrators, records and studies.
 
