@@ -12,6 +12,7 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri, stdtr
 
 from impactlab.errors import AccuracyWarning
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
@@ -212,7 +213,9 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
     difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
     error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
     moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / plan.steps
-    return float(np.abs(difference.mean(axis=-1)[moving] / error[moving]).max(initial=0.0))
+    largest = np.abs(difference.mean(axis=-1)[moving] / error[moving]).max(initial=0.0)
+    # as many standard errors of a normal law: with few realizations the quotient has wide tails
+    return float(-ndtri(max(stdtr(realizations - 1, -largest), 1e-300)))
 
 
 def _warn(plan: Plan, relaxation: float) -> None:
