@@ -12,15 +12,15 @@ from scipy.special import beta
 import impactlab as il
 
 
-class Viscoelastic(il.ContactLaw):
+class KelvinVoigt(il.ContactLaw):
     stiffness: float = il.parameter(units="N m-1", minimum=0.0)
     damping: float = il.parameter(units="N s m-1", minimum=0.0)
 
     def force(indentation, rate, stiffness, damping):
-        return stiffness * indentation * (1.0 + damping * rate)
+        return stiffness * indentation + damping * rate  # not 0 when the contact closes
 
 
-class Cosine(il.Excitation):
+class GivenCosine(il.Excitation):
     amplitude: float = il.parameter(units="N")
     frequency: float = il.parameter(units="rad s-1")
 
@@ -46,11 +46,11 @@ def right_hand_side(network, t, y):
             if isinstance(law, il.HertzContact):
                 pressure = law.stiffness * gap**1.5
             else:
-                pressure = law.stiffness * gap * (1.0 + law.damping * rate)
+                pressure = law.stiffness * gap + law.damping * rate
             force[contact.first] -= pressure
             force[contact.second] += pressure
     for name, excitation in network.excitations.items():
-        if isinstance(excitation, Cosine):
+        if isinstance(excitation, GivenCosine):
             force[name] += excitation.amplitude * math.cos(excitation.frequency * t)
     return [*(v[name] for name in names), *(force[name] / network.oscillators[name].mass for name in names)]
 
@@ -64,10 +64,10 @@ def networks(draw):
     names = [f"body {k}" for k in range(draw(st.integers(1, 5)))]
     linear = {"mass": positive, "damping": positive, "stiffness": positive}
     oscillator = st.builds(il.LinearOscillator, **linear) | st.builds(il.DuffingOscillator, cubic=positive, **linear)
-    law = st.builds(il.HertzContact, positive) | st.builds(Viscoelastic, stiffness=positive, damping=positive)
+    law = st.builds(il.HertzContact, positive) | st.builds(KelvinVoigt, stiffness=positive, damping=positive)
     ends = st.tuples(*[st.sampled_from([*names, il.WALL])] * 2).filter(lambda pair: pair[0] != pair[1])
     contacts = draw(st.lists(st.tuples(ends, law, st.floats(-2.0, 1.0)), max_size=6))
-    cosine = st.builds(Cosine, amplitude=positive, frequency=positive)
+    cosine = st.builds(GivenCosine, amplitude=positive, frequency=positive)
     excitation = cosine | st.builds(il.WhiteNoise, positive)
     return il.Network(
         {name: draw(oscillator) for name in names},
