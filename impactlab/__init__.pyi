@@ -3,11 +3,11 @@
 from impactlab.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.component import Component as Component
 from impactlab.component import parameter as parameter
+from impactlab.contact import WALL as WALL
 from impactlab.contact import Contact as Contact
 from impactlab.contact import ContactLaw as ContactLaw
 from impactlab.contact import HertzContact as HertzContact
 from impactlab.contact import LinearContact as LinearContact
-from impactlab.contact import WALL as WALL
 from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.errors import AccuracyWarning as AccuracyWarning

@@ -146,6 +146,11 @@ class Model:
         )
 
     @property
+    def natural_frequencies(self) -> np.ndarray:
+        """Undamped natural frequencies of the bodies without contacts (rad s-1), (body,)."""
+        return np.asarray(np.sqrt(self.stiffness / self.mass))
+
+    @property
     def wall(self) -> int:
         """Slot of the wall."""
         return len(self.bodies)

@@ -341,10 +341,10 @@ def _share(counts: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
-    """Sample about once per radian of the fastest body that is recorded."""
+    """Sample about three times per period of the fastest body that is recorded."""
     slots = [model.bodies.index(name) for name in names or model.bodies]
     fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
-    return max(1, int(1.0 / (fastest * step))) if fastest > 0.0 else 1
+    return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
 
 
 def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:

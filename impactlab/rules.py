@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,8 +43,8 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
             f"No step can be chosen: the energy that {model.bodies[int(unknown.argmax())]!r} brings into collisions "
             "is not known, since an excited body has no damping. Give step= (s)."
         )
-    model, tangent = replace(model, stiffness=model.stiffness + stiffening.bodies), stiffening.contacts
-    largest = integrator.largest_step(model, tangent)
+    stiffness = stiffening.contacts, stiffening.bodies
+    largest = integrator.largest_step(model, *stiffness)
     if largest <= 0.0:
         raise InvalidInput(
             f"{type(integrator).__name__} is unstable at any step for this network (a body is not damped "
@@ -55,10 +54,10 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
         if given > largest:
             raise InvalidInput(
                 f"A step of {given:g} s is too large for {type(integrator).__name__} in this scene: the largest "
-                f"safe one is {largest:.3g} s, {integrator.recommended_step(model, tangent):.3g} s is recommended."
+                f"safe one is {largest:.3g} s, {integrator.recommended_step(model, *stiffness):.3g} s is recommended."
             )
         return given
-    step = integrator.recommended_step(model, tangent)
+    step = integrator.recommended_step(model, *stiffness)
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step
@@ -139,8 +138,8 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     series_bytes : int
         Memory that the series of one realization take.
     """
-    share = -(-realizations // workers)
-    lanes = min(LANES, -(-share // 8) * 8, realizations)
+    blocks = -(-realizations // (LANES * workers)) * workers  # as many for each worker
+    lanes = min(-(-realizations // (8 * blocks)) * 8, realizations)
     if series_bytes:
         lanes = max(1, min(lanes, int(100e6 / series_bytes)))
     cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.ends))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -23,8 +24,10 @@ from impactlab.network import Network
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
-from impactlab.rules import seed_of
+from impactlab.rules import positive, seed_of
 from impactlab.scene import relaxation_time
+from impactlab.tolerance import RELAXATION_TIMES as LENGTH
+from impactlab.tolerance import checked, reach
 
 DRIFT = 6.0
 """Difference between two halves of a run, in standard errors, that is warned of."""
@@ -32,8 +35,10 @@ DRIFT = 6.0
 
 def simulate(
     network: Network,
-    duration: float,
+    duration: float | None = None,
     *,
+    tolerance: Mapping[str, float] | None = None,
+    max_seconds: float = 600.0,
     realizations: int = 1,
     step: float | None = None,
     integrator: Integrator | None = None,
@@ -50,10 +55,17 @@ def simulate(
     ----------
     network : Network
         What to simulate.
-    duration : float
-        Time over which statistics are taken, after the spin-up (s).
+    duration : float, optional
+        Time over which statistics are taken, after the spin-up (s). Needed unless there is a
+        tolerance; then it is the longest that a realization may be.
+    tolerance : mapping of str to float, optional
+        Relative accuracy by the name of a statistic: the step, the duration and the number of
+        realizations are chosen so that |bias of the step| + 2 standard errors are within it
+        for every label; see `impactlab.tolerance`.
+    max_seconds : float
+        Time that may be spent on a tolerance (s).
     realizations : int
-        Number of independent realizations.
+        Number of independent realizations; with a tolerance the least.
     step : float, optional
         Time step (s); chosen from the scene by default.
     integrator : Integrator, optional
@@ -89,10 +101,23 @@ def simulate(
     Diverged
         If a realization left the range of finite numbers.
     """
-    return _simulate(
-        network, duration, realizations, step, integrator or ExactFlow(), spin_up, initial, record, seed_of(rng),
-        executor, progress,
-    )  # fmt: skip
+    method, seed = integrator or ExactFlow(), seed_of(rng)
+    if tolerance is None:
+        if duration is None:
+            raise InvalidInput("simulate needs a duration (s), or a tolerance.")
+        return _simulate(
+            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress
+        )
+    model = Model.of(_network(network))
+    tolerances = checked(tolerance, model)
+    longest = math.inf if duration is None else positive("duration", duration)
+    length = min(longest, LENGTH * relaxation_time(model))
+
+    def attempt(count: int, chosen: float | None, coarse: bool) -> xr.Dataset:
+        own = (seed[0] ^ coarse, seed[1])
+        return _simulate(network, length, count, chosen, method, spin_up, initial, record, own, executor, progress)
+
+    return reach(attempt, tolerances, positive("max_seconds", max_seconds), realizations, step)
 
 
 def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
@@ -132,8 +157,7 @@ def _simulate(
     spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
     executor: Executor | None, progress: bool | Callable[[float], None] | None,
 ) -> xr.Dataset:  # fmt: skip
-    if not isinstance(network, Network):
-        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
+    _network(network)
     if not isinstance(integrator, Integrator):
         raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
     records = [record] if isinstance(record, Record) else list(record or ())
@@ -146,7 +170,8 @@ def _simulate(
     )  # fmt: skip
     results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results), relaxation_time(Model.of(network)))
-    if estimates.drift > DRIFT and not isinstance(plan.start, np.ndarray):
+    steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)
+    if estimates.drift > DRIFT and steady:
         warnings.warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short.",
@@ -163,6 +188,12 @@ def _simulate(
         "text": digest(plan.text),
     }  # fmt: skip
     return _labelled(plan, estimates, results, configuration)
+
+
+def _network(network: Any) -> Network:
+    if not isinstance(network, Network):
+        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
+    return network
 
 
 def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
 import numba
@@ -130,7 +131,7 @@ class Integrator(Component):
         """Return the numbers per body that the loop takes, (body, column)."""
         raise NotImplementedError
 
-    def largest_step(self, model: Model, tangent: np.ndarray) -> float:
+    def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         """Return the largest step at which the method is stable (s).
 
         Parameters
@@ -139,10 +140,12 @@ class Integrator(Component):
             The network.
         tangent : (contact,) ndarray
             Stiffness of the contacts when they are closed (N m-1).
+        residual : (body,) ndarray
+            Stiffness of the residual forces (N m-1).
         """
         raise NotImplementedError
 
-    def recommended_step(self, model: Model, tangent: np.ndarray) -> float:
+    def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         """Return the step that is chosen when none is given (s)."""
         raise NotImplementedError
 
@@ -238,8 +241,9 @@ class ExplicitIntegrator(Integrator):
         amplitude = np.sqrt(2.0 * np.pi * model.reference_intensities() / step)
         return np.column_stack([model.mass, model.damping, model.stiffness, amplitude])
 
-    def largest_step(self, model: Model, tangent: np.ndarray) -> float:
-        return stable_step(self.stability_polynomial, model, tangent)
+    def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
+        stiff = replace(model, stiffness=model.stiffness + residual)
+        return stable_step(self.stability_polynomial, stiff, tangent)
 
-    def recommended_step(self, model: Model, tangent: np.ndarray) -> float:
-        return self.fraction * self.largest_step(model, tangent)
+    def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
+        return self.fraction * self.largest_step(model, tangent, residual)

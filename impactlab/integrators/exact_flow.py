@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -53,18 +54,25 @@ class ExactFlow(Integrator):
             ]
         )
 
-    def largest_step(self, model: Model, tangent: np.ndarray) -> float:
-        free = np.sqrt(model.stiffness / model.mass)[model.nonlinear_bodies]
-        if not free.size:
-            return float("inf")
-        return min(_over(1.6, frequencies(model, tangent)[-1]), _over(3.0, free.max()))
+    def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
+        return self._step(model, tangent, residual, 1.6, 3.0)
 
-    def recommended_step(self, model: Model, tangent: np.ndarray) -> float:
-        free = np.sqrt(model.stiffness / model.mass)[model.nonlinear_bodies]
-        if not free.size:
-            slowest = np.sqrt(model.stiffness / model.mass).max()
-            return min(_over(1.0, slowest), _over(1.0, (model.damping / model.mass).max()))
-        return min(_over(0.5, frequencies(model, tangent)[-1]), _over(1.0, free.max()))
+    def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
+        if not model.nonlinear_bodies.any():  # every step is exact: a few samples per period
+            return min(_over(1.0, model.natural_frequencies.max()), _over(1.0, (model.damping / model.mass).max()))
+        return self._step(model, tangent, residual, 0.5, 1.0)
+
+    def _step(
+        self, model: Model, tangent: np.ndarray, residual: np.ndarray | float, of_kicks: float, of_flow: float
+    ) -> float:
+        """Limit the step by the frequency of the forces that kick, and by that of the bodies they act on."""
+        kicked = model.nonlinear_bodies
+        if not kicked.any():
+            return float("inf")
+        by_kicks = replace(model, stiffness=np.zeros_like(model.stiffness) + residual)
+        return min(
+            _over(of_kicks, frequencies(by_kicks, tangent)[-1]), _over(of_flow, model.natural_frequencies[kicked].max())
+        )
 
 
 def _over(number: float, frequency: float) -> float:

@@ -1,0 +1,165 @@
+"""An accuracy instead of a duration: how many realizations, and at which step."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.component import finite, suggestion
+from impactlab.dataset import STATISTICS
+from impactlab.errors import InvalidInput
+from impactlab.model import Model
+from impactlab.scene import linear_variances
+
+PILOT = 256
+"""Realizations of the first attempt."""
+
+RELAXATION_TIMES = 100.0
+"""Length of a realization in relaxation times, beside which the spin-up is short."""
+
+SAFETY = 0.85
+"""Part of the tolerance that an attempt aims at."""
+
+HALVINGS = 6
+"""How often the step is halved before a tolerance is given up."""
+
+Attempt = Callable[[int, float | None, bool], xr.Dataset]
+
+
+def checked(tolerance: Any, model: Model) -> dict[str, float]:
+    """Return tolerances by the name of the statistic.
+
+    Raises
+    ------
+    InvalidInput
+        If a tolerance is not positive, or a statistic is unknown, has no error bar, or has
+        no stationary value in this network.
+    """
+    if not isinstance(tolerance, Mapping) or not tolerance:
+        raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, {tolerance!r} was given.')
+    for name, value in tolerance.items():
+        if name not in STATISTICS:
+            raise InvalidInput(f"tolerance: there is no statistic {name!r}; {suggestion(name, STATISTICS)}")
+        if name == "peak_contact_force":
+            raise InvalidInput(
+                "tolerance: the peak force grows with the time of observation; ask for mean_contact_force, or give "
+                "duration= instead."
+            )
+        if finite(f"tolerance of {name}", value) <= 0.0:
+            raise InvalidInput(f"tolerance of {name} must be larger than 0, {value!r} was given.")
+    _refuse_drifting(tuple(tolerance), model)
+    return {name: float(value) for name, value in tolerance.items()}
+
+
+def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
+    """Refuse statistics that have no stationary value, or none but 0."""
+    heated = linear_variances(model)[1]
+    if not heated.any():
+        raise InvalidInput("tolerance: nothing is excited by noise, so every statistic is 0; give duration=.")
+    labels = model.connected()
+    for body, name in enumerate(model.bodies):
+        if math.isinf(heated[body]) and not (model.damping[labels == labels[body]] > 0.0).any():
+            raise InvalidInput(f"tolerance: {name!r} is excited but nothing damps it, so it has no stationary state.")
+        held = model.stiffness[body] > 0.0 or model.nonlinear_bodies[body]
+        if not held and any("displacement" in item for item in names):
+            raise InvalidInput(f"tolerance: nothing holds {name!r}, so its displacement has no stationary value.")
+
+
+def reach(
+    attempt: Attempt, tolerance: dict[str, float], max_seconds: float, least: int, step: float | None
+) -> xr.Dataset:
+    """Repeat a simulation with more realizations or a smaller step until it is good enough.
+
+    Every attempt runs at a step h and at 2h. The bias of the step is estimated as a third of
+    the difference, which is right for a method of second order and too much for a higher
+    one. A result is good enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for
+    every label; where the value is 0 by symmetry, its standard deviation takes its place.
+
+    Parameters
+    ----------
+    attempt : callable
+        ``attempt(realizations, step, coarse)`` returns a dataset; with step None the step is
+        chosen, and coarse runs have noise of their own.
+    tolerance : dict of str to float
+        Relative tolerances by the name of the statistic.
+    max_seconds : float
+        Time after which no further attempt begins (s).
+    least : int
+        Least number of realizations.
+    step : float, optional
+        Step to begin with (s).
+
+    Returns
+    -------
+    xarray.Dataset
+        The last attempt, with ``<name>_bias`` and what was spent.
+
+    Raises
+    ------
+    InvalidInput
+        If the tolerance cannot be reached in the time.
+    """
+    begin = time.monotonic()
+    realizations = max(PILOT, least)
+    halvings = attempts = 0
+    while True:
+        started = time.monotonic()
+        fine = attempt(realizations, step, False)
+        coarse = attempt(realizations, 2.0 * fine.attrs["step"], True)
+        took = time.monotonic() - started
+        attempts += 1
+        excess, biased = _judge(fine, coarse, tolerance)
+        if excess <= 1.0:
+            return _labelled(fine, coarse, tolerance, attempts, time.monotonic() - begin)
+        if biased:
+            halvings += 1
+            step = 0.5 * fine.attrs["step"]
+        growth = 1.0 if biased else (excess / SAFETY) ** 2
+        needed = took * growth * (2.0 if biased else 1.0)
+        if halvings > HALVINGS or time.monotonic() - begin + needed > max_seconds:
+            raise InvalidInput(
+                f"The tolerance {tolerance} would take about {needed:.2g} s more; after {attempts} attempt(s) the "
+                f"largest error is {excess:.3g} times what was asked for. Ask for less, or give max_seconds=."
+            )
+        realizations = math.ceil(realizations * growth)
+
+
+def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) -> tuple[float, bool]:
+    """Return the largest error over its tolerance, and whether more realizations cannot help."""
+    excess, biased = 0.0, False
+    for name, relative in tolerance.items():
+        if name not in fine:
+            raise InvalidInput(f"tolerance: this network has no {name}.")
+        allowed = relative * _scale(fine, name)
+        error = fine[f"{name}_standard_error"].values
+        bias = (coarse[name].values - fine[name].values) / 3.0
+        uncertainty = np.hypot(coarse[f"{name}_standard_error"].values, error) / 3.0
+        excess = max(excess, float(((np.abs(bias) + 2.0 * error) / allowed).max()))
+        biased |= bool((np.abs(bias) - 2.0 * uncertainty > 0.5 * allowed).any())
+    return excess, biased
+
+
+def _scale(dataset: xr.Dataset, name: str) -> np.ndarray:
+    """Size of a statistic that its tolerance refers to."""
+    value: np.ndarray = np.abs(dataset[name].values)
+    square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(name)
+    if square is None:
+        return value
+    zero = value < 5.0 * dataset[f"{name}_standard_error"].values
+    return np.where(zero, np.sqrt(dataset[square].values), value)
+
+
+def _labelled(
+    fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float], attempts: int, seconds: float
+) -> xr.Dataset:
+    for name in tolerance:
+        attrs = {**fine[name].attrs, "long_name": f"estimated bias of the step in {fine[name].attrs['long_name']}"}
+        attrs.pop("ancillary_variables", None)
+        fine[f"{name}_bias"] = (fine[name].dims, (coarse[name].values - fine[name].values) / 3.0, attrs)
+    tolerances = ", ".join(f"{name}: {value:g}" for name, value in tolerance.items())
+    return fine.assign_attrs(tolerance=tolerances, attempts=attempts, seconds_spent=seconds)
