@@ -333,7 +333,7 @@ def _check_limits(place: str, metadata: Mapping[str, Any], value: Any) -> None:
     units = metadata.get("units", "1")
     minimum, above, maximum = (metadata.get(name) for name in ("minimum", "above", "maximum"))
     for item in value if isinstance(value, tuple) else (value,):
-        if isinstance(item, bool) or not isinstance(item, int | float):
+        if isinstance(item, bool) or not isinstance(item, int | float | np.number):
             continue
         finite(place, item)
         if minimum is not None and item < minimum:

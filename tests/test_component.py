@@ -15,6 +15,7 @@ class Spring(il.ContactLaw):
     count: int = il.parameter(1, minimum=1)
     stiff: bool = il.parameter(False)
     label: str = il.parameter("spring")
+    places: tuple[float, ...] = il.parameter((), units="m", minimum=0.0)
 
     def force(indentation, rate, stiffness, rest):
         return stiffness * indentation + rest * rate
@@ -42,7 +43,7 @@ def test_inherited_fields_stay_keywords():
 
 def test_fields_have_their_declared_type():
     spring = Spring(np.float32(2), count=np.int64(3), stiff=np.bool_(True))
-    assert [type(value) for value in dataclasses.astuple(spring)] == [float, float, int, bool, str]
+    assert [type(value) for value in dataclasses.astuple(spring)] == [float, float, int, bool, str, tuple]
 
 
 @pytest.mark.parametrize(
@@ -63,6 +64,9 @@ def test_fields_have_their_declared_type():
         ({"stiffness": 1.0, "count": 0}, r"Spring.count must be at least 1"),
         ({"stiffness": 1.0, "stiff": 1}, r"Spring.stiff must be true or false, 1 was given"),
         ({"stiffness": 1.0, "label": 1}, r"Spring.label must be a text, 1 was given"),
+        ({"stiffness": 1.0, "places": (0.0, np.nan)}, r"Spring.places must be a finite number, nan was given"),
+        ({"stiffness": 1.0, "places": [0.0, -1.0]}, r"Spring.places must be at least 0 m, -1.0 was given"),
+        ({"stiffness": 1.0, "places": (np.float32(-1),)}, r"Spring.places must be at least 0 m"),
         ({"stifness": 1.0}, r"Spring has no field 'stifness'; did you mean 'stiffness'\?"),
         ({"stiffness": 1.0, "q": 1.0}, r"Spring has no field 'q'; allowed are 'stiffness', 'rest'"),
     ],
