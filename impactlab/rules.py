@@ -24,6 +24,9 @@ RELAXATION_TIMES = 12.0
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
+SERIES_BYTES = 40e6
+"""Memory that the series of a block may take."""
+
 CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 """Length of a compiled call and the cost it is planned with: short, so that interrupts are answered."""
 
@@ -141,7 +144,7 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     blocks = -(-realizations // (LANES * workers)) * workers  # as many for each worker
     lanes = min(-(-realizations // (8 * blocks)) * 8, realizations)
     if series_bytes:
-        lanes = max(1, min(lanes, int(100e6 / series_bytes)))
+        lanes = max(1, min(lanes, int(SERIES_BYTES / series_bytes)))
     cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.ends))
     return lanes, max(1, int(CALL_SECONDS / cost))
 

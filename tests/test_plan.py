@@ -28,8 +28,7 @@ def test_automatic_step_is_the_closed_form():
     temperature = np.pi / network.oscillators["two"].damping
     depth = (2.5 * temperature / 1e4) ** 0.4
     tangent = 1.5 * 1e4 * math.sqrt(depth)
-    stiffness = [body.stiffness for body in network.oscillators.values()]
-    closed = np.sqrt(np.linalg.eigvalsh(np.diag(stiffness) + tangent * np.array([[1.0, -1.0], [-1.0, 1.0]]))[-1])
+    closed = math.sqrt(2.0 * tangent)  # two unit masses on the contact's spring; the flow is exact
     expected = min(0.5 / closed, 1.0 / (32.0 * np.pi))
     step = plan_of(network).step
     assert 0.99 * expected < step <= expected * (1.0 + 1e-6)  # made smaller until it divides the duration
@@ -121,7 +120,7 @@ def test_blocks_hold_every_realization_once(realizations, workers):
 
 def test_blocks_are_small_where_series_are_long():
     lanes, _ = block_shape(Model.of(base()), 1000, 2, int(20e6))
-    assert lanes == 5
+    assert lanes == 2
     assert block_shape(Model.of(base()), 1000, 2, int(1e12))[0] == 1
 
 
