@@ -210,6 +210,8 @@ class Component:
         arguments = [np.asarray(values[item], dtype=float) for item in used]
         try:
             result = scalar(*arguments) if arguments else np.float64(function(*filled))
+        except OverflowError:
+            raise  # infinite in compiled code; whoever asks for values far out decides what that means
         except (ArithmeticError, AttributeError, LookupError, NameError, TypeError) as error:
             raise InvalidInput(
                 f"The kernel {type(self).__name__}.{name} failed for {self!r}: {type(error).__name__}: {error}."

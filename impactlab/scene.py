@@ -259,10 +259,17 @@ def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: flo
 
 def _solve(increasing: Any, target: float) -> float:
     """Solve ``increasing(depth) = target`` by bisection of the logarithm; 0 if it never gets there."""
+
+    def reached(logarithm: float) -> bool:
+        try:
+            return bool(increasing(10.0**logarithm) >= target)
+        except OverflowError:  # Python's functions raise it where compiled ones return infinity
+            return True
+
     low, high = -60.0, 40.0
-    if not increasing(10.0**high) >= target:
+    if not reached(high):
         return 0.0
-    for _ in range(40):  # to ten digits
+    for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if increasing(10.0**middle) < target else (low, middle)
+        low, high = (low, middle) if reached(middle) else (middle, high)
     return float(10.0 ** (0.5 * (low + high)))
