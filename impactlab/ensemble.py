@@ -257,12 +257,14 @@ class _Block:
         plan = self.plan
         scale = self.scale
         if plan.time_varying:
-            middles = self._times(count, 1, 0.5)
-            intensity = np.empty((count + 1, len(plan.white)))
+            middles = self._times(count, 1, 0.5)[:count]
+            intensity = np.empty((count, len(plan.white)))
             self.module.intensity(middles, plan.parameters, plan.indices, intensity)
-            if not (intensity >= 0.0).all():
+            wrong = np.flatnonzero(~(intensity >= 0.0).all(axis=1))
+            if wrong.size:
                 raise Diverged(
-                    f"The spectral density of a white noise is negative or not a number near t = {middles[0]:g} s."
+                    "The spectral density of a white noise is negative or not a number near "
+                    f"t = {middles[wrong[0]]:g} s."
                 )
             scale = np.sqrt(intensity / plan.intensity)
         return Noise(plan.white, plan.streams, self.realizations, scale)

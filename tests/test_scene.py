@@ -62,6 +62,23 @@ def test_thermal_penetration_of_power_laws(law, exponent):
     assert found.contacts[0] == pytest.approx(exponent * eta * depth ** (exponent - 1.0), rel=1e-5)
 
 
+class ExponentialContact(il.ContactLaw):
+    """Overflows in Python far out, where the search for the penetration begins."""
+
+    length: float = il.parameter(units="m", above=0.0)
+
+    @staticmethod
+    def force(indentation, length):
+        return math.exp(indentation / length) - 1.0
+
+
+def test_penetration_of_a_law_that_overflows():
+    network = base().replace(contacts={"gap": il.Contact("one", "two", ExponentialContact(0.01), clearance=0.05)})
+    depth = stiffening(network).penetration[0]
+    stored = 0.01 * (math.exp(depth / 0.01) - 1.0) - depth
+    assert stored == pytest.approx(2.5, rel=1e-6)  # T
+
+
 def test_the_hotter_body_gives_the_energy():
     network = base(ratio=4.0)  # body one is four times as hot
     heat = [np.pi * 16.0 / network.oscillators["one"].damping, np.pi / network.oscillators["two"].damping]
