@@ -19,7 +19,7 @@ LAYERS = [
     {"rules", "series"},
     {"compiled", "plan"},
     {"record", "moments", "ensemble"},
-    {"estimate"},
+    {"estimate", "tolerance"},
     {"simulation"},
     {"folder", "plugins"},
     {"run"},
