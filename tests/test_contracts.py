@@ -88,9 +88,11 @@ def test_component_is_a_value(cls):
         with pytest.raises(dataclasses.FrozenInstanceError):
             delattr(one, field.name)
         if type_of(field) in ("float", "int"):
-            changed = one.replace(**{field.name: getattr(one, field.name) * 2})
+            value, high = getattr(one, field.name), field.metadata["maximum"]
+            new = 2 * value if high is None else type(value)(high)
+            changed = one.replace(**{field.name: new})
             assert changed != one
-            assert getattr(changed, field.name) == 2 * getattr(one, field.name)
+            assert getattr(changed, field.name) == new
 
 
 @each_component
@@ -130,6 +132,8 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
             bad.append(np.nextafter(field.metadata["minimum"], -np.inf))
         if field.metadata["above"] is not None:
             bad.append(field.metadata["above"])
+        if field.metadata["maximum"] is not None:
+            bad.append(np.nextafter(field.metadata["maximum"], np.inf))
         for value in bad:
             with pytest.raises(il.InvalidInput, match=rf"{cls.__name__}.{field.name} must be"):
                 sample(cls).replace(**{field.name: value})
