@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 _HOME = {
     "component": ["Component", "parameter"],
     "oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
-    "contact": ["WALL", "Contact", "ContactLaw", "HertzContact", "LinearContact"],
+    "contact": ["WALL", "Contact", "ContactLaw", "HertzContact", "LinearContact", "PowerLawContact"],
     "excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
     "network": ["Network", "chain"],
     "compiled": ["CompiledNetwork"],

@@ -8,6 +8,7 @@ from impactlab.contact import Contact as Contact
 from impactlab.contact import ContactLaw as ContactLaw
 from impactlab.contact import HertzContact as HertzContact
 from impactlab.contact import LinearContact as LinearContact
+from impactlab.contact import PowerLawContact as PowerLawContact
 from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.errors import AccuracyWarning as AccuracyWarning

@@ -209,7 +209,8 @@ class Component:
         scalar = np.vectorize(lambda *arguments: function(*arguments, *filled), otypes=[float])
         arguments = [np.asarray(values[item], dtype=float) for item in used]
         try:
-            result = scalar(*arguments) if arguments else np.float64(function(*filled))
+            with np.errstate(over="ignore"):
+                result = scalar(*arguments) if arguments else np.float64(function(*filled))
         except OverflowError:
             raise  # infinite in compiled code; whoever asks for values far out decides what that means
         except (ArithmeticError, AttributeError, LookupError, NameError, TypeError) as error:

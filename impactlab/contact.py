@@ -87,6 +87,33 @@ class LinearContact(ContactLaw):
         return 0.5 * stiffness * indentation * indentation
 
 
+class PowerLawContact(ContactLaw):
+    """Contact whose force is a power of the indentation: ``stiffness (δ/1 m)^exponent``.
+
+    Exponent 1 is `LinearContact`, 3/2 is `HertzContact`, both of which are faster; 2 is a cone on
+    a plane.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness η, given as the force at an indentation of 1 m (N); in SI units it is
+        the number of the usual η (N m⁻ᵖ).
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    """
+
+    stiffness: float = parameter(units="N", minimum=0.0)
+    exponent: float = parameter(above=0.0, maximum=20.0)
+
+    @staticmethod
+    def force(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * indentation**exponent
+
+    @staticmethod
+    def potential(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * indentation ** (exponent + 1.0) / (exponent + 1.0)
+
+
 class Wall:
     """The fixed body at ``x = 0`` that a contact may have on one side."""
 

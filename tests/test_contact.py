@@ -5,10 +5,14 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import deviations
 
 import impactlab as il
 
 LAW = il.HertzContact(1e4)
+POWER_LAW_STATISTICS = [
+    "mean_displacement", "mean_square_displacement", "mean_square_velocity", "contact_ratio", "mean_contact_force",
+]  # fmt: skip
 
 
 def test_hertz_force_and_potential():
@@ -20,6 +24,50 @@ def test_linear_force_and_potential():
     law = il.LinearContact(50.0)
     assert float(law.evaluate(0.2)) == 10.0
     assert float(law.call("potential", 0.2)) == pytest.approx(1.0, rel=1e-15)
+
+
+def test_power_law_force_and_potential():
+    law = il.PowerLawContact(50.0, exponent=2.0)
+    assert float(law.evaluate(0.2)) == pytest.approx(2.0, rel=1e-15)
+    assert float(law.call("potential", 0.2)) == pytest.approx(50.0 * 0.2**3 / 3.0, rel=1e-15)
+
+
+@pytest.mark.parametrize(("exponent", "law"), [(1.0, il.LinearContact(1e3)), (1.5, il.HertzContact(1e4))])
+def test_power_law_is_the_linear_and_the_hertz_law(exponent, law):
+    """A simulation of the general law meets the exact statistics of the special one."""
+    body = il.LinearOscillator.from_frequency(natural_frequency=2.0 * np.pi, damping_ratio=0.1)
+    pair = {"a": body, "b": body.replace(mass=3.0)}
+    noise = {name: il.WhiteNoise(1.0) for name in pair}
+    special = il.Network(pair, {"gap": il.Contact("a", "b", law, clearance=0.05)}, noise)
+    power = il.PowerLawContact(law.stiffness, exponent=exponent)
+    general = special.replace(contacts={"gap": il.Contact("a", "b", power, clearance=0.05)})
+    expected = il.exact(special).statistics()
+    exact = il.exact(general).statistics()
+    for name in expected.data_vars:
+        np.testing.assert_allclose(exact[name], expected[name], rtol=1e-11, atol=1e-14, err_msg=name)
+    result = il.simulate(general, 200.0, realizations=128, rng=1)
+    assert max(deviations(result, expected, POWER_LAW_STATISTICS, 1e-3).values()) < 3.0
+
+
+def test_power_law_of_a_cone_meets_its_exact_law():
+    body = il.LinearOscillator.from_frequency(natural_frequency=2.0 * np.pi, damping_ratio=0.1)
+    network = il.Network(
+        {"a": body, "b": body},
+        {"gap": il.Contact("a", "b", il.PowerLawContact(1e5, exponent=2.0), clearance=0.05)},
+        {"a": il.WhiteNoise(1.0), "b": il.WhiteNoise(1.0)},
+    )
+    result = il.simulate(network, 400.0, realizations=256, rng=2)
+    assert max(deviations(result, il.exact(network).statistics(), POWER_LAW_STATISTICS, 1e-3).values()) < 3.0
+
+
+def test_a_steep_law_is_planned_and_has_an_exact_law():
+    """Far out its force overflows; that is infinite, as in compiled code, and no warning."""
+    assert il.PowerLawContact(1e4, exponent=20.0).evaluate(2e15) == np.inf
+    wall = il.Contact("a", il.WALL, il.PowerLawContact(1e4, exponent=12.5))
+    body = il.LinearOscillator(damping=1.0, stiffness=1.0)
+    network = il.Network({"a": body}, {"wall": wall}, {"a": il.WhiteNoise(1.0)})
+    assert 0.0 < il.exact(network).statistics().contact_ratio.item() < 0.5
+    assert il.simulate(network, 10.0, realizations=64, rng=1).attrs["step"] > 0.0
 
 
 def test_evaluate_is_zero_where_the_contact_is_open():
