@@ -160,7 +160,7 @@ def make_plan(
     start = start_of(initial, model)
     stiffening = Stiffening.of(model, energies(model, start, duration))
     records = [record.resolved(model) for record in records]
-    intervals = [interval for record in records if (interval := record.exact_interval()) is not None]
+    intervals = _intervals(records, duration)
     relaxation = relaxation_time(model)
     if spin_up is None:
         spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
@@ -222,6 +222,22 @@ def make_plan(
         lanes=lanes,
         steps_per_call=steps_per_call,
     )
+
+
+def _intervals(records: Sequence[Record], duration: float) -> list[float]:
+    """Return the times between samples that records must have, after checking that all fit in one run."""
+    seen = set()
+    for record in records:
+        if record.identity in seen:
+            raise InvalidInput(
+                f"Two records {' '.join(record.identity)} would have variables of the same names; keep one, or "
+                "simulate once more with the same rng."
+            )
+        seen.add(record.identity)
+    intervals = [interval for record in records if (interval := record.exact_interval()) is not None]
+    if intervals and max(intervals) > duration * (1.0 + 1e-9):
+        raise InvalidInput(f"An interval of {max(intervals):g} s is longer than the duration of {duration:g} s.")
+    return intervals
 
 
 def _divides(interval: float, period: float) -> bool:

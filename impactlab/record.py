@@ -53,6 +53,11 @@ class Record(Component):
     label: ClassVar[Any] = None
     """``label(plan, results, interval)`` returns variables from the results of all blocks."""
 
+    @property
+    def identity(self) -> tuple[str, ...]:
+        """What two records of one run may not share: their variables would have the same names."""
+        return (type(self).__name__,)
+
     def resolved(self, model: Model) -> Record:
         """Return the record with everything filled in that was left to be chosen."""
         return self
@@ -174,6 +179,10 @@ class Density(Record):
         if self.quantity not in _UNITS:
             raise InvalidInput(f"Density.quantity: {suggestion(self.quantity, _UNITS)}")
         object.__setattr__(self, "limits", _plain_limits(self.limits))
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
         names = _known("Density", self.oscillators, model)
@@ -348,6 +357,8 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
 
 
 def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
+    if isinstance(names, str):
+        raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), {names!r} was given.")
     for name in names or ():
         if name not in model.bodies:
             raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
@@ -358,11 +369,16 @@ def _plain_limits(limits: Any) -> Any:
     """Return limits as None, a pair, or triples (name, low, high)."""
     if limits is None:
         return None
+    items = limits
     if isinstance(limits, Mapping):
-        limits = tuple((name, *pair) for name, pair in limits.items())
-    plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in limits)
-    pairs: Any = [item[-2:] for item in plain] if plain and isinstance(plain[0], tuple) else [plain]
-    for low, high in pairs:
+        items = [(name, *(pair if isinstance(pair, list | tuple) else (pair,))) for name, pair in limits.items()]
+    plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in items)
+    by_name = plain and all(isinstance(item, tuple) for item in plain)
+    pairs: list[Any] = [item[1:] for item in plain] if by_name else [plain]
+    for pair in pairs:
+        if len(pair) != 2 or not all(isinstance(limit, int | float | np.number) for limit in pair):
+            raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
+        low, high = (float(limit) for limit in pair)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InvalidInput(f"Limits must be two increasing finite numbers, ({low!r}, {high!r}) was given.")
     return plain

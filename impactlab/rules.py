@@ -77,6 +77,8 @@ def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) 
     InvalidInput
         If an interval is not a whole number of steps.
     """
+    if fixed and step > duration * (1.0 + 1e-9):
+        raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
         whole = intervals[0] if intervals else duration
         step = whole / math.ceil(whole / step * (1.0 - 1e-12))
@@ -193,7 +195,10 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
         )
     state = np.zeros((2, len(model.bodies)))
     for row, quantity in enumerate(("displacement", "velocity")):
-        for name, value in dict(initial.get(quantity, {})).items():
+        values = initial.get(quantity, {})
+        if not isinstance(values, Mapping):
+            raise InvalidInput(f"initial {quantity} must be {{name: value}}, {values!r} was given.")
+        for name, value in values.items():
             if name not in model.bodies:
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
             state[row, model.bodies.index(name)] = finite(f"initial {quantity} of {name!r}", value)

@@ -164,6 +164,8 @@ def _simulate(
     for item in records:
         if not isinstance(item, Record):
             raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
+    if executor is not None and not isinstance(executor, Executor):
+        raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
     plan = make_plan(
         network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
         initial=initial, records=records, seed=seed, workers=cores(),
@@ -180,11 +182,11 @@ def _simulate(
         )
     configuration = {
         "network": network.to_dict(),
-        "simulate": {
+        "simulate": _plain({
             "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
             "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
             "seed": list(seed),
-        },
+        }),
         "text": digest(plan.text),
     }  # fmt: skip
     return _labelled(plan, estimates, results, configuration)
@@ -194,6 +196,13 @@ def _network(network: Any) -> Network:
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
     return network
+
+
+def _plain(value: Any) -> Any:
+    """Return options as JSON can hold them, without numbers of NumPy."""
+    if isinstance(value, Mapping):
+        return {name: _plain(item) for name, item in value.items()}
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:
