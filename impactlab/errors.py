@@ -1,5 +1,8 @@
 """Every error that impactlab raises, and every warning that it gives."""
 
+import sys
+import warnings
+
 
 class ImpactLabError(Exception):
     """Base of all errors raised on purpose by impactlab."""
@@ -27,3 +30,11 @@ class ImpactLabWarning(UserWarning):
 
 class AccuracyWarning(ImpactLabWarning):
     """A result is complete, but less is known of its accuracy than was asked for."""
+
+
+def warn(message: str) -> None:
+    """Give an `AccuracyWarning` at the line outside of impactlab that led to it."""
+    level = 2
+    while sys._getframe(level - 1).f_globals.get("__name__", "").startswith("impactlab."):
+        level += 1
+    warnings.warn(message, AccuracyWarning, stacklevel=level)

@@ -8,12 +8,11 @@ is that of a linear regression on the balances, at balance 0 (control variates).
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.errors import AccuracyWarning
+from impactlab.errors import warn
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
 from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
@@ -134,11 +133,9 @@ def _controls(plan: Plan, units: Values, values: Values, errors: Values) -> dict
         for body in np.flatnonzero(np.isfinite(errors[name])):
             scatter = errors[name][body]
             if abs(values[name][body]) > BROKEN * scatter:
-                warnings.warn(
+                warn(
                     f"{name} of {plan.bodies[body]!r} is {abs(values[name][body]) / scatter:.1f} standard errors "
-                    "off 0, so balances are not used: the spin-up may be too short, or the step too large.",
-                    AccuracyWarning,
-                    stacklevel=5,
+                    "off 0, so balances are not used: the spin-up may be too short, or the step too large."
                 )
                 return {}
             if scatter > 0.0:
@@ -225,8 +222,4 @@ def _warn(plan: Plan, relaxation: float) -> None:
         advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
     else:
         advice = f"use at least {BATCHES} realizations"
-    warnings.warn(
-        f"Too few independent samples for standard errors, which are NaN: {advice}.",
-        AccuracyWarning,
-        stacklevel=4,
-    )
+    warn(f"Too few independent samples for standard errors, which are NaN: {advice}.")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from impactlab.component import finite, suggestion
-from impactlab.errors import AccuracyWarning, InvalidInput
+from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
 from impactlab.model import Model
 from impactlab.scene import Stiffening, linear_variances, lines_of, regular_lines
@@ -116,12 +115,10 @@ def warn_of_bands(model: Model) -> None:
     for item in lines_of(model):
         natural = math.sqrt(model.stiffness[item.body] / model.mass[item.body])
         if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
-            warnings.warn(
+            warn(
                 f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
                 f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain its natural frequency "
-                f"{natural / (2 * math.pi):g} Hz.",
-                AccuracyWarning,
-                stacklevel=4,
+                f"{natural / (2 * math.pi):g} Hz."
             )
 
 

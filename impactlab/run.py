@@ -27,7 +27,7 @@ def checked_items(study: Study) -> list[Item]:
     InvalidInput
         If two have the same key, or an option is not plain data.
     """
-    items = study.items()
+    items = list(study.items())
     keys = [item.key.casefold() for item in items]  # they are names of files
     for item, key in zip(items, keys, strict=True):
         if keys.count(key) > 1:

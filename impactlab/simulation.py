@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
@@ -15,7 +14,7 @@ import xarray as xr
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, configuration_of, provenance, statistics
 from impactlab.ensemble import cores, merged, run
-from impactlab.errors import AccuracyWarning, InvalidInput
+from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
 from impactlab.integrators import ExactFlow, Integrator
@@ -174,11 +173,9 @@ def _simulate(
     estimates = estimate(plan, *merged(results), relaxation_time(Model.of(network)))
     steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)
     if estimates.drift > DRIFT and steady:
-        warnings.warn(
+        warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
-            f"{plan.spin_up_steps * plan.step:g} s may be too short.",
-            AccuracyWarning,
-            stacklevel=3,
+            f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
     configuration = {
         "network": network.to_dict(),

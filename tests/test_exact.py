@@ -214,9 +214,7 @@ def test_base_case(clearance, mean, mean_square, contact, swapped):
     data = exact(network).statistics().sel(oscillator=["one", "two"])
     np.testing.assert_allclose(data.mean_displacement, mean, rtol=1e-12)
     np.testing.assert_allclose(data.mean_square_displacement, mean_square, rtol=1e-12)
-    np.testing.assert_allclose(
-        data.variance_displacement, np.subtract(mean_square, np.square(mean)), rtol=1e-12
-    )
+    np.testing.assert_allclose(data.variance_displacement, np.subtract(mean_square, np.square(mean)), rtol=1e-12)
     np.testing.assert_allclose(data.mean_square_velocity, 2.5, rtol=1e-14)
     assert (data.mean_velocity == 0.0).all()
     found = [float(data[name].item()) for name in ("contact_ratio", "contact_rate", "mean_contact_force")]
@@ -314,9 +312,7 @@ def test_walls_against_quad(oscillator, side):
     def integral(function, low=-4.0, high=4.0):
         corners = np.unique([low, *(c for c in (-0.7, -0.3, 0.3, 0.7) if low < c < high), high])
         parts = itertools.pairwise(corners)
-        return sum(
-            quad(lambda x: function(x) * density(x), *ends, epsabs=1e-14, epsrel=1e-12)[0] for ends in parts
-        )
+        return sum(quad(lambda x: function(x) * density(x), *ends, epsabs=1e-14, epsrel=1e-12)[0] for ends in parts)
 
     total = integral(np.ones_like)
     mean = integral(lambda x: x) / total
@@ -374,9 +370,7 @@ def test_free_partner_between_two_contacts():
     np.testing.assert_allclose(data.contact_ratio, 0.5 * closed / (0.2 + closed), rtol=1e-11)
     np.testing.assert_allclose(data.mean_square_velocity, [0.5, 5.0], rtol=1e-14)
     opened = 2.0 * 0.1**3 / 3.0
-    inside = [
-        math.comb(2, n) * 0.1 ** (2 - n) * depth ** (n + 1) * 0.4 * gamma(0.4 * (n + 1)) for n in range(3)
-    ]
+    inside = [math.comb(2, n) * 0.1 ** (2 - n) * depth ** (n + 1) * 0.4 * gamma(0.4 * (n + 1)) for n in range(3)]
     gap = (opened + 2.0 * sum(inside)) / (0.2 + closed)
     variance = 1.0 / SPRING.stiffness
     np.testing.assert_allclose(data.variance_displacement, [variance, variance + gap], rtol=1e-11)
@@ -390,8 +384,7 @@ clearances = st.floats(-0.5, 0.8)
 @st.composite
 def pairs(draw):
     bodies = [
-        il.LinearOscillator(mass=draw(positive), damping=draw(positive), stiffness=draw(positive))
-        for _ in range(2)
+        il.LinearOscillator(mass=draw(positive), damping=draw(positive), stiffness=draw(positive)) for _ in range(2)
     ]
     laws = [il.HertzContact(10.0 ** draw(st.floats(-1, 5))), ConicalContact(10.0 ** draw(st.floats(-1, 5)))]
     sides = [("first", "second"), ("second", "first")]
@@ -439,9 +432,7 @@ def test_pair_against_two_dimensional_quadrature(scene):
     data = exact(pair(*scene[0], *scene[1:])).statistics()
     deviation = np.sqrt(data.mean_square_displacement.values.max())
     for name, expected in brute_force(*scene).items():
-        tolerance = (
-            {"atol": 1e-9 * deviation} if name == "mean_displacement" else {"atol": 1e-12, "rtol": 1e-8}
-        )
+        tolerance = {"atol": 1e-9 * deviation} if name == "mean_displacement" else {"atol": 1e-12, "rtol": 1e-8}
         np.testing.assert_allclose(data[name], expected, **tolerance)
 
 
@@ -455,9 +446,7 @@ def test_force_balance_and_equipartition(scene):
     force = data.mean_contact_force.values
     applied = np.array([force[1] - force[0], force[0] - force[1]])
     stiffness = np.array([body.stiffness for body in bodies])
-    np.testing.assert_allclose(
-        stiffness * data.mean_displacement, applied, atol=1e-10 * force.max(), rtol=1e-10
-    )
+    np.testing.assert_allclose(stiffness * data.mean_displacement, applied, atol=1e-10 * force.max(), rtol=1e-10)
     law = reference.laws[0]
     starts, offsets, probability = law.quadrature()
     q = starts + offsets
@@ -465,9 +454,7 @@ def test_force_balance_and_equipartition(scene):
     for weight, sign, k, square in zip(
         law.weights, (1.0, -1.0), stiffness, data.mean_square_displacement.values, strict=True
     ):
-        assert k * square + sign * weight * (probability @ (q * slope)) == pytest.approx(
-            temperature, rel=1e-10
-        )
+        assert k * square + sign * weight * (probability @ (q * slope)) == pytest.approx(temperature, rel=1e-10)
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
@@ -485,9 +472,7 @@ def test_symmetries(scene, metre, second, kilogram):
         name: il.Contact(
             item.first,
             item.second,
-            item.law.replace(
-                stiffness=item.law.stiffness * kilogram / second**2 / metre ** {"a": 0.5, "b": 1.0}[name]
-            ),
+            item.law.replace(stiffness=item.law.stiffness * kilogram / second**2 / metre ** {"a": 0.5, "b": 1.0}[name]),
             clearance=item.clearance * metre,
         )
         for name, item in contacts.items()
@@ -574,9 +559,7 @@ def test_density_of_very_unequal_pairs(ratio):
 
         corner = (0.3 * k + x) / spread
         ends = [-9.0, *([corner, min(corner + 0.1, 9.0)] if -9.0 < corner < 8.9 else []), 9.0]
-        value = sum(
-            quad(integrand, a, b, epsabs=0.0, epsrel=1e-12, limit=400)[0] for a, b in itertools.pairwise(ends)
-        )
+        value = sum(quad(integrand, a, b, epsabs=0.0, epsrel=1e-12, limit=400)[0] for a, b in itertools.pairwise(ends))
         expected = value / (k * total * math.sqrt(2.0 * math.pi))
         assert reference.density("second", "displacement", x).item() == pytest.approx(expected, rel=1e-10)
     edges = np.linspace(-12.0, 12.0, 101)
@@ -589,9 +572,7 @@ def test_bin_averages_of_a_single_body_across_corners():
     law = il.HertzContact(1e6)
     reference = exact(single(SPRING, {"stop": il.Contact("body", WALL, law, clearance=0.2)}, 1.0))
     edges = np.array([-0.3, 0.1, 0.201, 0.25])
-    for low, high, found in zip(
-        edges, edges[1:], reference.bin_density("body", "displacement", edges), strict=False
-    ):
+    for low, high, found in zip(edges, edges[1:], reference.bin_density("body", "displacement", edges), strict=False):
         corners = [low, *([0.2] if low < 0.2 < high else []), high]
         value = sum(
             quad(
@@ -638,9 +619,7 @@ def test_user_written_laws():
     def closed(d, order):
         return d**order * math.exp(-0.5 * k * (0.1 + d) ** 2 - 100.0 * d**3 / 3.0)
 
-    total = quad(closed, 0.0, 2.0, args=(0,))[0] + math.sqrt(math.pi / 2.0 / k) * erfc(
-        -0.1 * math.sqrt(0.5 * k)
-    )
+    total = quad(closed, 0.0, 2.0, args=(0,))[0] + math.sqrt(math.pi / 2.0 / k) * erfc(-0.1 * math.sqrt(0.5 * k))
     assert force[0] == pytest.approx(100.0 * quad(closed, 0.0, 2.0, args=(2,))[0] / total, rel=1e-9)
     stop = {"stop": il.Contact("body", WALL, ExponentialContact(1e-3), clearance=0.1)}
     mean, force = numbers(single(SPRING, stop, 1.0), "mean_displacement", "mean_contact_force")
@@ -710,9 +689,7 @@ def test_refused_forces():
     assert "the force of contact 'gap' depends on the rate" in refused(
         {"body": SPRING}, {"gap": il.Contact("body", WALL, DashpotContact())}, noise
     )
-    with pytest.raises(
-        il.InvalidInput, match=r"PrintedHertzContact.potential is not the integral of the force"
-    ):
+    with pytest.raises(il.InvalidInput, match=r"PrintedHertzContact.potential is not the integral of the force"):
         exact(base_case(0.05, PrintedHertzContact(1e4)))
 
 
@@ -745,9 +722,7 @@ def test_refused_networks():
     assert "not both linear" in refused({"a": SPRING, "b": duffing}, gap, {"a": heated, "b": heated})
     noises = {"a": heat(FREE, 1.0), "b": heat(FREE, 1.0)}
     assert "'a' and 'b' have no springs" in refused({"a": FREE, "b": FREE}, gap, noises)
-    assert "cannot be normalised" in refused(
-        {"a": SPRING, "b": FREE}, gap, {"a": heated, "b": heat(FREE, 1.0)}
-    )
+    assert "cannot be normalised" in refused({"a": SPRING, "b": FREE}, gap, {"a": heated, "b": heat(FREE, 1.0)})
     assert "'a': the law cannot be normalised" in refused({"a": FREE}, {}, {"a": heat(FREE, 1.0)})
     stop = {"stop": il.Contact("a", WALL, HERTZ)}
     assert "on both sides" in refused({"a": FREE}, stop, {"a": heat(FREE, 1.0)})
