@@ -300,3 +300,49 @@ class Falling(il.Excitation):
     @staticmethod
     def intensity(time, density):
         return density * (5.0 - time)
+
+
+# beyond exact laws
+
+
+def test_the_peak_at_the_automatic_step_is_within_three_per_cent():
+    options = {"realizations": 512, "rng": 1}
+    coarse = il.simulate(base(), 50.0, **options)
+    fine = il.simulate(base(), 50.0, step=0.125 * coarse.step, **options)
+    name = "peak_contact_force"
+    error = math.hypot(coarse[f"{name}_standard_error"][0], fine[f"{name}_standard_error"][0])
+    assert abs(float(coarse[name][0] - fine[name][0])) < 0.03 * float(fine[name][0])
+    assert error < 0.01 * float(fine[name][0])
+
+
+def test_the_peak_grows_with_the_time_of_observation():
+    """By about the same for every factor in time: the logarithm, not a limit."""
+    runs = [il.simulate(base(), time, realizations=256, rng=1) for time in (10.0, 100.0, 1000.0)]
+    steps = np.diff([float(ds.peak_contact_force[0]) for ds in runs])
+    assert (steps > 10.0 * max(float(ds.peak_contact_force_standard_error[0]) for ds in runs)).all()
+    assert 0.5 < steps[1] / steps[0] < 1.2
+
+
+def test_a_long_chain_between_walls_has_equal_energies():
+    """Sixty bodies of three kinds at one temperature; mean forces agree with the springs."""
+    kinds = [il.LinearOscillator(mass=m, damping=0.5 * m, stiffness=20.0) for m in (0.5, 1.0, 3.0)]
+    bodies = [kinds[k % 3] for k in range(60)]
+    noises = [il.WhiteNoise(0.5 * body.mass / np.pi) for body in bodies]
+    network = il.chain(60, bodies, il.HertzContact(1e3), clearance=0.1, excitation=noises, walls=True)
+    ds = il.simulate(network, 60.0, realizations=128, rng=1)
+    mass = np.array([body.mass for body in bodies])
+    error = mass * ds.mean_square_velocity_standard_error
+    assert float(((abs(mass * ds.mean_square_velocity - 1.0) - 1e-3) / error).max()) < 4.0
+    scores = ds.balance_mean_displacement / ds.balance_mean_displacement_standard_error
+    assert float(abs(scores).max()) < 4.0
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_a_single_realization_of_many_bodies_is_one_of_the_ensemble():
+    """One lane, where loops run over bodies, and many lanes give the same paths."""
+    body = il.LinearOscillator(damping=0.5, stiffness=20.0)
+    network = il.chain(50, body, il.HertzContact(1e3), clearance=0.1, excitation=il.WhiteNoise(1.0))
+    options = {"rng": 1, "spin_up": 0.0, "record": [il.Trajectory(0.1), il.PerRealization()]}
+    alone = il.simulate(network, 2.0, **options)
+    many = il.simulate(network, 2.0, realizations=64, **options)
+    np.testing.assert_array_equal(alone.displacement[0], many.displacement[0])

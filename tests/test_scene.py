@@ -12,7 +12,7 @@ from impactlab.model import Model
 from impactlab.scene import Stiffening, energies, linear_variances, lines_of, regular_lines, relaxation_time, spread
 
 
-class ConicalContact(il.ContactLaw):
+class QuadraticLaw(il.ContactLaw):
     stiffness: float = il.parameter(units="N m-2", minimum=0.0)
 
     @staticmethod
@@ -49,7 +49,7 @@ def test_linear_variances_of_white_noise():
 
 
 @pytest.mark.parametrize(
-    ("law", "exponent"), [(il.LinearContact(300.0), 1.0), (il.HertzContact(1e4), 1.5), (ConicalContact(5e5), 2.0)]
+    ("law", "exponent"), [(il.LinearContact(300.0), 1.0), (il.HertzContact(1e4), 1.5), (QuadraticLaw(5e5), 2.0)]
 )
 def test_thermal_penetration_of_power_laws(law, exponent):
     network = base().replace(contacts={"gap": il.Contact("one", "two", law, clearance=0.05)})
@@ -62,7 +62,7 @@ def test_thermal_penetration_of_power_laws(law, exponent):
     assert found.contacts[0] == pytest.approx(exponent * eta * depth ** (exponent - 1.0), rel=1e-5)
 
 
-class ExponentialContact(il.ContactLaw):
+class GrowingLaw(il.ContactLaw):
     """Overflows in Python far out, where the search for the penetration begins."""
 
     length: float = il.parameter(units="m", above=0.0)
@@ -73,7 +73,7 @@ class ExponentialContact(il.ContactLaw):
 
 
 def test_penetration_of_a_law_that_overflows():
-    network = base().replace(contacts={"gap": il.Contact("one", "two", ExponentialContact(0.01), clearance=0.05)})
+    network = base().replace(contacts={"gap": il.Contact("one", "two", GrowingLaw(0.01), clearance=0.05)})
     depth = stiffening(network).penetration[0]
     stored = 0.01 * (math.exp(depth / 0.01) - 1.0) - depth
     assert stored == pytest.approx(2.5, rel=1e-6)  # T

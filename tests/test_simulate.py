@@ -15,7 +15,7 @@ from impactlab.model import Model
 from impactlab.scene import linear_variances
 
 
-class Sine(il.Excitation):
+class SineForce(il.Excitation):
     amplitude: float = il.parameter(units="N")
     frequency: float = il.parameter(units="rad s-1")
 
@@ -129,7 +129,7 @@ def test_steps_and_durations_are_kept():
 def test_a_dissipative_pair_cools():
     """A dashpot in the contact takes energy: both bodies are colder, and the balances still close."""
 
-    class Dashpot(il.ContactLaw):
+    class LossyLaw(il.ContactLaw):
         stiffness: float = il.parameter(units="N m-1")
         damping: float = il.parameter(units="N s m-2")
 
@@ -137,7 +137,7 @@ def test_a_dissipative_pair_cools():
         def force(indentation, rate, stiffness, damping):
             return stiffness * indentation + damping * indentation * rate
 
-    contact = il.Contact("one", "two", Dashpot(1000.0, damping=100.0), clearance=0.05)
+    contact = il.Contact("one", "two", LossyLaw(1000.0, damping=100.0), clearance=0.05)
     elastic = base().replace(contacts={"gap": il.Contact("one", "two", il.LinearContact(1000.0), clearance=0.05)})
     cold = il.simulate(base().replace(contacts={"gap": contact}), 60.0, realizations=512, rng=1)
     warm = il.exact(elastic).statistics()
@@ -212,7 +212,7 @@ def test_a_users_own_lines_have_their_mean_square():
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
 def test_a_given_force_has_its_closed_response(integrator):
-    network = linear(ratio=0.2).replace(excitations={"a": Sine(3.0, frequency=4.0)})
+    network = linear(ratio=0.2).replace(excitations={"a": SineForce(3.0, frequency=4.0)})
     body = network.oscillators["a"]
     ds = il.simulate(
         network, 4.0, step=1e-3, initial="rest", spin_up=0.0, integrator=integrator, record=il.Trajectory(0.1)
