@@ -16,7 +16,7 @@ from impactlab.errors import warn
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
 from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
-from impactlab.rules import BATCH_TIMES, BATCHES
+from impactlab.rules import BATCH_TIMES, BATCHES, batches_wanted
 
 SETTLED = 5.0
 """Relaxation times of spin-up after which balances may be used as controls."""
@@ -77,7 +77,8 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
         per_batch = [statistics_of(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
-    trusted = enough_alone or (len(weights) >= BATCHES and steps.min() * plan.step >= 0.999 * BATCH_TIMES * relaxation)
+    shortest = (steps.min() + max(plan.every, 1)) * plan.step  # batches are cut at whole samples
+    trusted = enough_alone or (len(weights) >= BATCHES and shortest >= BATCH_TIMES * relaxation)
     if not trusted and (len(plan.white) or plan.lines):
         _warn(plan, relaxation)
     settled = trusted and plan.spin_up_steps * plan.step >= SETTLED * relaxation * (1.0 - 1e-9)
@@ -218,7 +219,7 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
 
 def _warn(plan: Plan, relaxation: float) -> None:
     if relaxation > 0.0:
-        needed = BATCH_TIMES * relaxation * -(-BATCHES // plan.realizations)
+        needed = 1.01 * BATCH_TIMES * relaxation * batches_wanted(plan.realizations)  # more than rounding takes away
         advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
     else:
         advice = f"use at least {BATCHES} realizations"

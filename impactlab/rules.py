@@ -122,12 +122,16 @@ def warn_of_bands(model: Model) -> None:
             )
 
 
-def batch_count(realizations: int, duration: float, relaxation: float) -> int:
-    """Return the even number of batches per realization: two, or more if there are few realizations."""
+def batches_wanted(realizations: int) -> int:
+    """Return the even number of batches per realization that is enough for standard errors."""
     wanted = -(-BATCHES // realizations)
-    possible = int(duration / (BATCH_TIMES * relaxation)) if relaxation > 0.0 else wanted
-    count = max(2, min(wanted, possible) if possible * realizations >= BATCHES else 2)
-    return count + count % 2
+    return wanted + wanted % 2
+
+
+def batch_count(realizations: int, duration: float, relaxation: float) -> int:
+    """Return the even number of batches per realization: what is wanted if the time is enough, else two."""
+    wanted = batches_wanted(realizations)
+    return wanted if duration * (1.0 + 1e-9) >= wanted * BATCH_TIMES * relaxation else 2
 
 
 def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:

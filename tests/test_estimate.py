@@ -59,12 +59,22 @@ def test_standard_errors_of_contacts_cover():
     assert 0.90 <= np.mean(list(parts.values())) <= 0.98
 
 
-@pytest.mark.parametrize(("realizations", "advice"), [(1, r"2\.04e\+03 s"), (40, r"63\.7 s")])
+@pytest.mark.parametrize(("realizations", "advice"), [(1, r"2\.06e\+03 s"), (40, r"64\.3 s")])
 def test_too_few_samples_give_nan_and_say_how_many_would_do(realizations, advice):
     with pytest.warns(il.AccuracyWarning, match=rf"Too few independent samples .* run for at least {advice}"):
         ds = il.simulate(linear(), 20.0, realizations=realizations, rng=1)
     assert np.isnan(ds.mean_square_displacement_standard_error).all()
     assert np.isfinite(ds.mean_square_displacement).all()
+
+
+@pytest.mark.parametrize("step", [None, 0.1, 0.7])
+@pytest.mark.parametrize("realizations", [1, 3, 5, 8, 20, 40, 63])
+def test_the_advice_is_enough(realizations, step):
+    with pytest.warns(il.AccuracyWarning) as caught:
+        il.simulate(linear(), 5.0, realizations=realizations, step=step, rng=1)
+    advised = float(str(caught[0].message).split("at least ")[1].split(" s,")[0])
+    ds = il.simulate(linear(), advised, realizations=realizations, step=step, rng=1)
+    assert np.isfinite(ds.mean_square_displacement_standard_error).all()
 
 
 def test_errors_shrink_with_the_square_root_of_the_realizations():

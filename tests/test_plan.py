@@ -99,6 +99,8 @@ def test_the_step_divides_the_interval_of_a_trajectory(interval):
         (1, 1280.0, 1.0, 64),
         (1, 1270.0, 1.0, 2),
         (3, 1e6, 1.0, 22),
+        (5, 281.0, 1.0, 14),  # 13 would do, but halves must be equal
+        (5, 279.0, 1.0, 2),
         (1, 1.0, 0.0, 64),
     ],
 )
