@@ -96,3 +96,6 @@ def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-
         for lane in range(total.shape[1]):
             force = total[body, lane] + external[body, lane] - c * v[body, lane] - k * x[body, lane]
             total[body, lane] = inverse * force
+    for body in range(coefficients.shape[0], total.shape[0]):  # the wall stays at rest
+        for lane in range(total.shape[1]):
+            total[body, lane] = 0.0
