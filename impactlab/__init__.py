@@ -15,6 +15,7 @@ _HOME = {
     "contact": ["WALL", "Contact", "ContactLaw", "HertzContact", "LinearContact", "PowerLawContact"],
     "excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
     "network": ["Network", "chain"],
+    "check": ["NetworkCheck"],
     "compiled": ["CompiledNetwork"],
     "integrators": ["EulerMaruyama", "ExactFlow", "Integrator", "RungeKutta4"],
     "record": ["Density", "JointDensity", "PerRealization", "Record", "Trajectory"],

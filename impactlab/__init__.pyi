@@ -1,5 +1,6 @@
 """The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
 
+from impactlab.check import NetworkCheck as NetworkCheck
 from impactlab.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.component import Component as Component
 from impactlab.component import parameter as parameter

@@ -14,7 +14,9 @@ from impactlab.excitation import Excitation
 from impactlab.oscillator import Oscillator
 
 if TYPE_CHECKING:
+    from impactlab.check import NetworkCheck
     from impactlab.compiled import CompiledNetwork
+    from impactlab.integrators import Integrator
 
 Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
@@ -108,6 +110,32 @@ class Network:
         from impactlab.compiled import CompiledNetwork
 
         return CompiledNetwork(self)
+
+    def check(self, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+        """Find the network's time scales and predict the bias of a step, without simulating.
+
+        Parameters
+        ----------
+        step : float, optional
+            Time step (s); by default the one that `simulate` would choose before it makes it
+            divide the duration. Of forces that vary in time the first twelve relaxation times
+            are looked at.
+        integrator : Integrator, optional
+            Method; `ExactFlow` by default.
+
+        Returns
+        -------
+        NetworkCheck
+            Prints a table; its ``dataset`` has the numbers.
+
+        Raises
+        ------
+        InvalidInput
+            If the step or the integrator cannot be used; with the words of `simulate`.
+        """
+        from impactlab.check import check
+
+        return check(self, step, integrator)
 
     def source(self) -> str:
         """Return the text of the module that is generated for this network."""

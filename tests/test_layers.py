@@ -17,7 +17,7 @@ LAYERS = [
     {"model", "dataset", "plot"},
     {"generate", "scene", "integrators", "reference"},
     {"rules", "series"},
-    {"compiled", "plan"},
+    {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
     {"estimate", "tolerance"},
     {"simulation"},
@@ -31,6 +31,7 @@ LAYERS = [
 """From the bottom to the top; a folder counts as one. A module imports from lower layers only."""
 
 DOORS = {
+    ("network", "check"),
     ("network", "compiled"),
     ("network", "generate"),
     ("network", "model"),

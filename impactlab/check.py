@@ -1,0 +1,325 @@
+"""What can be known of a network before it is simulated: time scales, steps and their bias."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapunov
+
+from impactlab.errors import InvalidInput
+from impactlab.integrators import ExactFlow, Integrator
+from impactlab.integrators.base import ExplicitIntegrator
+from impactlab.kernels.flow import transition
+from impactlab.model import Model
+from impactlab.network import Network
+from impactlab.rules import RELAXATION_TIMES, choose_step, positive
+from impactlab.scene import Stiffening, energies, relaxation_time
+
+MOST_BODIES = 200
+"""Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
+
+SHOWN = 12
+"""Rows of a table that are printed."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NetworkCheck:
+    """Time scales of a network and the steps that suit them; printed as a table.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        ``natural_frequency`` (oscillator): each body alone. ``thermal_penetration``,
+        ``static_penetration``, ``tangent_stiffness``, ``shortest_contact`` (contact): where
+        the contact has stored the energy that a body brings, on top of the preload; half a
+        period of the pair on the stiffness there, ``π sqrt(μ/K)``. ``largest_step``,
+        ``recommended_step``, ``refusal`` (integrator): NaN and the reason where a method
+        cannot be used. ``closed_frequency``, ``bias_mean_square_displacement``,
+        ``bias_mean_square_velocity`` (mode): of the network with all contacts closed on
+        linear springs. A bias is that of the response to white noise, relative, due to the
+        step alone, and infinite where the method is unstable; contacts that are open most
+        of the time make it smaller.
+        Attributes: ``integrator``, ``step`` (s), ``note``.
+    """
+
+    dataset: xr.Dataset
+
+    def __repr__(self) -> str:
+        data = self.dataset
+        lines = [f"{data.attrs['title']}: {data.attrs['integrator']}, step {data.attrs['step']:.4g} s"]
+        for dimension in ("oscillator", "contact", "integrator", "mode"):
+            if data.sizes.get(dimension):
+                lines += ["", *_table(data, dimension)]
+        reasons = [str(reason) for reason in data.refusal.values if reason]
+        return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys([*reasons, data.attrs["note"]]) if note)])
+
+
+@dataclass(frozen=True, eq=False)
+class LinearizedNetwork:
+    """A network in which every contact is a two-sided spring of its tangent stiffness.
+
+    Attributes
+    ----------
+    model : Model
+    added : (body, body) ndarray
+        Stiffness matrix of contacts and residual forces (N m-1).
+    """
+
+    model: Model
+    added: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
+        """Linearize a network where its bodies have the energies of `stiffening`."""
+        incidence = np.zeros((len(model.ends), model.wall + 1))
+        rows = np.arange(len(model.ends))
+        incidence[rows, model.ends[:, 0]] = 1.0
+        incidence[rows, model.ends[:, 1]] = -1.0
+        incidence = incidence[:, : model.wall]
+        return cls(model, incidence.T @ (stiffening.contacts[:, None] * incidence) + np.diag(stiffening.bodies))
+
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""
+        squares, shapes = eigh(np.diag(self.model.stiffness) + self.added, np.diag(self.model.mass))
+        return np.sqrt(np.maximum(squares, 0.0)), shapes
+
+    def drift(self) -> np.ndarray:
+        """Return the matrix L of ``(x, v)' = L (x, v)``, (2 body, 2 body)."""
+        count, inverse = len(self.model.mass), 1.0 / self.model.mass
+        stiffness = np.diag(self.model.stiffness) + self.added
+        damping = np.diag(self.model.damping * inverse)
+        return np.block([[np.zeros((count, count)), np.eye(count)], [-inverse[:, None] * stiffness, -damping]])
+
+    def diffusion(self) -> np.ndarray:
+        """Return the growth of the covariance of (x, v) by white noise per time, (2 body, 2 body)."""
+        growth = 2.0 * np.pi * self.model.intensities() / self.model.mass**2
+        return np.diag(np.concatenate([np.zeros_like(growth), growth]))
+
+    def covariance(self) -> np.ndarray | None:
+        """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
+        drift = self.drift()
+        rates = np.linalg.eigvals(drift)
+        if rates.real.max() >= -1e-12 * np.abs(rates).max():
+            return None
+        return np.asarray(solve_continuous_lyapunov(drift, -self.diffusion()))
+
+    def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
+        """Return what a method gives for the covariance at some step, exactly; None if it is not known.
+
+        It is the solution of a discrete Lyapunov equation, infinite where that has none
+        because the method is unstable.
+        """
+        if isinstance(integrator, ExactFlow):
+            return self._covariance_of_kicks(step)
+        if isinstance(integrator, ExplicitIntegrator):
+            return self._covariance_of_polynomial(integrator.stability_polynomial, step)
+        return None
+
+    def _covariance_of_polynomial(self, polynomial: Any, step: float) -> np.ndarray:
+        """Covariance of ``z → R(hL) z + h (R(w) − 1)/w (hL) f``, noise f held constant over a step."""
+        scaled = step * self.drift()
+        growth, forcing = np.zeros_like(scaled), np.zeros_like(scaled)
+        for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
+            forcing = growth
+            growth = growth @ scaled + coefficient * np.eye(len(scaled))
+        return _stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
+
+    def _covariance_of_kicks(self, step: float) -> np.ndarray:
+        """Covariance of exact flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
+        inverse = 1.0 / self.model.mass[:, None]
+        unit = np.eye(len(inverse))
+        increment = -step * inverse * self.added @ (unit - step**2 / 12.0 * inverse * self.added)
+        kick = np.block([[unit, 0.0 * unit], [increment, unit]])
+        half_kick = np.block([[unit, 0.0 * unit], [0.5 * increment, unit]])
+        flow, noise = self._flow(step)
+        after = _stationary(kick @ flow, kick @ noise @ kick.T)
+        if not np.isfinite(after).all():
+            return after
+        before = flow @ after @ flow.T + noise
+        flow, noise = self._flow(0.5 * step)
+        middle = flow @ after @ flow.T + noise
+        return np.asarray((half_kick @ before @ half_kick.T + 2.0 * middle) / 3.0)
+
+    def _flow(self, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Transition and covariance of the bodies without contacts, (2 body, 2 body)."""
+        model = self.model
+        blocks = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
+        a, q = (np.block([[np.diag(part[:, i, j]) for j in (0, 1)] for i in (0, 1)]) for part in blocks)
+        return a, q
+
+
+def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Solve ``P = T P Tᵀ + N``; infinite if T is not stable."""
+    if np.abs(np.linalg.eigvals(growth)).max() >= 1.0:
+        return np.full(growth.shape, np.inf)
+    return np.asarray(solve_discrete_lyapunov(growth, noise))
+
+
+def check(network: Network, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+    """Find the time scales of a network and predict the bias of a step.
+
+    Parameters
+    ----------
+    network : Network
+    step : float, optional
+        Time step (s); by default the one that `simulate` would choose before it makes it
+        divide the duration.
+    integrator : Integrator, optional
+        Method; `ExactFlow` by default.
+
+    Raises
+    ------
+    InvalidInput
+        If the step or the integrator cannot be used; with the words of `simulate`.
+    """
+    method = integrator or ExactFlow()
+    if not isinstance(method, Integrator):
+        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+    model = Model.of(network)
+    energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(model))
+    stiffening = Stiffening.of(model, energy)
+    known = np.isfinite(energy) | ~model.nonlinear_bodies
+    methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
+    rows = {name: _steps(model, item, stiffening) for name, item in sorted(methods.items())}
+    if step is None:
+        step = rows[type(method).__name__][1]
+    else:
+        method.check(model)
+        step = choose_step(model, method, stiffening, positive("step", step))
+    modes, note = _modes(model, stiffening, method, step, known)
+    data = xr.Dataset(
+        {
+            "natural_frequency": ("oscillator", model.natural_frequencies),
+            **_contacts(model, stiffening, known),
+            **{
+                name: ("integrator", [row[column] for row in rows.values()])
+                for column, name in enumerate(("largest_step", "recommended_step", "refusal"))
+            },
+            **modes,
+        },
+        {"oscillator": list(model.bodies), "contact": list(model.contacts), "integrator": list(rows)},
+        {"title": "Check of a network", "integrator": repr(method), "step": float(step), "note": note},
+    )
+    for name, (units, long_name) in _LABELS.items():
+        if name in data:
+            data[name].attrs = {"units": units, "long_name": long_name}
+    if "closed_frequency" in data:
+        data = data.assign_coords(mode=np.arange(1, data.sizes["mode"] + 1))
+    return NetworkCheck(data)
+
+
+_LABELS = {
+    "natural_frequency": ("rad s-1", "natural frequency"),
+    "thermal_penetration": ("m", "thermal penetration"),
+    "static_penetration": ("m", "static penetration"),
+    "tangent_stiffness": ("N m-1", "tangent stiffness"),
+    "shortest_contact": ("s", "shortest contact"),
+    "largest_step": ("s", "largest step"),
+    "recommended_step": ("s", "recommended step"),
+    "closed_frequency": ("rad s-1", "frequency, contacts closed"),
+    "bias_mean_square_displacement": ("1", "bias of mean square displacement"),
+    "bias_mean_square_velocity": ("1", "bias of mean square velocity"),
+}
+
+
+def _bundled() -> Iterator[Integrator]:
+    """Make one of each integrator that is defined, complete, and needs no arguments."""
+    waiting = [Integrator]
+    while waiting:
+        cls = waiting.pop()
+        waiting += cls.__subclasses__()
+        if cls.loop is not Integrator.loop:
+            try:
+                yield cls()
+            except InvalidInput:  # abstract, or a field without a default
+                continue
+
+
+def _steps(model: Model, integrator: Integrator, stiffening: Stiffening) -> tuple[float, float, str]:
+    """Return largest and recommended step, or the reason why there is none."""
+    try:
+        integrator.check(model)
+        recommended = choose_step(model, integrator, stiffening, None)
+    except InvalidInput as error:
+        return np.nan, np.nan, str(error)
+    return integrator.largest_step(model, stiffening.contacts, stiffening.bodies), recommended, ""
+
+
+def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:
+    """Return the variables of the contacts; NaN where the energy of a body is not known."""
+    static = Stiffening.of(model, np.zeros_like(stiffening.energy)).penetration
+    unknown = ~np.append(known, True)[model.ends].all(axis=1)
+    inverse = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)  # a wall has infinite mass
+    tangent = np.where(unknown, np.nan, stiffening.contacts)
+    with np.errstate(divide="ignore"):
+        half_period = np.where(tangent == 0.0, np.nan, np.pi / np.sqrt(tangent * inverse))
+    return {
+        "thermal_penetration": ("contact", np.where(unknown, np.nan, stiffening.penetration - static)),
+        "static_penetration": ("contact", static),
+        "tangent_stiffness": ("contact", tangent),
+        "shortest_contact": ("contact", half_period),
+    }
+
+
+def _modes(
+    model: Model, stiffening: Stiffening, integrator: Integrator, step: float, known: np.ndarray
+) -> tuple[dict[str, Any], str]:
+    """Return the variables of the modes, and why some are missing or not a number."""
+    if len(model.bodies) > MOST_BODIES:
+        return {}, f"Modes are computed for up to {MOST_BODIES} bodies."
+    if not known.all():
+        return {}, "No modes: the energy that a body brings into collisions is not known."
+    linear = LinearizedNetwork.of(model, stiffening)
+    frequencies, shapes = linear.modes()
+    exact = linear.covariance()
+    discrete = linear.discrete_covariance(integrator, step) if np.isfinite(step) else None
+    note, biases = "", np.full((2, len(frequencies)), np.nan)
+    if not model.intensities().any():
+        note = "No bias is predicted: no body is under white noise."
+    elif exact is None:
+        note = "No bias is predicted: the network with closed contacts has no stationary law."
+    elif discrete is None and np.isfinite(step):
+        note = f"No bias is predicted: the linear map of {type(integrator).__name__} is not known."
+    elif discrete is None:
+        note = f"No bias is predicted: {type(integrator).__name__} has no step."
+    else:
+        reached = _of_modes(exact, shapes, model.mass)
+        weights = np.stack([frequencies**2, np.ones_like(frequencies)])
+        moving = weights * reached > 1e-12 * (weights * reached).max()  # what noise does not reach is 0/0
+        found = _of_modes(discrete, shapes, model.mass) if np.isfinite(discrete).all() else np.inf
+        biases = np.where(moving, found / np.where(moving, reached, 1.0) - 1.0, np.nan)
+    return {
+        "closed_frequency": ("mode", frequencies),
+        "bias_mean_square_displacement": ("mode", biases[0]),
+        "bias_mean_square_velocity": ("mode", biases[1]),
+    }, note
+
+
+def _of_modes(covariance: np.ndarray, shapes: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Mean squares of displacement and velocity of the modal coordinates ``φᵀ M x``, (2, mode)."""
+    weights = shapes.T * mass
+    count = len(mass)
+    parts = covariance[:count, :count], covariance[count:, count:]
+    return np.stack([np.einsum("mi,ij,mj->m", weights, part, weights, optimize=True) for part in parts])
+
+
+def _table(data: xr.Dataset, dimension: str) -> list[str]:
+    """Print the numbers along a dimension, one row per label."""
+    names = [str(name) for name, item in data.data_vars.items() if item.dims == (dimension,) and "units" in item.attrs]
+    columns = [["", dimension, *(str(label) for label in data[dimension].values)]]
+    for name in names:
+        attrs = data[name].attrs
+        units = "" if attrs["units"] == "1" else f"({attrs['units']})"
+        columns.append([attrs["long_name"], units, *(f"{value:.4g}" for value in data[name].values)])
+    widths = [max(map(len, column)) for column in columns]
+    rows = [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
+        for row in zip(*columns, strict=True)
+    ]
+    half = SHOWN // 2
+    hidden = len(rows) - 2 - SHOWN
+    return rows if hidden <= 0 else [*rows[: 2 + half], f"… {hidden} more", *rows[-half:]]
