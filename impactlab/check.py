@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from impactlab.errors import InvalidInput
 from impactlab.integrators import ExactFlow, Integrator
-from impactlab.integrators.base import ExplicitIntegrator
-from impactlab.kernels.flow import transition
+from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import RELAXATION_TIMES, choose_step, positive
@@ -56,107 +54,6 @@ class NetworkCheck:
                 lines += ["", *_table(data, dimension)]
         reasons = [str(reason) for reason in data.refusal.values if reason]
         return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys([*reasons, data.attrs["note"]]) if note)])
-
-
-@dataclass(frozen=True, eq=False)
-class LinearizedNetwork:
-    """A network in which every contact is a two-sided spring of its tangent stiffness.
-
-    Attributes
-    ----------
-    model : Model
-    added : (body, body) ndarray
-        Stiffness matrix of contacts and residual forces (N m-1).
-    """
-
-    model: Model
-    added: np.ndarray
-
-    @classmethod
-    def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
-        """Linearize a network where its bodies have the energies of `stiffening`."""
-        incidence = np.zeros((len(model.ends), model.wall + 1))
-        rows = np.arange(len(model.ends))
-        incidence[rows, model.ends[:, 0]] = 1.0
-        incidence[rows, model.ends[:, 1]] = -1.0
-        incidence = incidence[:, : model.wall]
-        return cls(model, incidence.T @ (stiffening.contacts[:, None] * incidence) + np.diag(stiffening.bodies))
-
-    def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""
-        squares, shapes = eigh(np.diag(self.model.stiffness) + self.added, np.diag(self.model.mass))
-        return np.sqrt(np.maximum(squares, 0.0)), shapes
-
-    def drift(self) -> np.ndarray:
-        """Return the matrix L of ``(x, v)' = L (x, v)``, (2 body, 2 body)."""
-        count, inverse = len(self.model.mass), 1.0 / self.model.mass
-        stiffness = np.diag(self.model.stiffness) + self.added
-        damping = np.diag(self.model.damping * inverse)
-        return np.block([[np.zeros((count, count)), np.eye(count)], [-inverse[:, None] * stiffness, -damping]])
-
-    def diffusion(self) -> np.ndarray:
-        """Return the growth of the covariance of (x, v) by white noise per time, (2 body, 2 body)."""
-        growth = 2.0 * np.pi * self.model.intensities() / self.model.mass**2
-        return np.diag(np.concatenate([np.zeros_like(growth), growth]))
-
-    def covariance(self) -> np.ndarray | None:
-        """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
-        drift = self.drift()
-        rates = np.linalg.eigvals(drift)
-        if rates.real.max() >= -1e-12 * np.abs(rates).max():
-            return None
-        return np.asarray(solve_continuous_lyapunov(drift, -self.diffusion()))
-
-    def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
-        """Return what a method gives for the covariance at some step, exactly; None if it is not known.
-
-        It is the solution of a discrete Lyapunov equation, infinite where that has none
-        because the method is unstable.
-        """
-        if isinstance(integrator, ExactFlow):
-            return self._covariance_of_kicks(step)
-        if isinstance(integrator, ExplicitIntegrator):
-            return self._covariance_of_polynomial(integrator.stability_polynomial, step)
-        return None
-
-    def _covariance_of_polynomial(self, polynomial: Any, step: float) -> np.ndarray:
-        """Covariance of ``z → R(hL) z + h (R(w) − 1)/w (hL) f``, noise f held constant over a step."""
-        scaled = step * self.drift()
-        growth, forcing = np.zeros_like(scaled), np.zeros_like(scaled)
-        for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
-            forcing = growth
-            growth = growth @ scaled + coefficient * np.eye(len(scaled))
-        return _stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
-
-    def _covariance_of_kicks(self, step: float) -> np.ndarray:
-        """Covariance of exact flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
-        inverse = 1.0 / self.model.mass[:, None]
-        unit = np.eye(len(inverse))
-        increment = -step * inverse * self.added @ (unit - step**2 / 12.0 * inverse * self.added)
-        kick = np.block([[unit, 0.0 * unit], [increment, unit]])
-        half_kick = np.block([[unit, 0.0 * unit], [0.5 * increment, unit]])
-        flow, noise = self._flow(step)
-        after = _stationary(kick @ flow, kick @ noise @ kick.T)
-        if not np.isfinite(after).all():
-            return after
-        before = flow @ after @ flow.T + noise
-        flow, noise = self._flow(0.5 * step)
-        middle = flow @ after @ flow.T + noise
-        return np.asarray((half_kick @ before @ half_kick.T + 2.0 * middle) / 3.0)
-
-    def _flow(self, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Transition and covariance of the bodies without contacts, (2 body, 2 body)."""
-        model = self.model
-        blocks = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
-        a, q = (np.block([[np.diag(part[:, i, j]) for j in (0, 1)] for i in (0, 1)]) for part in blocks)
-        return a, q
-
-
-def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Solve ``P = T P Tᵀ + N``; infinite if T is not stable."""
-    if np.abs(np.linalg.eigvals(growth)).max() >= 1.0:
-        return np.full(growth.shape, np.inf)
-    return np.asarray(solve_discrete_lyapunov(growth, noise))
 
 
 def check(network: Network, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
@@ -304,7 +201,7 @@ def _of_modes(covariance: np.ndarray, shapes: np.ndarray, mass: np.ndarray) -> n
     weights = shapes.T * mass
     count = len(mass)
     parts = covariance[:count, :count], covariance[count:, count:]
-    return np.stack([np.einsum("mi,ij,mj->m", weights, part, weights, optimize=True) for part in parts])
+    return np.stack([((weights @ part) * weights).sum(axis=1) for part in parts])
 
 
 def _table(data: xr.Dataset, dimension: str) -> list[str]:

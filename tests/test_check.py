@@ -7,8 +7,8 @@ import pytest
 from scenes import base, linear
 
 import impactlab as il
-from impactlab.check import LinearizedNetwork
 from impactlab.integrators.base import frequencies
+from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
 from impactlab.scene import Stiffening
 
@@ -116,6 +116,14 @@ def test_covariance_is_infinite_just_above_the_largest_step(method):
     scene, largest = linearized(network), step_of(network, method, 1.0)
     assert np.isfinite(scene.discrete_covariance(method, 0.99 * largest)).all()
     assert np.isinf(scene.discrete_covariance(method, 1.02 * largest)).all()
+
+
+def test_bias_of_an_unstable_method_is_infinite(monkeypatch):
+    """Also where the method itself does not know its limit."""
+    monkeypatch.setattr(il.EulerMaruyama, "largest_step", lambda *arguments: np.inf)
+    data = pressed().check(0.1, il.EulerMaruyama()).dataset
+    assert np.isposinf([data.bias_mean_square_displacement, data.bias_mean_square_velocity]).all()
+    assert data.attrs["note"] == ""
 
 
 def test_time_scales_of_a_hertz_contact():

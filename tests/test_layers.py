@@ -16,7 +16,7 @@ LAYERS = [
     {"network"},
     {"model", "dataset", "plot"},
     {"generate", "scene", "integrators", "reference"},
-    {"rules", "series"},
+    {"linearized", "rules", "series"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
     {"estimate", "tolerance"},
