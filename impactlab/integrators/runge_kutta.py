@@ -20,7 +20,7 @@ class RungeKutta4(ExplicitIntegrator):
     It is of fourth order for smooth forces; where Hertz contacts open and close, the second
     derivative of the force is singular and about 2.5 remains. Series of cosines and given
     forces are sampled at half steps. White noise is held constant over a step: the
-    usual approximation, of first order in the mean squares.
+    usual approximation, of second order in the mean squares of a linear body.
     """
 
     order: ClassVar[float] = 4.0
