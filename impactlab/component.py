@@ -333,23 +333,23 @@ def _validated(cls: type, field: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def _check_limits(place: str, metadata: Mapping[str, Any], value: Any) -> None:
-    units = metadata.get("units", "1")
+    units = "" if metadata.get("units", "1") == "1" else f" {metadata['units']}"
     minimum, above, maximum = (metadata.get(name) for name in ("minimum", "above", "maximum"))
     for item in value if isinstance(value, tuple) else (value,):
         if isinstance(item, bool) or not isinstance(item, int | float | np.number):
             continue
         finite(place, item)
         if minimum is not None and item < minimum:
-            raise InvalidInput(f"{place} must be at least {minimum:g} {units}, {item!r} was given.")
+            raise InvalidInput(f"{place} must be at least {minimum:g}{units}, {item!r} was given.")
         if above is not None and item <= above:
-            raise InvalidInput(f"{place} must be larger than {above:g} {units}, {item!r} was given.")
+            raise InvalidInput(f"{place} must be larger than {above:g}{units}, {item!r} was given.")
         if maximum is not None and item > maximum:
-            raise InvalidInput(f"{place} must be at most {maximum:g} {units}, {item!r} was given.")
+            raise InvalidInput(f"{place} must be at most {maximum:g}{units}, {item!r} was given.")
 
 
 def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise InvalidInput(f"{place} must be a number, {value!r} was given.")
     if not math.isfinite(value):
         raise InvalidInput(f"{place} must be a finite number, {value!r} was given.")

@@ -64,7 +64,12 @@ def run(
     """
     shared_memory = executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
     if executor is not None and not shared_memory:
-        return [future.result() for future in [executor.submit(run_block, plan, k) for k in range(plan.blocks)]]
+        waiting = [executor.submit(run_block, plan, k) for k in range(plan.blocks)]
+        try:
+            return [future.result() for future in waiting]
+        finally:
+            for future in waiting:
+                future.cancel()
     total = plan.realizations * (plan.spin_up_steps + plan.steps)
     done, stop, lock = [0], threading.Event(), threading.Lock()
 
@@ -234,22 +239,22 @@ class _Block:
         """Make some steps, adding to the sums and sampling if there is a sampler."""
         plan = self.plan
         every = plan.every if sampler is not None else 0
-        chunk = max(plan.steps_per_call // every, 1) * every if every else plan.steps_per_call
+        lanes, contacts = self.state.contact_force.shape[1], len(plan.ends)
+        quantities = 2 * plan.linear.shape[1] + contacts
         done = 0
         while done < steps:
-            count = min(chunk, steps - done)
-            lanes, contacts = self.state.contact_force.shape[1], len(plan.ends)
-            quantities = 2 * plan.linear.shape[1] + contacts
-            snapshots = np.empty((count // every if every else 0, quantities, lanes))
+            count = min(plan.steps_per_call, steps - done)
+            phase = (self.now - plan.spin_up_steps) % every if every else 0
+            snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
                 self.module.forces, plan.parameters, plan.indices, plan.coefficients, self._noise(count), self.series,
                 self._forced(count), self.state, self.sums, snapshots, plan.step, plan.dissipative,
-                sampler is not None, self.now, count, every,
+                sampler is not None, self.now, count, every, phase,
             )  # fmt: skip
             self.now += count
             done += count
             self._guard()
-            if every and sampler is not None:
+            if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
 
@@ -291,8 +296,8 @@ class _Block:
             body, lane = np.argwhere(~finite)[0]
             time = (self.now - self.plan.spin_up_steps) * self.plan.step
             raise Diverged(
-                f"Body {body} of realization {int(self.realizations[lane])} left the range of finite numbers "
-                f"before t = {time:g} s. Use a smaller step, or check the forces."
+                f"{self.plan.bodies[body]!r} of realization {int(self.realizations[lane])} left the range of finite "
+                f"numbers before t = {time:g} s. Use a smaller step, or check the forces."
             )
 
     def measure(self) -> BlockResult:
@@ -301,8 +306,10 @@ class _Block:
         keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
-                self._evaluate(self.state.x, self.state.v)
-                self.state.reading[:], self.state.velocity[:] = self.state.x, self.state.v
+                self.state.velocity[:] = self.state.v
+            if not plan.integrator.kicks or plan.spin_up_steps == 0:  # the state itself, not where a kick is read
+                self.state.reading[:] = self.state.x
+                self._evaluate(self.state.reading, self.state.velocity)
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)

@@ -24,6 +24,9 @@ SETTLED = 5.0
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""
 
+ROUNDING = 1e-15
+"""Relative error of a sum, below which no standard error goes."""
+
 BROKEN = 6.0
 """Balance, in standard errors, from which it counts as not closed."""
 
@@ -77,8 +80,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
         per_batch = [statistics_of(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
-    shortest = (steps.min() + max(plan.every, 1)) * plan.step  # batches are cut at whole samples
-    trusted = enough_alone or (len(weights) >= BATCHES and shortest >= BATCH_TIMES * relaxation)
+    trusted = plan.trusted
     if not trusted and (len(plan.white) or plan.lines):
         _warn(plan, relaxation)
     settled = trusted and plan.spin_up_steps * plan.step >= SETTLED * relaxation * (1.0 - 1e-9)
@@ -173,7 +175,7 @@ def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndar
     share = weights / weights.sum()
     root = np.sqrt(share * len(weights))
     mean = share @ values
-    g = np.array(controls).reshape(len(controls), -1)
+    g = np.array(controls).reshape(len(controls), len(values))
     offsets = g @ share
     centred = (g - offsets[:, None]) * root
     scale = np.sqrt((centred**2).sum(axis=1))
@@ -187,7 +189,8 @@ def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndar
     residual = residual - u @ slopes
     freedom = len(values) - 1 - len(s)
     variance = residual @ residual / freedom * (1.0 / len(values) + shift @ shift)
-    return float(mean - shift @ slopes), float(np.sqrt(variance))
+    value = float(mean - shift @ slopes)
+    return value, max(float(np.sqrt(variance)), ROUNDING * abs(value))
 
 
 def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -197,7 +200,7 @@ def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.nda
     if not trusted or count < 2:
         return mean, np.full(units.shape[:-1], np.nan)
     scatter = ((weights * (units - mean[..., None])) ** 2).sum(axis=-1)
-    return mean, np.sqrt(scatter * count / (count - 1.0)) / weights.sum()
+    return mean, np.maximum(np.sqrt(scatter * count / (count - 1.0)) / weights.sum(), ROUNDING * np.abs(mean))
 
 
 def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray) -> float:

@@ -151,6 +151,13 @@ class Model:
         return np.asarray(np.sqrt(self.stiffness / self.mass))
 
     @property
+    def excited(self) -> np.ndarray:
+        """Whether each body has an excitation, (body,) of bool."""
+        result = np.zeros(len(self.bodies), dtype=bool)
+        result[[*self.white, *self.lines, *self.forced]] = True
+        return result
+
+    @property
     def wall(self) -> int:
         """Slot of the wall."""
         return len(self.bodies)

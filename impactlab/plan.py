@@ -17,17 +17,19 @@ from impactlab.kernels.random import stream
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
+    CALL_SECONDS,
     RELAXATION_TIMES,
     batch_count,
     block_shape,
     check_periods,
     choose_step,
+    enough_units,
     fit_step,
     positive,
     start_of,
     warn_of_bands,
 )
-from impactlab.scene import Lines, Stiffening, energies, gap_scale, linear_variances, lines_of, relaxation_time
+from impactlab.scene import Lines, Stiffening, energies, gap_scale, hottest, linear_variances, lines_of, relaxation_time
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -81,6 +83,8 @@ class Plan:
     bodies, contacts : tuple of str
         Names by slot.
     realizations, lanes, steps_per_call : int
+    trusted : bool
+        Whether there are enough independent realizations or batches for standard errors.
     """
 
     text: str
@@ -115,11 +119,17 @@ class Plan:
     realizations: int
     lanes: int
     steps_per_call: int
+    trusted: bool
 
     @property
     def blocks(self) -> int:
         """Number of blocks."""
         return -(-self.realizations // self.lanes)
+
+    def seconds(self, workers: int) -> float:
+        """Time that the run will take on so many cores, roughly (s)."""
+        rounds = -(-self.blocks // workers)
+        return rounds * (self.spin_up_steps + self.steps) / self.steps_per_call * CALL_SECONDS
 
     def realizations_of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
@@ -158,7 +168,6 @@ def make_plan(
     ):
         raise InvalidInput(f"realizations must be a whole number from 1 to 2^32 - 1, {realizations!r} was given.")
     start = start_of(initial, model)
-    stiffening = Stiffening.of(model, energies(model, start, duration))
     records = [record.resolved(model) for record in records]
     intervals = _intervals(records, duration)
     relaxation = relaxation_time(model)
@@ -166,12 +175,15 @@ def make_plan(
         spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
+    stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
     if given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1]):
         intervals.append(period)
     step, steps = fit_step(chosen, given is not None, intervals, duration)
+    if steps + spin_up / step >= 2.0**53:
+        raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
     strides = [record.stride(model, step) for record in records]
     every = math.gcd(*strides)
@@ -221,6 +233,7 @@ def make_plan(
         realizations=int(realizations),
         lanes=lanes,
         steps_per_call=steps_per_call,
+        trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
     )
 
 
@@ -254,8 +267,12 @@ def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:
     They are the linear ones, but a residual force that stiffens a body narrows its displacement.
     """
     velocity = linear_variances(model)[1]
+    # nothing but contacts can heat these: they start at the temperature of their part
+    cold = (model.damping == 0.0) & ~model.excited
+    velocity = np.where(cold, hottest(model, model.mass * velocity) / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
+    variances[~np.isfinite(variances)] = 0.0
     variances[:, list(model.lines)] = 0.0
     result: np.ndarray = np.sqrt(variances)
     return result

@@ -101,7 +101,13 @@ class Trajectory(Record):
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         samples = plan.steps // (ratio * plan.every) + 1
         quantities = 2 * len(plan.bodies) + len(plan.contacts)
-        return _Path(np.empty((len(realizations), samples, quantities)), ratio)
+        try:
+            return _Path(np.empty((len(realizations), samples, quantities)), ratio)
+        except (MemoryError, ValueError) as error:
+            size = 8.0 * plan.realizations * samples * quantities / 1e9
+            raise InvalidInput(
+                f"The trajectories would take {size:.3g} GB: use a longer interval or fewer realizations."
+            ) from error
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         path = np.concatenate([result["path"] for result in results])
@@ -203,7 +209,7 @@ class Density(Record):
         for row, (name, low, high) in enumerate(self.limits):
             slot = plan.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_ = _share(counts[:, row], samples[:, row])
+            share, spread_ = _share(counts[:, row], samples[:, row], plan.trusted)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
@@ -240,6 +246,8 @@ class JointDensity(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "limits", _plain_limits(self.limits))
+        if self.first == self.second:
+            raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
 
     def resolved(self, model: Model) -> Record:
         names = _known("JointDensity", (self.first, self.second), model)
@@ -254,7 +262,7 @@ class JointDensity(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = _total(results)
         groups = counts.shape[0]
-        share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None])
+        share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted)
         shape = (self.bins + 2, self.bins + 2)
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
@@ -339,11 +347,11 @@ def _groups(plan: Plan, realizations: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(units * _group_count(plan) // (plan.realizations * batches))
 
 
-def _share(counts: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _share(counts: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
     """Share of the samples in every bin and its standard error, from groups on the first axis."""
     groups, total = len(counts), samples.sum()
     share = counts.sum(axis=0) / total
-    if groups < 2:
+    if not trusted:
         return share, np.full_like(share, np.nan)
     scatter = ((counts - share * samples) ** 2).sum(axis=0)
     return share, np.sqrt(scatter * groups / (groups - 1.0)) / total

@@ -134,6 +134,15 @@ def batch_count(realizations: int, duration: float, relaxation: float) -> int:
     return wanted if duration * (1.0 + 1e-9) >= wanted * BATCH_TIMES * relaxation else 2
 
 
+def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> bool:
+    """Whether realizations, or batches of some lengths (s, up to a sample), are enough for standard errors.
+
+    Where nothing is damped the relaxation time is not known (0) and batches do not count.
+    """
+    long = relaxation > 0.0 and batches.min() >= BATCH_TIMES * relaxation
+    return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
+
+
 def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 

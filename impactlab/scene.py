@@ -73,10 +73,10 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
         excitation = model.network.excitations[name]
         parts = excitation.lines()  # type: ignore[attr-defined]
         frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
-        same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape
+        same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
         if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
-                f"{type(excitation).__name__}.lines must return two finite arrays of one length, angular "
+                f"{type(excitation).__name__}.lines must return two finite arrays of one length, not empty, angular "
                 f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
             )
         result.append(Lines(slot, name, frequencies, amplitudes))
@@ -99,8 +99,10 @@ def relaxation_time(model: Model) -> float:
 def regular_lines(frequencies: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Return whole numbers k and the period P such that all ``ω = 2π k/P``, or None."""
     spacing = float(frequencies[1] - frequencies[0]) if len(frequencies) > 1 else float(frequencies[0])
-    if spacing <= 0.0:
+    if spacing <= 0.0 or frequencies[0] < 0.0:
         return None
+    if len(frequencies) > 1:
+        spacing = float(frequencies[-1] - frequencies[0]) / (len(frequencies) - 1)
     k = frequencies / spacing
     whole = np.rint(k)
     if np.abs(k - whole).max() > 1e-6 or np.abs(np.diff(whole) - 1.0).max(initial=0.0) > 0.0:
@@ -134,22 +136,37 @@ def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarr
     energy of the start or of the response to a given force, whichever is largest.
     """
     times = np.linspace(0.0, duration, 257)
+    intensity = model.intensities()
     heat = model.mass * linear_variances(model)[1]
     if isinstance(start, np.ndarray):
-        heat = np.maximum(heat, 0.5 * model.stiffness * start[0] ** 2 + 0.5 * model.mass * start[1] ** 2)
+        heat = np.maximum(heat, _energy_of(model, start))
+    for slot in model.white:
+        if model.time_varying:
+            call = model.network.excitations[model.bodies[slot]].call
+            intensity[slot] = float(call("intensity", times).max())
+        # without damping the energy grows as long as the run lasts
+        limit = 1.0 / model.damping[slot] if model.damping[slot] else 2.0 * duration / model.mass[slot]
+        heat[slot] = np.pi * intensity[slot] * limit
     for slot in model.forced:
         excitation = model.network.excitations[model.bodies[slot]]
         mean_square = float(np.mean(excitation.call("force", times) ** 2))
-        heat[slot] = max(heat[slot], _over(model.mass[slot] * mean_square, 2.0 * model.damping[slot] ** 2))
-    if model.time_varying:
-        for slot in model.white:
-            largest = float(model.network.excitations[model.bodies[slot]].call("intensity", times).max())
-            heat[slot] = max(heat[slot], _over(np.pi * largest, model.damping[slot]))
+        damping, mass = model.damping[slot], model.mass[slot]
+        amplitude = mass / damping if damping else duration
+        heat[slot] = max(heat[slot], 0.5 * mean_square * amplitude**2 / mass)
     return hottest(model, heat)
 
 
-def _over(numerator: float, denominator: float) -> float:
-    return float(numerator / denominator) if denominator else math.inf
+def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
+    """Energy of each body in a given state, with that of the contacts that are closed (J), (body,)."""
+    displacement, velocity = start
+    energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
+    place = np.append(displacement, 0.0)
+    result = np.append(energy, 0.0)
+    for contact, (first, second) in zip(model.network.contacts.values(), model.ends, strict=True):
+        depth = place[first] - place[second] - contact.clearance
+        if depth > 0.0:
+            result[[first, second]] += _stored(contact.law, float(depth))
+    return result[:-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,11 +255,16 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
+def _stored(law: ContactLaw, depth: float) -> float:
+    """Work of a law from 0 to a depth (J)."""
+    return float(0.5 * depth * (_WEIGHTS * law.evaluate(0.5 * depth * (_NODES + 1.0))).sum())
+
+
 def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float, float]:
     """Penetration, tangent stiffness there, and static force of a contact."""
 
     def stored(depth: float) -> float:
-        return float(0.5 * depth * (_WEIGHTS * law.evaluate(0.5 * depth * (_NODES + 1.0))).sum())
+        return _stored(law, depth)
 
     def pressed(depth: float) -> float:
         return depth + compliance * float(law.evaluate(depth))

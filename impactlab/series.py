@@ -46,8 +46,8 @@ def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float,
 
     If the lines are whole multiples of one frequency and the period is a whole number of
     intervals, one period comes from one FFT; lines above the Nyquist frequency of the
-    samples are folded, which leaves the values at the samples exact. Otherwise the sum is
-    evaluated in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
+    samples are folded, which leaves the values at the samples exact. Other lines that are
+    equally far apart are summed by a chirp transform. Any others are summed in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
 
     Parameters
     ----------
@@ -67,6 +67,9 @@ def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float,
     """
     bins = _bins(frequencies, interval)
     if bins is None:
+        spacing = _spacing(frequencies)
+        if spacing:
+            return np.stack([_chirp(frequencies[0], spacing, a, interval, samples) for a in amplitudes], axis=1)
         starts = np.arange(0, samples, _BLOCK) * interval
         within = np.exp(1j * np.outer(frequencies, np.arange(_BLOCK) * interval))
         result = np.empty((samples, len(amplitudes)))
@@ -87,6 +90,28 @@ def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float,
         else:
             np.add.at(spectrum[channel], target, value)
     return np.fft.irfft(spectrum, period, axis=1).T
+
+
+def _spacing(frequencies: np.ndarray) -> float:
+    """Return the distance of lines that are equally far apart, 0 if they are not."""
+    steps = np.diff(frequencies)
+    mean = float(steps.mean()) if len(steps) else 0.0
+    return mean if mean > 0.0 and np.abs(steps - mean).max() < 1e-9 * frequencies.max() else 0.0
+
+
+def _chirp(first: float, spacing: float, amplitudes: np.ndarray, interval: float, samples: int) -> np.ndarray:
+    """Sample ``Re Σ a_k exp(i (first + k spacing) t)`` at any interval, (sample,).
+
+    With ``2 k j = k² + j² − (j − k)²`` the sum is a convolution, done by FFT (Bluestein,
+    IEEE Trans. Audio Electroacoust. 18, 1970, 451).
+    """
+    lines = len(amplitudes)
+    index = np.arange(1 - lines, samples, dtype=float)
+    chirp = np.exp(0.5j * spacing * interval * index**2)
+    size = 2 ** (lines + samples - 1).bit_length()
+    spectrum = np.fft.fft(amplitudes * chirp[lines - 1 :: -1], size) * np.fft.fft(chirp.conj(), size)
+    sums = np.fft.ifft(spectrum)[lines - 1 : lines - 1 + samples] * chirp[lines - 1 :]
+    return (np.exp(1j * first * interval * index[lines - 1 :]) * sums).real
 
 
 def _bins(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, int] | None:

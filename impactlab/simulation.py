@@ -25,11 +25,8 @@ from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
 from impactlab.rules import positive, seed_of
 from impactlab.scene import relaxation_time
+from impactlab.tolerance import DRIFT, checked, reach
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
-from impactlab.tolerance import checked, reach
-
-DRIFT = 6.0
-"""Difference between two halves of a run, in standard errors, that is warned of."""
 
 
 def simulate(
@@ -112,9 +109,11 @@ def simulate(
     longest = math.inf if duration is None else positive("duration", duration)
     length = min(longest, LENGTH * relaxation_time(model))
 
-    def attempt(count: int, chosen: float | None, coarse: bool) -> xr.Dataset:
+    def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
         own = (seed[0] ^ coarse, seed[1])
-        return _simulate(network, length, count, chosen, method, spin_up, initial, record, own, executor, progress)
+        return _simulate(
+            network, length, count, chosen, method, spin_up, initial, record, own, executor, progress, seconds
+        )
 
     return reach(attempt, tolerances, positive("max_seconds", max_seconds), realizations, step)
 
@@ -154,12 +153,12 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
 def _simulate(
     network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
     spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
-    executor: Executor | None, progress: bool | Callable[[float], None] | None,
+    executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
     if not isinstance(integrator, Integrator):
         raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
-    records = [record] if isinstance(record, Record) else list(record or ())
+    records: list[Any] = [record] if isinstance(record, Record | str) else list(record or ())
     for item in records:
         if not isinstance(item, Record):
             raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
@@ -169,6 +168,12 @@ def _simulate(
         network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
         initial=initial, records=records, seed=seed, workers=cores(),
     )  # fmt: skip
+    if plan.seconds(cores()) > seconds:
+        raise InvalidInput(
+            f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
+            f"{plan.seconds(cores()):.2g} s, {max(seconds, 0.0):.2g} s are left. Give max_seconds= or a larger "
+            "tolerance."
+        )
     results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results), relaxation_time(Model.of(network)))
     steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)

@@ -88,14 +88,15 @@ ADVANCE = void(
     i8,
     i8,
     i8,
+    i8,
 )
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, noise, series,
-forced, state, sums, snapshots, step, dissipative, summing, first, count, every).
+forced, state, sums, snapshots, step, dissipative, summing, first, count, every, phase).
 
 It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
 on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
 0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
-bodies, force of all contacts."""
+bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
 
 
 class Integrator(Component):

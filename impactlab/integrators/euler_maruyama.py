@@ -32,7 +32,7 @@ class EulerMaruyama(ExplicitIntegrator):
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
-    step, dissipative, summing, first, count, every,
+    step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     x, v, total = state.x, state.v, state.total
     indentation, contact_force, external = state.indentation, state.contact_force, state.external
@@ -56,6 +56,6 @@ def _advance(  # type: ignore[no-untyped-def]
         accelerate(coefficients, x, v, external, total)
         combine(x, step, v, x)
         combine(v, step, total, v)
-        if every and (index + 1) % every == 0:
+        if every and (phase + index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
-            write_snapshot(x, v, contact_force, snapshots, (index + 1) // every - 1)
+            write_snapshot(x, v, contact_force, snapshots, (phase + index + 1) // every - 1)

@@ -81,7 +81,7 @@ def _over(number: float, frequency: float) -> float:
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
-    step, dissipative, summing, first, count, every,
+    step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     x, v, y, middle, total = state.x, state.v, state.reading, state.velocity, state.total
     indentation, contact_force = state.indentation, state.contact_force
@@ -117,5 +117,5 @@ def _advance(  # type: ignore[no-untyped-def]
             add_kick(x, middle, total, coefficients, _KICK, sums.bodies)
             if sums.ends.shape[0]:
                 add_contacts(middle, sums.ends, sums.window, indentation, contact_force, sums.contacts)
-        if every and (index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, snapshots, (index + 1) // every - 1)
+        if every and (phase + index + 1) % every == 0:
+            write_snapshot(y, middle, contact_force, snapshots, (phase + index + 1) // every - 1)

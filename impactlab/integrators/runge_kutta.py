@@ -35,7 +35,7 @@ class RungeKutta4(ExplicitIntegrator):
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
-    step, dissipative, summing, first, count, every,
+    step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     x, v, total = state.x, state.v, state.total
     stage_x, stage_v = state.reading, state.velocity
@@ -83,6 +83,6 @@ def _advance(  # type: ignore[no-untyped-def]
             combine(v, ahead, total, stage_v)
         combine(x, step, slope_x, x)
         combine(v, step, slope_v, v)
-        if every and (index + 1) % every == 0:
+        if every and (phase + index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
-            write_snapshot(x, v, contact_force, snapshots, (index + 1) // every - 1)
+            write_snapshot(x, v, contact_force, snapshots, (phase + index + 1) // every - 1)
