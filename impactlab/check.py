@@ -15,7 +15,7 @@ from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import RELAXATION_TIMES, choose_step, positive
-from impactlab.scene import Stiffening, energies, relaxation_time
+from impactlab.scene import Stiffening, energies, hottest, linear_variances, relaxation_time
 
 MOST_BODIES = 200
 """Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
@@ -78,6 +78,8 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
         raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
     model = Model.of(network)
     energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(model))
+    growing = np.isinf(hottest(model, linear_variances(model)[1]))  # excited and not damped
+    energy = np.where(growing, np.inf, energy)
     stiffening = Stiffening.of(model, energy)
     known = np.isfinite(energy) | ~model.nonlinear_bodies
     methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}

@@ -98,11 +98,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--quick", action="store_true", help="the study's smoke form")
     run.add_argument("--out", metavar="FOLDER", help="folder for the results (default: results/STUDY)")
     run.add_argument("--dry-run", action="store_true", help="say what would be simulated, and stop")
-    run.add_argument("--workers", type=_threads, metavar="N", help="number of threads (default: one per core)")
+    run.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one per core)")
     common(run)
     resume = command("resume", _resume, "continue a run that was stopped")
     resume.add_argument("out", metavar="FOLDER")
-    resume.add_argument("--workers", type=_threads, metavar="N", help="number of threads (default: one per core)")
+    resume.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one per core)")
     common(resume)
     report = command("report", _report, "judge and draw the result in a folder again, without simulating")
     report.add_argument("out", metavar="FOLDER")
@@ -110,13 +110,6 @@ def _parser() -> argparse.ArgumentParser:
     command("plugins", _plugins, "list the installed distributions that offer studies, and those that fail")
     command("doctor", _doctor, "check this installation")
     return parser
-
-
-def _threads(text: str) -> int:
-    """Return a number of threads."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is needed, {text!r} was given")
-    return int(text)
 
 
 def _list(_: argparse.Namespace) -> int:
@@ -145,8 +138,9 @@ def _plugins(_: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from impactlab.plugins import make_study, parse_setting
-    from impactlab.run import checked_items
+    from impactlab.run import checked_items, checked_workers
 
+    checked_workers(options.workers)
     study = make_study(options.study, quick=options.quick)
     settings = dict(parse_setting(text, study) for text in options.set)
     study = make_study(study, settings)

@@ -246,11 +246,11 @@ class JointDensity(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "limits", _plain_limits(self.limits))
-        if self.first == self.second:
-            raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
 
     def resolved(self, model: Model) -> Record:
         names = _known("JointDensity", (self.first, self.second), model)
+        if self.first == self.second:
+            raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
         return self.replace(limits=_resolved_limits(self, names, self.limits, "displacement", model))
 
     def stride(self, model: Model, step: float) -> int:

@@ -36,6 +36,12 @@ def checked_items(study: Study) -> list[Item]:
     return items
 
 
+def checked_workers(workers: int | None) -> None:
+    """Refuse a number of threads that is not a whole number of at least 1, or None."""
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
+
+
 def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
     """Simulate, one after another, what is not in the folder yet; each simulation uses all workers.
 

@@ -146,7 +146,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarr
             intensity[slot] = float(call("intensity", times).max())
         # without damping the energy grows as long as the run lasts
         limit = 1.0 / model.damping[slot] if model.damping[slot] else 2.0 * duration / model.mass[slot]
-        heat[slot] = np.pi * intensity[slot] * limit
+        heat[slot] = max(heat[slot] if np.isfinite(heat[slot]) else 0.0, np.pi * intensity[slot] * limit)
     for slot in model.forced:
         excitation = model.network.excitations[model.bodies[slot]]
         mean_square = float(np.mean(excitation.call("force", times) ** 2))

@@ -47,7 +47,8 @@ def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float,
     If the lines are whole multiples of one frequency and the period is a whole number of
     intervals, one period comes from one FFT; lines above the Nyquist frequency of the
     samples are folded, which leaves the values at the samples exact. Other lines that are
-    equally far apart are summed by a chirp transform. Any others are summed in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
+    equally far apart are summed by a chirp transform. Any others are summed in blocks,
+    ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
 
     Parameters
     ----------
@@ -111,7 +112,8 @@ def _chirp(first: float, spacing: float, amplitudes: np.ndarray, interval: float
     size = 2 ** (lines + samples - 1).bit_length()
     spectrum = np.fft.fft(amplitudes * chirp[lines - 1 :: -1], size) * np.fft.fft(chirp.conj(), size)
     sums = np.fft.ifft(spectrum)[lines - 1 : lines - 1 + samples] * chirp[lines - 1 :]
-    return (np.exp(1j * first * interval * index[lines - 1 :]) * sums).real
+    result: np.ndarray = (np.exp(1j * first * interval * index[lines - 1 :]) * sums).real
+    return result
 
 
 def _bins(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, int] | None:

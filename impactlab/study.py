@@ -206,10 +206,9 @@ def run_study(
     """
     from impactlab.folder import Folder
     from impactlab.plugins import make_study
-    from impactlab.run import checked_items, run_items
+    from impactlab.run import checked_items, checked_workers, run_items
 
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
+    checked_workers(workers)
     made = make_study(study, settings, quick)
     items = checked_items(made)
     folder = None if out is None else Folder(out)

@@ -38,7 +38,7 @@ class Late(il.Excitation):
 
 def test_a_force_that_is_not_a_number():
     network = linear().replace(excitations={"a": Explosive(2.0)})
-    with pytest.raises(il.Diverged, match=r"Body 0 of realization 0 left .* before t = "):
+    with pytest.raises(il.Diverged, match=r"'a' of realization 0 left .* before t = "):
         il.simulate(network, 4.0, rng=1, step=0.01)
 
 

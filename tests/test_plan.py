@@ -236,6 +236,13 @@ def test_a_band_without_the_natural_frequency_is_warned_of():
     plan_of(linear(frequency=8.0 * np.pi).replace(excitations={"a": noise}), spin_up=0.0)  # no warning
 
 
+class Resonant(il.Excitation):
+    """A cosine at the natural frequency of a body of unit mass and stiffness."""
+
+    def lines(self):
+        return [1.0], [1.0]
+
+
 def test_what_no_rule_can_plan_asks_for_a_step():
     free = il.Network({"a": il.LinearOscillator()})
     with pytest.raises(il.InvalidInput, match=r"no body has stiffness or damping\. Give step="):
@@ -245,8 +252,14 @@ def test_what_no_rule_can_plan_asks_for_a_step():
         {"w": il.Contact("a", il.WALL, il.HertzContact(1.0))},
         {"a": il.WhiteNoise(1.0)},
     )
+    # without damping the energy grows with the time: π S t/m · 2 at most is planned for
+    for duration in (1.0, 100.0):
+        depth = (2.5 * 2.0 * np.pi * duration) ** 0.4
+        expected = min(0.5 / math.sqrt(1.5 * math.sqrt(depth)), 1.0)
+        assert 0.5 * expected < plan_of(undamped, duration, spin_up=0.0).step <= expected * (1.0 + 1e-6)
+    resonant = undamped.replace(excitations={"a": Resonant()})
     with pytest.raises(il.InvalidInput, match=r"energy that 'a' brings into collisions .* Give step="):
-        il.simulate(undamped, 1.0)
+        il.simulate(resonant, 1.0)
 
 
 def test_an_integrator_refuses_noise_that_it_does_not_handle():
