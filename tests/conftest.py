@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 import impactlab as il
+import impactlab.simulation
 from impactlab import component
 
 settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
