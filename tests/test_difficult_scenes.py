@@ -6,6 +6,9 @@ from scenes import base, deviations
 from scipy.integrate import solve_ivp
 
 import impactlab as il
+from impactlab.ensemble import run_block
+from impactlab.integrators import ExactFlow
+from impactlab.plan import make_plan
 
 NAMES = ("mean_square_displacement", "mean_square_velocity", "contact_ratio", "mean_contact_force")
 
