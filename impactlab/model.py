@@ -202,14 +202,17 @@ class Model:
 
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        between = self.ends[(self.ends < self.wall).all(axis=1)]
-        count = len(self.bodies)
-        graph = coo_array((np.ones(len(between)), (between[:, 0], between[:, 1])), shape=(count, count))
-        labels: np.ndarray = connected_components(graph, directed=False)[1]
-        return labels
+        first, second = self.ends[(self.ends < self.wall).all(axis=1)].T
+        parts = np.arange(len(self.bodies))
+        while True:  # every body takes the smallest label in reach, which doubles each time
+            before = parts.copy()
+            lowest = np.minimum(parts[first], parts[second])
+            for side in (parts[first], parts[second], first, second):
+                np.minimum.at(parts, side, lowest)
+            parts = parts[parts]
+            if (parts == before).all():
+                labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
+                return labels
 
 
 _EXCITATIONS = ("intensity", "lines", "force")

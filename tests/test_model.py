@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 import impactlab as il
 from impactlab.model import HEADER, Kind, Model
@@ -148,3 +150,22 @@ def test_no_contacts_and_no_excitations():
 def test_a_kernel_that_takes_a_text_is_refused():
     with pytest.raises(il.InvalidInput, match=r"Named.name, which a kernel takes, must be a number, 'steel'"):
         Model.of(il.chain(2, il.LinearOscillator(), Named()))
+
+
+def test_connected_parts_of_random_networks():
+    """The same parts as scipy finds in the graph of the contacts between bodies."""
+    generator = np.random.default_rng(5)
+    body = il.LinearOscillator(stiffness=1.0)
+    for _ in range(50):
+        count = int(generator.integers(1, 25))
+        names = [f"body_{index}" for index in range(count)]
+        ends = generator.integers(0, count + 1, (int(generator.integers(0, 30)), 2))
+        ends = ends[ends[:, 0] != ends[:, 1]]
+        sides = [*names, il.WALL]
+        contacts = {f"c{k}": il.Contact(sides[a], sides[b], HERTZ) for k, (a, b) in enumerate(ends)}
+        labels = Model.of(il.Network(dict.fromkeys(names, body), contacts)).connected()
+        between = ends[(ends < count).all(axis=1)]
+        graph = coo_array((np.ones(len(between)), (between[:, 0], between[:, 1])), shape=(count, count))
+        parts, expected = connected_components(graph, directed=False)
+        assert sorted(set(labels.tolist())) == list(range(parts))
+        np.testing.assert_array_equal(labels[:, None] == labels, expected[:, None] == expected)
