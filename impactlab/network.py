@@ -27,6 +27,9 @@ _SHOWN = 6
 class Network:
     """Bodies that can touch each other and are excited from outside; immutable.
 
+    Two networks are equal when they have the same members of the same names in the same
+    order, which is that of the results.
+
     Parameters
     ----------
     oscillators : mapping of str to Oscillator
