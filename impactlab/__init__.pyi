@@ -12,6 +12,8 @@ from impactlab.contact import LinearContact as LinearContact
 from impactlab.contact import PowerLawContact as PowerLawContact
 from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
+from impactlab.density import Density as Density
+from impactlab.density import JointDensity as JointDensity
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError
@@ -30,8 +32,6 @@ from impactlab.network import chain as chain
 from impactlab.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.oscillator import LinearOscillator as LinearOscillator
 from impactlab.oscillator import Oscillator as Oscillator
-from impactlab.record import Density as Density
-from impactlab.record import JointDensity as JointDensity
 from impactlab.record import PerRealization as PerRealization
 from impactlab.record import Record as Record
 from impactlab.record import Trajectory as Trajectory

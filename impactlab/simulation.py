@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+import impactlab.density  # noqa: F401  (its records must be known when one is made again)
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, configuration_of, provenance, statistics
 from impactlab.ensemble import cores, merged, run

@@ -19,7 +19,7 @@ LAYERS = [
     {"linearized", "rules", "series"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
-    {"estimate", "tolerance"},
+    {"density", "estimate", "tolerance"},
     {"simulation"},
     {"folder", "plugins"},
     {"run"},
