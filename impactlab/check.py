@@ -14,7 +14,7 @@ from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
 from impactlab.network import Network
-from impactlab.rules import RELAXATION_TIMES, choose_step, positive
+from impactlab.rules import RELAXATION_TIMES, check_integrator, choose_step, positive
 from impactlab.scene import Stiffening, energies, hottest, linear_variances, relaxation_time
 
 MOST_BODIES = 200
@@ -74,8 +74,7 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
         If the step or the integrator cannot be used; with the words of `simulate`.
     """
     method = integrator or ExactFlow()
-    if not isinstance(method, Integrator):
-        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+    check_integrator(method)
     model = Model.of(network)
     energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(model))
     growing = np.isinf(hottest(model, linear_variances(model)[1]))  # excited and not damped

@@ -53,7 +53,7 @@ class Estimates:
     drift: float
 
 
-def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: float) -> Estimates:
+def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
     """Estimate all default statistics.
 
     Parameters
@@ -62,8 +62,6 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
     bodies : (batch, row, body, realization) ndarray
         Sums over the steps of each batch.
     contacts : (batch, row, contact, realization) ndarray
-    relaxation : float
-        Relaxation time of the slowest body (s).
 
     Returns
     -------
@@ -80,11 +78,10 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, relaxation: f
         per_batch = [statistics_of(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
-    trusted = plan.trusted
-    if not trusted and (len(plan.white) or plan.lines):
-        _warn(plan, relaxation)
-    settled = trusted and plan.spin_up_steps * plan.step >= SETTLED * relaxation * (1.0 - 1e-9)
-    values, errors = _combined(plan, units, weights, trusted, settled)
+    if not plan.trusted and (len(plan.white) or plan.lines):
+        _warn(plan)
+    settled = plan.trusted and plan.spin_up_steps * plan.step >= SETTLED * plan.relaxation * (1.0 - 1e-9)
+    values, errors = _combined(plan, units, weights, plan.trusted, settled)
     peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
@@ -220,9 +217,11 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
     return float(np.sqrt(freedom * np.log1p(largest**2 / freedom)) * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0))
 
 
-def _warn(plan: Plan, relaxation: float) -> None:
-    if relaxation > 0.0:
-        needed = 1.01 * BATCH_TIMES * relaxation * batches_wanted(plan.realizations)  # more than rounding takes away
+def _warn(plan: Plan) -> None:
+    if plan.relaxation > 0.0:
+        needed = (
+            1.01 * BATCH_TIMES * plan.relaxation * batches_wanted(plan.realizations)
+        )  # more than rounding takes away
         advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
     else:
         advice = f"use at least {BATCHES} realizations"

@@ -85,6 +85,8 @@ class Plan:
     realizations, lanes, steps_per_call : int
     trusted : bool
         Whether there are enough independent realizations or batches for standard errors.
+    relaxation : float
+        Relaxation time of the slowest body (s), 0 if nothing is damped.
     """
 
     text: str
@@ -120,6 +122,7 @@ class Plan:
     lanes: int
     steps_per_call: int
     trusted: bool
+    relaxation: float
 
     @property
     def blocks(self) -> int:
@@ -234,6 +237,7 @@ def make_plan(
         lanes=lanes,
         steps_per_call=steps_per_call,
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
+        relaxation=relaxation,
     )
 
 

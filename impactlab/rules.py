@@ -215,6 +215,12 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
     return state
 
 
+def check_integrator(integrator: Any) -> None:
+    """Refuse what is not an integrator."""
+    if not isinstance(integrator, Integrator):
+        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+
+
 def positive(name: str, value: Any, units: str = "s") -> float:
     """Return a positive finite number, or raise `InvalidInput` that names it."""
     number = finite(name, value)

@@ -48,18 +48,15 @@ def linear_variances(model: Model) -> np.ndarray:
         displacement = np.pi * intensity / (model.damping * model.stiffness)
     result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
     for item in lines_of(model):
-        gain = np.abs(receptance(model, item.body, item.frequencies)) * item.amplitudes
+        slot = item.body
+        response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
+        gain = np.abs(response) * item.amplitudes
         result[:, item.body] = 0.5 * (gain**2).sum(), 0.5 * ((item.frequencies * gain) ** 2).sum()
     return result
 
 
-def receptance(model: Model, body: int, frequencies: np.ndarray) -> np.ndarray:
-    """Return the complex displacement of a body per unit force at angular frequencies (m N-1)."""
-    return receptance_of(model.mass[body], model.damping[body], model.stiffness[body], frequencies)
-
-
 def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:
-    """Return ``1/(k − m ω² + i c ω)``."""
+    """Return the complex displacement per unit force at angular frequencies, ``1/(k − m ω² + i c ω)`` (m N-1)."""
     dynamic = stiffness - mass * frequencies**2 + 1j * damping * frequencies
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(dynamic != 0.0, 1.0 / dynamic, np.inf)

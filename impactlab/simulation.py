@@ -24,7 +24,7 @@ from impactlab.network import Network
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
-from impactlab.rules import positive, seed_of
+from impactlab.rules import check_integrator, positive, seed_of
 from impactlab.scene import relaxation_time
 from impactlab.tolerance import DRIFT, checked, reach
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
@@ -157,8 +157,7 @@ def _simulate(
     executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
-    if not isinstance(integrator, Integrator):
-        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+    check_integrator(integrator)
     records: list[Any] = [record] if isinstance(record, Record | str) else list(record or ())
     for item in records:
         if not isinstance(item, Record):
@@ -176,7 +175,7 @@ def _simulate(
             "tolerance."
         )
     results = run(plan, executor, reporter(progress))
-    estimates = estimate(plan, *merged(results), relaxation_time(Model.of(network)))
+    estimates = estimate(plan, *merged(results))
     steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)
     if estimates.drift > DRIFT and steady:
         warn(
