@@ -36,7 +36,7 @@ def type_of(field):
     return field.type if isinstance(field.type, str) else field.type.__name__
 
 
-SAMPLES = {"ContactLaw": il.HertzContact(1e4), "str": "text", "bool": True}
+SAMPLES = {"ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "str": "text", "bool": True}
 
 
 def sample(cls):

@@ -69,7 +69,7 @@ def test_copies():
 
 def test_from_dict_of_bodies_alone_and_of_unknown_parts():
     assert il.Network.from_dict({"oscillators": {"a": BODY.to_dict()}}) == il.Network({"a": BODY})
-    with pytest.raises(il.InvalidInput, match=r"oscillators, contacts and excitations; 'oscilators' was given"):
+    with pytest.raises(il.InvalidInput, match=r"oscillators, contacts, excitations, couplings; 'oscilators' was given"):
         il.Network.from_dict({"oscilators": {}})
 
 
