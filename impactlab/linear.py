@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -38,6 +39,7 @@ class LinearSystem:
     stiffness: np.ndarray
     intensity: np.ndarray
 
+    @cached_property
     def _directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the directions that springs hold, and the free ones, as columns."""
         stiffness, directions = np.linalg.eigh(self.stiffness)
@@ -47,19 +49,22 @@ class LinearSystem:
     @property
     def free(self) -> np.ndarray:
         """Whether no spring holds each body, (body,) of bool."""
-        return np.asarray((np.abs(self._directions()[1]) > 1e-6).any(axis=1))
+        return np.asarray((np.abs(self._directions[1]) > 1e-6).any(axis=1))
 
+    @cached_property
     def drift(self) -> np.ndarray:
         """Return the matrix L of ``(z, v)' = L (z, v)``; z are the displacements in the held directions."""
-        held, inverse = self._directions()[0], 1.0 / self.mass[:, None]
+        held, inverse = self._directions[0], 1.0 / self.mass[:, None]
         none = np.zeros((held.shape[1], held.shape[1]))
         return np.block([[none, held.T], [-inverse * (self.stiffness @ held), -inverse * self.damping]])
 
+    @cached_property
     def rates(self) -> np.ndarray:
         """Return the rates at which motions decay (s-1), exactly 0 for those that are not damped."""
-        values = np.linalg.eigvals(self.drift())
+        values = np.linalg.eigvals(self.drift)
         return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
 
+    @cached_property
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
 
@@ -69,9 +74,9 @@ class LinearSystem:
 
         if not self.intensity.any():
             return np.zeros((2 * len(self.mass), 2 * len(self.mass)))
-        if not self.rates().all():
+        if not self.rates.all():
             return None
-        drift, held = self.drift(), self._directions()[0]
+        drift, held = self.drift, self._directions[0]
         growth = np.concatenate([np.zeros(held.shape[1]), 2.0 * np.pi * self.intensity / self.mass**2])
         reduced = solve_continuous_lyapunov(drift, -np.diag(growth))
         back = np.zeros((2 * len(self.mass), len(drift)))
@@ -89,7 +94,7 @@ class LinearSystem:
 
     def variances(self) -> np.ndarray:
         """Return the mean squares of displacement and velocity, infinite where there is no law, (2, body)."""
-        covariance = self.covariance()
+        covariance = self.covariance
         if covariance is None:
             return np.full((2, len(self.mass)), np.inf)
         result = np.diag(covariance).reshape(2, -1).copy()
@@ -116,8 +121,10 @@ class LinearSystem:
         return np.concatenate(parts)
 
 
-def coupled_systems(model: Model, intensity: np.ndarray) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+@lru_cache(maxsize=8)  # what a system has worked out is wanted more than once while a run is planned
+def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return the slots and the linear system of every group of bodies that linear couplings connect."""
+    intensity = model.intensities()
     return tuple(
         (
             slots,
@@ -144,19 +151,20 @@ def linear_variances(model: Model) -> np.ndarray:
 
 def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
     """Return the part of :func:`linear_variances` that white noise of some densities makes, (2, body)."""
+    own = (intensity == model.intensities()).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity = np.pi * intensity / (model.mass * model.damping)
         displacement = np.pi * intensity / (model.damping * model.stiffness)
     result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
-    for slots, system in coupled_systems(model, intensity):
-        result[:, slots] = system.variances()
+    for slots, system in coupled_systems(model):
+        result[:, slots] = (system if own else replace(system, intensity=intensity[slots])).variances()
     return np.asarray(result)
 
 
 def line_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
-    coupled = {slot: pair for pair in coupled_systems(model, result[0]) for slot in pair[0].tolist()}
+    coupled = {slot: pair for pair in coupled_systems(model) for slot in pair[0].tolist()}
     for item in lines_of(model):
         slot, slots = item.body, np.array([item.body])
         if slot in coupled:
@@ -173,14 +181,14 @@ def line_variances(model: Model) -> np.ndarray:
 
 def relaxation_time(model: Model) -> float:
     """Return the relaxation time of the slowest damped motion (s); 0 if nothing is damped."""
-    systems = coupled_systems(model, np.zeros_like(model.mass))
+    systems = coupled_systems(model)
     damped = model.damping > 0.0
     for slots, _ in systems:
         damped[slots] = False
     c, k, m = (values[damped] for values in (model.damping, model.stiffness, model.mass))
     root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
     slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
-    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates() for _, item in systems)])
+    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems)])
     return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
 
 
@@ -207,7 +215,7 @@ def flexibility(model: Model) -> np.ndarray:
     """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1), (body,)."""
     with np.errstate(divide="ignore"):
         result = 1.0 / model.stiffness
-    for slots, system in coupled_systems(model, np.zeros_like(result)):
+    for slots, system in coupled_systems(model):
         result[slots] = system.flexibility()
     return result
 

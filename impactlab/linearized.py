@@ -61,7 +61,7 @@ class LinearizedNetwork:
         model = self.model
         damping, stiffness = np.diag(model.damping) + self.damping, np.diag(model.stiffness) + self.added
         system = LinearSystem(model.mass, damping, stiffness, model.intensities())
-        return None if system.free.any() else system.covariance()
+        return None if system.free.any() else system.covariance
 
     def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
         """Return what a method gives for the covariance at some step, exactly; None if it is not known.

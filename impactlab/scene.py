@@ -166,11 +166,12 @@ def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarra
     """
     temperature = hottest(model, model.mass * linear_variances(model)[1])
     result = []
-    for slots, system in coupled_systems(model, model.intensities()):
-        stiffer = replace(system, stiffness=system.stiffness + np.diag(stiffening.bodies[slots]))
+    for slots, system in coupled_systems(model):
+        residual = stiffening.bodies[slots]
+        stiffer = replace(system, stiffness=system.stiffness + np.diag(residual)) if residual.any() else system
         cold = not system.damping.any() and not model.excited[slots].any()
         heat = float(temperature[slots[0]])
-        covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance()
+        covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
         squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
         result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))
     return tuple(result)
