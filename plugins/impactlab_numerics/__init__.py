@@ -1,0 +1,17 @@
+"""Studies of impactlab's own numerics: run time against error, and accuracy on random networks."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {"AccuracyStudy": "accuracy", "WorkPrecisionStudy": "work_precision"}
+
+__all__ = ["AccuracyStudy", "WorkPrecisionStudy"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a study when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

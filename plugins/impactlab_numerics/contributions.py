@@ -1,0 +1,113 @@
+"""What each device of the default method is worth, measured one by one on the base case."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.kernels.jit import kernel
+from impactlab.kernels.random import fill_normals, stream
+from impactlab_numerics.methods import Findings, Method, seconds_to
+from impactlab_numerics.work_precision import PAIR
+
+if TYPE_CHECKING:
+    from impactlab_numerics.work_precision import WorkPrecisionStudy
+
+NORMALS_PER_STEP = 2
+"""Normals that the default method takes for a body in a step."""
+
+NORMALS = 1_000_000
+"""Normals that a generator makes when it is timed."""
+
+
+def contributions(study: WorkPrecisionStudy, table: dict[Method, Findings], speed: xr.Dataset) -> xr.Dataset:
+    """Return by which factor the time to the highest accuracy in E[x²] grows without each device.
+
+    All else stays as it is: the same network, step and estimator where a device does not need
+    another; where it does, the best of the steps that were measured.
+    """
+    accuracy, start = study.accuracies[-1], (PAIR, "impactlab")
+    flow, plain, euler = (
+        {method: found for method, found in table.items() if method == Method(*start, scheme, "white", method.step)}
+        for scheme in ("exact flow", "exact flow, plain kick", "Euler–Maruyama")
+    )
+    usual = next(found for method, found in flow.items() if not method.step)
+    rows: list[tuple[str, str, float, str]] = []
+    lanes = _speed(speed, 256)
+    for count in (1, 8):
+        fewer = _speed(speed, count)
+        measured = f"{fewer:.3g} instead of {lanes:.3g} steps of a body per second"
+        rows.append(("lanes", f"blocks of {count} instead of 256 realizations", lanes / fewer, measured))
+    own, other = _generators(study.rounds)
+    ratio = 1.0 + lanes * NORMALS_PER_STEP * (other - own)
+    measured = (
+        f"{1e9 * other:.2f} instead of {1e9 * own:.2f} ns a normal, "
+        f"{NORMALS_PER_STEP} in {1e9 / lanes:.1f} ns for a step of a body"
+    )
+    rows.append(("generator", "NumPy's generator, one normal at a time", ratio, measured))
+    for name, instead, others, base, direct in (
+        ("exact flow", "Euler–Maruyama", euler, flow, True),
+        ("shifted kick", "a kick where the body is", plain, flow, False),
+    ):
+        (step, best), (other_step, most) = (_best(group, accuracy, direct) for group in (base, others))
+        measured = f"{most:.3g} s at a step of {1e3 * other_step:g} ms instead of {best:.3g} s at {1e3 * step:.3g} ms"
+        rows.append((name, instead, most / best, measured))
+    most, best = (float(seconds_to(accuracy, usual, direct=flag)[0]) for flag in (True, False))
+    rows.append(("balances", "plain means", most / best, f"{most:.3g} s instead of {best:.3g} s"))
+    columns = {
+        "device": ("device", {}),
+        "instead": ("what stands in its place", {}),
+        "ratio": ("time without the device, in units of that with it", {"units": "1"}),
+        "measured": ("what was measured", {}),
+    }
+    return xr.Dataset(
+        {
+            name: ("row", list(values), {"long_name": text, **units})
+            for (name, (text, units)), values in zip(columns.items(), zip(*rows, strict=True), strict=True)
+        }
+    )
+
+
+def _speed(speed: xr.Dataset, realizations: int) -> float:
+    run = f"{PAIR}, impactlab, {realizations} realizations, 1 thread"
+    return float(speed["body_steps_per_second"].sel(run=run))
+
+
+def _best(group: dict[Method, Findings], accuracy: float, direct: bool) -> tuple[float, float]:
+    """Return the step with the shortest time to an accuracy in E[x²], and that time."""
+    times = [(float(seconds_to(accuracy, found, direct=direct)[0]), found.step) for found in group.values()]
+    seconds, step = min(times)
+    return step, seconds
+
+
+def _generators(rounds: int) -> tuple[float, float]:
+    """Return the seconds that a normal takes: from impactlab's streams, from NumPy's generator in a loop."""
+    addresses = np.array([stream((1, 2), "body", "noise")], dtype=np.uint64)
+    lanes, normals = np.arange(256, dtype=np.uint64), np.empty((1, 4, 256))
+    generator = np.random.default_rng(1)
+
+    def own() -> None:
+        for block in range(NORMALS // normals.size):
+            fill_normals(addresses, lanes, np.uint64(block), normals)
+
+    calls: dict[str, Any] = {"own": own, "numpy": lambda: sum_of_normals(generator, NORMALS)}
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for number in range(rounds + 1):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call()
+            if number:  # the first one compiles
+                times[name].append((time.perf_counter() - begin) / NORMALS)
+    return float(np.median(times["own"])), float(np.median(times["numpy"]))
+
+
+@kernel
+def sum_of_normals(generator, count):  # type: ignore[no-untyped-def]
+    """Return the sum of some normals, drawn one at a time."""
+    total = 0.0
+    for _ in range(count):
+        total += generator.standard_normal()
+    return total

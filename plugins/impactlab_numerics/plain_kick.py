@@ -1,0 +1,22 @@
+"""The exact flow without the shift of its kick."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+import impactlab as il
+from impactlab.integrators.exact_flow import _SHIFT
+from impactlab.model import Model
+
+
+class PlainKick(il.ExactFlow):
+    """Exact flow with a kick that is read where the body is: an ordinary Strang splitting."""
+
+    order: ClassVar[float] = 2.0
+
+    def coefficients(self, model: Model, step: float) -> np.ndarray:
+        result = super().coefficients(model, step)
+        result[:, _SHIFT] = 0.0
+        return result

@@ -1,0 +1,111 @@
+"""Run times, measured fairly: warm, on one core, in rounds in which every method has its turn."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import impactlab as il
+
+SHORT = 500
+"""Steps of the shorter of two runs, of which the difference gives the rate."""
+
+ATTEMPTS = 10
+"""How often a measurement is tried."""
+
+Measurement = tuple[float, float]
+"""Seconds of computing for a second of one realization, and seconds before the statistics begin."""
+
+
+@dataclass(eq=False)
+class Ensemble:
+    """Times `simulate` at two lengths: the difference is the rate, what remains is spent before.
+
+    Parameters
+    ----------
+    network : Network
+    options : dict
+        Options of `simulate` but duration, spin-up, seed and executor.
+    step : float
+        Step (s).
+    spin_up : float
+        Spin-up that belongs to the seconds before the statistics begin (s).
+    seconds : float
+        Time that the longer run should take (s).
+    threads : int
+    """
+
+    network: il.Network
+    options: dict[str, Any]
+    step: float
+    spin_up: float
+    seconds: float
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        self.pool = ThreadPoolExecutor(self.threads)
+        self.short = SHORT * self.step
+        self.run(self.short)  # compiles
+        short, longer = self.run(self.short), self.run(5.0 * self.short)
+        share = max(longer - short, 1e-6) / (4.0 * self.short)
+        self.long = max(5.0 * self.short, self.seconds / share)
+
+    def run(self, duration: float) -> float:
+        """Return the seconds of one run."""
+        begin = time.perf_counter()
+        il.simulate(self.network, duration, **self.options, spin_up=0.0, rng=1, executor=self.pool, progress=False)
+        return time.perf_counter() - begin
+
+    def __call__(self) -> Measurement:
+        for _ in range(ATTEMPTS):  # on a busy machine the longer run may be the quicker one
+            short, longer = self.run(self.short), self.run(self.long)
+            rate = (longer - short) / (self.long - self.short)
+            if rate > 0.0:
+                break
+        else:
+            raise il.ImpactLabError("This machine is too busy to measure run times.")
+        startup = max(short - rate * self.short, 0.0) + rate * self.spin_up
+        return rate / self.options.get("realizations", 1), startup
+
+
+@dataclass(eq=False)
+class Whole:
+    """Times a call that simulates some seconds; the first call, not counted, compiles.
+
+    Parameters
+    ----------
+    call : callable
+        Takes how many batches it is to make.
+    batch : float
+        Seconds that a batch simulates.
+    seconds : float
+        Time that a measurement should take (s).
+    """
+
+    call: Callable[[int], Any]
+    batch: float
+    seconds: float
+
+    def __post_init__(self) -> None:
+        self.call(1)
+        self.batches = max(1, round(self.seconds / max(self._seconds(1), 1e-6)))
+
+    def _seconds(self, batches: int) -> float:
+        begin = time.perf_counter()
+        self.call(batches)
+        return time.perf_counter() - begin
+
+    def __call__(self) -> Measurement:
+        return self._seconds(self.batches) / (self.batches * self.batch), 0.0
+
+
+def in_rounds(timers: Mapping[Any, Callable[[], Measurement]], rounds: int) -> dict[Any, list[Measurement]]:
+    """Let every timer measure once in each round."""
+    found: dict[Any, list[Measurement]] = {key: [] for key in timers}
+    for _ in range(rounds):
+        for key, timer in timers.items():
+            found[key].append(timer())
+    return found

@@ -1,0 +1,234 @@
+"""From the simulations of the work-precision study, and from timing, to one tree of results."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+import impactlab as il
+from impactlab.ensemble import cores
+from impactlab_numerics import baselines
+from impactlab_numerics.contributions import contributions
+from impactlab_numerics.methods import Findings, Method, of_batches, of_dataset, seconds_to, unknown
+from impactlab_numerics.scenes import STATISTICS, Law
+from impactlab_numerics.timing import Ensemble, Measurement, Whole, in_rounds
+from impactlab_numerics.work_precision import PAIR
+
+if TYPE_CHECKING:
+    from impactlab_numerics.work_precision import WorkPrecisionStudy
+
+Table = dict[Method, Findings]
+Timers = dict[Any, Callable[[], Measurement]]
+
+LOOPS = {"BAOAB": "baoab", "Euler–Maruyama": "euler_maruyama", "Runge–Kutta": "runge_kutta"}
+LANES = (1, 8, 64, 256)
+SERIES_REALIZATIONS = 8  # each takes about 10 ms
+
+
+def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
+    """Return the tree of results.
+
+    Groups: ``methods`` (bias, scatter, run time and time to each accuracy, over case (a scheme at a
+    step in a scene) and statistic), ``speed`` (steps of a body per second), ``contributions`` (what each device
+    is worth), ``direct`` (the default method run to the highest accuracy, with its real time).
+    """
+    table: Table = {}
+    for scene, network in study.scenes().items():
+        law = Law.of(network, study.bins)
+        table |= {method: of_dataset(results[method.key], law) for method in study.methods(scene)}
+        table |= {method: _long_run(study, method, law) for method in study.baselines(scene)}
+        table |= _solvers(study, scene, table)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", il.AccuracyWarning)  # runs that are timed are short
+        timers = _timers(study, table)
+        found = in_rounds({**timers, **_speed_timers(study, table)}, study.rounds)
+    for method in timers:
+        rates, startups = np.array(found[method]).T
+        table[method].rate, table[method].startup = float(np.median(rates)), float(np.median(startups))
+        table[method].rates = list(rates)
+    nodes = {"/methods": _methods(study, table), "/speed": _speed(study, table, found)}
+    nodes["/contributions"] = contributions(study, table, nodes["/speed"])
+    if study.direct:
+        nodes["/direct"] = _direct(study, table[default(PAIR)])
+    return xr.DataTree.from_dict(nodes)
+
+
+def make_loop(study: WorkPrecisionStudy, method: Method, number: int = 0) -> baselines.Loop:
+    """Return the loop of a method, with a seed of its own for each number."""
+    common = (study.scenes()[method.scene], LOOPS[method.scheme], method.step, study.bins, study.seed + 1000 * number)
+    if method.noise == "series":
+        return baselines.SeriesLoop(*common, components=study.components, band=study.band)
+    return baselines.Loop(*common)
+
+
+def _long_run(study: WorkPrecisionStudy, method: Method, law: Law) -> Findings:
+    """Run a loop long enough to see its bias."""
+    first = make_loop(study, method)
+    bodies = len(study.scenes()[method.scene].oscillators)
+    batches = max(16, round(study.steps(method, bodies) * method.step / first.batch))
+    found = baselines.in_parallel(lambda number: make_loop(study, method, number + 1), batches, cores())
+    return of_batches(found, first.batch, law, method.step)
+
+
+def _solvers(study: WorkPrecisionStudy, scene: str, table: Table) -> Table:
+    """Return what is run shortly and extrapolated: bias unknown, scatter that of the same noise."""
+    method = Method(scene, "scipy", "solve_ivp", "series", 0.001)
+    like = table[Method(scene, "numba", "Runge–Kutta", "series", study.paper_step)]
+    found = unknown(0.001, like.scatter, "extrapolated; bias not measured, taken as 0")
+    found.rate = baselines.solve_ivp_rate(study.scenes()[scene], 2.0 * study.timing_seconds, study.seed)
+    return {method: found}
+
+
+def _timers(study: WorkPrecisionStudy, table: Table) -> Timers:
+    """Return what times each method, warm."""
+    timers: Timers = {}
+    for method, known in table.items():
+        network, seconds = study.network(method), study.timing_seconds
+        if method.tool == "impactlab" and method.noise == "white":
+            options = {**study.options(method), "realizations": 256}
+            del options["record"]  # samples every 40 steps or so, which does not show
+            timers[method] = Ensemble(network, options, known.step, known.spin_up, seconds)
+        elif method.tool == "impactlab":
+            timers[method] = _series_timer(study, method)
+        elif method.tool == "numba":
+            loop = make_loop(study, method)
+            timers[method] = Whole(loop.run, loop.batch, seconds)
+    return timers
+
+
+def _series_timer(study: WorkPrecisionStudy, method: Method) -> Whole:
+    """Time impactlab under series, of which each realization needs its own, with all that belongs to it."""
+    options = {**study.options(method), "duration": 0.8 * study.period}
+    network, pool = study.network(method), ThreadPoolExecutor(1)
+
+    def call(batches: int) -> None:
+        realizations = SERIES_REALIZATIONS * batches
+        il.simulate(network, **{**options, "realizations": realizations}, rng=1, executor=pool, progress=False)
+
+    return Whole(call, SERIES_REALIZATIONS * options["duration"], study.timing_seconds)
+
+
+def _speed_timers(study: WorkPrecisionStudy, table: Table) -> Timers:
+    """Return what times the default method with default statistics: threads, and lanes."""
+    runs = [(scene, 512, threads) for scene in study.scenes() for threads in (1, 2)]
+    timers: Timers = {}
+    for scene, realizations, threads in [*runs, *((PAIR, lanes, 1) for lanes in LANES)]:
+        network, step = study.scenes()[scene], table[default(scene)].step
+        options = {"realizations": realizations, "step": step}
+        timers[scene, realizations, threads] = Ensemble(network, options, step, 0.0, study.timing_seconds, threads)
+    return timers
+
+
+def _speed(study: WorkPrecisionStudy, table: Table, found: Mapping[Any, list[Measurement]]) -> xr.Dataset:
+    """Return the steps of a body per second, of the default method and of the loops."""
+    rows: dict[str, tuple[float, list[float]]] = {}
+    for scene, network in study.scenes().items():
+        bodies = len(network.oscillators)
+        for lanes, threads in ((512, 1), (512, 2), *((lanes, 1) for lanes in LANES)):
+            if (scene, lanes, threads) in found:
+                name = f"{scene}, impactlab, {lanes} realizations, {threads} thread{'s' if threads > 1 else ''}"
+                rates = [rate for rate, _ in found[scene, lanes, threads]]
+                rows[name] = bodies / table[default(scene)].step, rates
+        for method in study.baselines(scene):
+            rows[method.key] = bodies / method.step, table[method].rates
+    per_second = {name: [factor / rate for rate in rates] for name, (factor, rates) in rows.items()}
+    values = np.array(list(per_second.values()))
+    attributes = {"units": "s-1", "long_name": "steps of a body per second"}
+    return xr.Dataset(
+        {
+            "body_steps_per_second": ("run", np.median(values, axis=1), attributes),
+            "body_steps_per_second_by_round": (("run", "round"), values, attributes),
+        },
+        {"run": list(per_second)},
+        {"cores": cores()},
+    )
+
+
+def default(scene: str) -> Method:
+    """Return the method that `simulate` takes when nothing is chosen."""
+    return Method(scene, "impactlab", "exact flow", "white", 0.0)
+
+
+def _direct(study: WorkPrecisionStudy, found: Findings) -> xr.Dataset:
+    """Run the default method on one core to the highest accuracy in E[x²], and take its time.
+
+    The run is as long as |bias| and its standard error leave room for; its own standard error
+    tells whether it got there.
+    """
+    accuracy, network, lanes = study.accuracies[-1], study.scenes()[PAIR], 256
+    bias = abs(found.bias[0]) + found.bias_error[0]
+    allowed = max(accuracy - bias, 0.1 * accuracy) / 3.0
+    duration = 1.1 * found.scatter[0] / allowed**2 / lanes
+    exact = Law.of(network, study.bins).values[0]
+    rows = []
+    with ThreadPoolExecutor(1) as pool:
+        for number in range(study.rounds):
+            begin = time.perf_counter()
+            result = il.simulate(
+                network, duration, realizations=lanes, rng=study.seed + number, executor=pool, progress=False
+            )
+            seconds = time.perf_counter() - begin
+            value, error = (float(result[f"{STATISTICS[0]}{ending}"][-1]) / exact for ending in ("", "_standard_error"))
+            rows.append((seconds, value - 1.0, error, bias + 3.0 * error))
+    texts = {
+        "seconds": ("s", "run time on one core"),
+        "difference": ("1", "relative difference of E[x²] from its exact value"),
+        "standard_error": ("1", "relative standard error of E[x²]"),
+        "error_bound": ("1", "|bias| with its standard error, and three standard errors"),
+    }
+    return xr.Dataset(
+        {
+            name: ("round", values, {"units": units, "long_name": text})
+            for (name, (units, text)), values in zip(texts.items(), np.array(rows).T, strict=True)
+        },
+        attrs={"accuracy": accuracy, "bias_bound": bias, "duration": duration, "realizations": lanes},
+    )
+
+
+def _methods(study: WorkPrecisionStudy, table: Table) -> xr.Dataset:
+    """Return all that is known of the methods."""
+    accuracies = np.array(study.accuracies)
+    both, alone = ("case", "statistic"), ("case",)
+    data: dict[str, tuple[tuple[str, ...], Any, dict[str, str]]] = {}
+    for name, text in (
+        ("scene", "scene"),
+        ("tool", "what runs it"),
+        ("scheme", "scheme"),
+        ("noise", "noise: white, or a series of cosines"),
+        ("line", "scheme and tool"),
+    ):
+        data[name] = alone, [getattr(method, name) for method in table], {"long_name": text}
+    bodies = {scene: len(network.oscillators) for scene, network in study.scenes().items()}
+    data["bodies"] = alone, [bodies[method.scene] for method in table], {"units": "1", "long_name": "number of bodies"}
+    data["note"] = alone, [found.note for found in table.values()], {"long_name": "note"}
+    for name, units, text in (
+        ("step", "s", "step"),
+        ("rate", "1", "seconds of computing for a second of one realization"),
+        ("startup", "s", "seconds before the statistics begin"),
+    ):
+        data[name] = alone, [getattr(found, name) for found in table.values()], {"units": units, "long_name": text}
+    for name, units, text in (
+        ("bias", "1", "relative bias; of the density, probability elsewhere"),
+        ("bias_error", "1", "standard error of the bias"),
+        ("scatter", "s", "squared relative standard error times simulated time"),
+        ("direct_scatter", "s", "the same without balances"),
+    ):
+        values = np.array([getattr(found, name) for found in table.values()])
+        data[name] = both, values, {"units": units, "long_name": text}
+    for name, deviations, text in (
+        ("seconds_to", None, "run time to an accuracy"),
+        ("seconds_to_at_least", -2.0, "run time with a bias two standard errors smaller"),
+        ("seconds_to_at_most", 2.0, "run time with a bias two standard errors larger"),
+    ):
+        times = [
+            [seconds_to(accuracy, found, deviations=deviations) for accuracy in accuracies] for found in table.values()
+        ]
+        data[name] = ("case", "accuracy", "statistic"), np.array(times), {"units": "s", "long_name": text}
+    coordinates = {"case": [method.key for method in table], "statistic": list(STATISTICS), "accuracy": accuracies}
+    return xr.Dataset(data, coordinates)
