@@ -1,0 +1,129 @@
+"""How accurate a simulation is that was asked for nothing in particular, and one that was asked for an accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import impactlab as il
+from impactlab.study import Check, Item, Study
+from impactlab_numerics.scenes import scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+REALIZATIONS = 512
+"""Realizations of a network."""
+
+
+def automatic_step(network: il.Network) -> float:
+    """Return the step that a simulation chooses, before it is made to divide the duration (s)."""
+    return float(network.check().dataset.attrs["step"])
+
+
+class AccuracyStudy(Study):
+    """Default statistics against exact laws: of random networks, in many runs, and with a tolerance.
+
+    Random networks at equal temperatures are compared with transfer integrals, the same ones at
+    unequal temperatures with runs at a quarter of the automatic step. Many runs of the base case
+    of Luo, Yan and Zhang (2023) count how often 95 % intervals hold the exact value, and further
+    ones how often a tolerance was not kept.
+    """
+
+    name: ClassVar[str] = "accuracy"
+    title: ClassVar[str] = "Accuracy: bias on random networks, coverage of intervals, tolerances that are kept"
+
+    networks: int = il.parameter(20, minimum=0)
+    first_network: int = il.parameter(0, minimum=0)
+    standard_error: float = il.parameter(3e-4, above=0.0)
+    body_steps: float = il.parameter(5e7, above=0.0)
+    bias: float = il.parameter(1e-3, above=0.0)
+    unequal: bool = il.parameter(True)
+    coverage_runs: int = il.parameter(200, minimum=0)
+    coverage_duration: float = il.parameter(60.0, units="s", above=0.0)
+    coverage_realizations: int = il.parameter(64, minimum=64)
+    tolerance: float = il.parameter(1e-3, above=0.0)
+    tolerance_statistic: str = il.parameter("mean_square_displacement")
+    tolerance_seeds: int = il.parameter(10, minimum=0)
+    seed: int = il.parameter(2023, minimum=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.networks or self.coverage_runs or self.tolerance_seeds):
+            raise il.InvalidInput("networks, coverage_runs and tolerance_seeds are all 0: there is nothing to do.")
+
+    def quick(self) -> Self:
+        """The smoke form: two networks and a loose tolerance."""
+        return self.replace(
+            networks=2, first_network=11, body_steps=3e6, coverage_runs=20, tolerance=0.05, tolerance_seeds=2
+        )
+
+    @property
+    def seeds(self) -> range:
+        """Numbers of the random networks."""
+        return range(self.first_network, self.first_network + self.networks)
+
+    def items(self) -> list[Item]:
+        """The random networks, at unequal temperatures with two steps, and the base case many times."""
+        from impactlab_numerics.random_networks import random_network
+
+        items = []
+        for number in self.seeds:
+            own = {"rng": [self.seed, number]}
+            network = random_network(number)
+            items.append(Item(f"equal_{number}", network, {**self.length(network), **own}))
+            if self.unequal:
+                length, network = self.length(network), random_network(number, equal_temperature=False)
+                quarter = {"step": 0.25 * automatic_step(network), "rng": [self.seed, number, 4]}
+                items.append(Item(f"unequal_{number}", network, {**length, **own}))
+                items.append(Item(f"quarter_{number}", network, {**length, **quarter}))
+        base = scene(2)
+        for run in range(self.coverage_runs):
+            length = {"duration": self.coverage_duration, "realizations": self.coverage_realizations}
+            items.append(Item(f"coverage_{run}", base, {**length, "rng": [self.seed, run, 1]}))
+        for run in range(self.tolerance_seeds):
+            asked = {"tolerance": {self.tolerance_statistic: self.tolerance}, "max_seconds": 3600.0}
+            items.append(Item(f"tolerance_{run}", base, {**asked, "rng": [self.seed, run, 2]}))
+        return items
+
+    def length(self, network: il.Network) -> dict[str, Any]:
+        """Return how long a network is simulated: until the standard errors are small, or the steps are spent.
+
+        The time is that in which the rarest contact closes often enough for a relative standard
+        error of its rate of ``1.3/sqrt(n)`` after n contacts, and the slowest motion relaxes often
+        enough for ``0.5/sqrt(n)`` after n relaxation times: values that were found on such networks.
+        """
+        from impactlab.linear import relaxation_time
+        from impactlab.model import Model
+        from impactlab_numerics.random_networks import closing_rates
+
+        rarest = min(closing_rates(network).values())
+        enough = (1.3**2 / rarest + 0.5**2 * relaxation_time(Model.of(network))) / self.standard_error**2
+        affordable = self.body_steps * automatic_step(network) / len(network.oscillators)
+        return {"duration": min(enough, affordable) / REALIZATIONS, "realizations": REALIZATIONS}
+
+    def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
+        from impactlab_numerics.accuracy_collect import collect
+
+        return collect(self, results)
+
+    def claims(self, tree: xr.DataTree) -> xr.Dataset:
+        from impactlab_numerics.accuracy_claims import judge
+
+        return judge(self, tree)
+
+    def checks(self, tree: xr.DataTree) -> list[Check]:
+        table = self.claims(tree)
+        rows = zip(table.statement.values, table.verdict.values, table.measured.values, strict=True)
+        return [Check(str(name), verdict != "does not hold", str(found)) for name, verdict, found in rows]
+
+    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
+        from impactlab_numerics.accuracy_claims import tables
+
+        return tables(tree)
+
+    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:
+        from impactlab_numerics.accuracy_figures import draw
+
+        return draw(self, tree)

@@ -1,0 +1,184 @@
+"""What the accuracy study claims, and its verdicts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.special import bdtrc, ndtri
+
+from impactlab_numerics.accuracy_collect import ERRORS
+
+if TYPE_CHECKING:
+    from impactlab_numerics.accuracy import AccuracyStudy
+
+COVERAGE = (0.93, 0.97)
+"""Share of 95 % intervals that hold the exact value, over all statistics."""
+
+MISSED = 0.05
+"""Share of runs that may miss their tolerance."""
+
+CHANCE = 0.01
+"""Probability below which chance explains nothing."""
+
+_WORST = 12
+
+
+class Claim(NamedTuple):
+    """A statement, what was measured, when it holds, and the verdict."""
+
+    section: str
+    statement: str
+    measured: str
+    criterion: str
+    verdict: str
+
+
+def judge(study: AccuracyStudy, tree: xr.DataTree) -> xr.Dataset:
+    """Return the table of claims."""
+    claims = list(_claims(study, tree))
+    texts = {
+        "section": "what was simulated",
+        "statement": "claim",
+        "measured": "what the study finds",
+        "criterion": "when the claim holds",
+        "verdict": "verdict",
+    }
+    return xr.Dataset(
+        {name: ("claim", [getattr(item, name) for item in claims], {"long_name": text}) for name, text in texts.items()}
+    )
+
+
+def _claims(study: AccuracyStudy, tree: xr.DataTree) -> Iterator[Claim]:
+    references = {"equal": "exact laws", "unequal": "runs at a quarter of the step"}
+    for kind, reference in references.items():
+        if kind in tree.children:
+            yield _bias(study, tree[kind].to_dataset(), f"random networks, {kind} temperatures", reference)
+    if "coverage" in tree.children:
+        yield _covered(tree["coverage"].to_dataset())
+    if "tolerance" in tree.children:
+        yield _kept(study, tree["tolerance"].to_dataset())
+
+
+def _bias(study: AccuracyStudy, table: xr.Dataset, section: str, reference: str) -> Claim:
+    """Judge the differences; those that chance explains, given the bias that is allowed, are no evidence."""
+    count = table.sizes["comparison"]
+    beyond = (np.abs(table.difference.values) - study.bias * table.scale.values) / table.standard_error.values
+    failed = beyond > ERRORS
+    limit = float(-ndtri(0.5 * CHANCE / count))  # Bonferroni's
+    verdict = "holds" if not failed.any() else "sampling error" if beyond.max() <= limit else "does not hold"
+    precise = float((table.relative_error <= 1.1 * study.standard_error).mean())
+    worst = int(np.argmax(table.excess.values))
+    row = table.isel(comparison=worst)
+    return Claim(
+        section,
+        f"All default statistics but the peak are within {100.0 * study.bias:g} % of {reference}.",
+        f"{int(failed.sum())} of {count} are not; the worst is {row.statistic.item()} of {row.label.item()} in network "
+        f"{row.network.item()}, {100.0 * row.relative_difference.item():.3f} ± {100.0 * row.relative_error.item():.3f} "
+        f"%. Standard errors are {100.0 * float(table.relative_error.median()):.3f} % in the median, and within "
+        f"{100.0 * study.standard_error:g} % for {100.0 * precise:.0f} % of the statistics.",
+        f"|difference| ≤ {100.0 * study.bias:g} % + {ERRORS:g} standard errors for each; sampling error if none is "
+        f"{limit:.1f} standard errors beyond the bias.",
+        verdict,
+    )
+
+
+def _covered(table: xr.Dataset) -> Claim:
+    """Judge the coverage of all statistics together; its error is that of the runs."""
+    by_run = table.by_run.values
+    share, error = float(by_run.mean()), float(by_run.std(ddof=1) / math.sqrt(len(by_run))) if len(by_run) > 1 else 0.5
+    low, high = COVERAGE
+    outside = max(low - share, share - high, 0.0)
+    verdict = "holds" if outside == 0.0 else "sampling error" if outside <= 2.0 * error else "does not hold"
+    least, most = (int(pick(table.coverage.values)) for pick in (np.argmin, np.argmax))
+    named = [
+        f"{100.0 * float(table.coverage[i]):.1f} % for {table.statistic[i].item()} of {table.label[i].item()}"
+        for i in (least, most)
+    ]
+    return Claim(
+        "base case, many runs",
+        "95 % intervals hold the exact value in 93 to 97 % of all cases.",
+        f"{100.0 * share:.1f} ± {100.0 * error:.1f} % in {len(by_run)} runs; from {named[0]} to {named[1]}.",
+        "share between 93 and 97 %; sampling error within 2 standard errors of that.",
+        verdict,
+    )
+
+
+def _kept(study: AccuracyStudy, table: xr.Dataset) -> Claim:
+    """Judge the tolerances."""
+    missed, count = int((table.error > 1.0).sum()), table.sizes["run"]
+    chance = float(bdtrc(missed - 1, count, MISSED)) if missed else 1.0  # of as many at the share that is allowed
+    verdict = "holds" if missed <= MISSED * count else "sampling error" if chance > CHANCE else "does not hold"
+    return Claim(
+        "base case, a tolerance",
+        f"A tolerance of {study.tolerance:g} for {study.tolerance_statistic} is missed in at most 5 of 100 runs.",
+        f"{missed} of {count} runs missed it; the largest error was {float(table.error.max()):.2f} times the "
+        f"tolerance, the median {float(table.error.median()):.2f} times; a run took "
+        f"{float(table.seconds.median()):.3g} s in the median.",
+        f"share of 5 %; sampling error if as many have a probability of more than {CHANCE:g} at that share.",
+        verdict,
+    )
+
+
+def tables(tree: xr.DataTree) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yield the worst differences, the bias of each statistic over all networks, and the coverage."""
+    for kind in ("equal", "unequal"):
+        if kind in tree.children:
+            table = tree[kind].to_dataset()
+            order = np.argsort(-table.excess.values)[:_WORST]
+            yield f"Largest differences, {kind} temperatures", [_row(tree, table, int(i)) for i in order]
+            yield f"All networks together, {kind} temperatures", _pooled(table)
+    if "coverage" in tree.children:
+        yield "Coverage of 95 % intervals", _coverage_rows(tree["coverage"].to_dataset())
+
+
+def _row(tree: xr.DataTree, table: xr.Dataset, index: int) -> dict[str, Any]:
+    row = table.isel(comparison=index)
+    network = tree["networks"].to_dataset().sel(network=row.network.item())
+    return {
+        "network": row.network.item(),
+        "statistic": row.statistic.item(),
+        "of": row.label.item(),
+        "difference (%)": f"{100.0 * row.relative_difference.item():.3f}",
+        "standard error (%)": f"{100.0 * row.relative_error.item():.3f}",
+        "z": f"{row.z.item():.1f}",
+        "over allowed": f"{row.excess.item():.2f}",
+        "h ω of the fastest body": f"{network.step_of_flow.item():.2f}",
+        "h ω of the stiffest contact": f"{network.step_of_contact.item():.2f}",
+    }
+
+
+def _pooled(table: xr.Dataset) -> list[dict[str, Any]]:
+    """Weighted mean of the relative differences of each statistic, and the mean square of z."""
+    rows = []
+    for name in dict.fromkeys(table.statistic.values.tolist()):
+        part = table.isel(comparison=np.flatnonzero(table.statistic.values == name))
+        weights = part.relative_error.values**-2.0
+        mean = float(weights @ part.relative_difference.values / weights.sum())
+        rows.append(
+            {
+                "statistic": name,
+                "number": len(weights),
+                "mean difference (%)": f"{100.0 * mean:.4f}",
+                "standard error (%)": f"{100.0 * float(weights.sum() ** -0.5):.4f}",
+                "mean of z²": f"{float((part.z**2).mean()):.2f}",
+                "largest |z|": f"{float(np.abs(part.z).max()):.1f}",
+            }
+        )
+    return rows
+
+
+def _coverage_rows(table: xr.Dataset) -> list[dict[str, Any]]:
+    return [
+        {
+            "statistic": row.statistic.item(),
+            "of": row.label.item(),
+            "coverage (%)": f"{100.0 * row.coverage.item():.1f}",
+            "mean of z": f"{row.offset.item():.2f}",
+            "standard deviation of z": f"{row.scatter.item():.2f}",
+        }
+        for row in (table.isel(comparison=i) for i in range(table.sizes["comparison"]))
+    ]

@@ -1,0 +1,158 @@
+"""The accuracy study: random networks, its small run, and verdicts that follow the numbers."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from impactlab_numerics import AccuracyStudy
+from impactlab_numerics.accuracy_claims import judge
+from impactlab_numerics.accuracy_collect import exact_statistics
+from impactlab_numerics.random_networks import LEAST_RATE, closing_rates, random_network
+
+import impactlab as il
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The quick form of the study, run as a person does it."""
+    return il.run_study(AccuracyStudy, quick=True, progress=False)
+
+
+def test_the_file_has_every_default():
+    settings = tomllib.loads((ROOT / "studies" / "accuracy.toml").read_text(encoding="utf-8"))
+    assert settings.pop("study") == AccuracyStudy.name
+    assert set(settings) == set(AccuracyStudy.field_names())
+    assert AccuracyStudy(**settings) == AccuracyStudy()
+
+
+def test_the_study_is_described_without_heavy_imports():
+    code = (
+        "import sys; from impactlab_numerics import AccuracyStudy; AccuracyStudy()\n"
+        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_a_study_of_nothing_is_refused():
+    with pytest.raises(il.InvalidInput, match="there is nothing to do"):
+        AccuracyStudy(networks=0, coverage_runs=0, tolerance_seeds=0)
+
+
+@pytest.mark.parametrize("seed", [4, 9, 14])
+def test_random_networks_are_what_they_say(seed):
+    network = random_network(seed)
+    assert network == random_network.__wrapped__(seed)
+    assert 2 <= len(network.oscillators) <= 6
+    assert min(closing_rates(network).values()) >= LEAST_RATE
+    exact = exact_statistics(network)["contact_rate"].to_series()
+    assert dict(exact) == pytest.approx(closing_rates(network), rel=0.05)
+    for name, body in network.oscillators.items():
+        assert 0.1 <= body.mass <= 10.0
+        assert 2.0 <= body.natural_frequency <= 63.3
+        assert 0.02 <= body.damping_ratio <= 0.5
+        assert np.pi * network.excitations[name].spectral_density / body.damping == pytest.approx(1.0)
+    heated = random_network(seed, equal_temperature=False)
+    assert heated.replace(excitations=network.excitations) == network
+    ratios = [heated.excitations[name].spectral_density / noise.spectral_density
+              for name, noise in network.excitations.items()]  # fmt: skip
+    assert 0.5 <= min(ratios) < max(ratios) <= 2.0
+
+
+def test_random_networks_have_everything():
+    networks = [random_network(seed) for seed in (4, 9, 11, 12, 14, 16)]
+    laws = {type(contact.law).__name__ for network in networks for contact in network.contacts.values()}
+    assert laws == {"HertzContact", "LinearContact", "PowerLawContact"}
+    assert any(network.couplings for network in networks)
+    sides = [side for network in networks for item in network.contacts.values() for side in (item.first, item.second)]
+    assert il.WALL in sides
+    assert any(contact.clearance < 0.0 for network in networks for contact in network.contacts.values())
+    kinds = {type(body).__name__ for network in networks for body in network.oscillators.values()}
+    assert kinds == {"LinearOscillator", "DuffingOscillator"}
+    assert {len(network.oscillators) for network in networks} == {2, 4, 5}
+
+
+def test_runs_end_when_the_errors_are_small_or_the_steps_are_spent():
+    study = AccuracyStudy()
+    network = random_network(14)
+    short, long = (study.replace(body_steps=steps).length(network) for steps in (1e6, 1e15))
+    step = network.check().dataset.attrs["step"]
+    assert short["duration"] * short["realizations"] * 2 / step == pytest.approx(1e6)
+    assert study.replace(body_steps=1e15, standard_error=6e-4).length(network)["duration"] == pytest.approx(
+        0.25 * long["duration"]
+    )
+
+
+def test_the_quick_form_holds(run):
+    assert [check for check in run.checks if not check.ok] == []
+    assert run.claims.sizes["claim"] == 4
+    equal = run.tree["equal"].to_dataset()
+    networks = [random_network(number) for number in (11, 12)]
+    rows = sum(5 * len(network.oscillators) + 3 * len(network.contacts) for network in networks)
+    assert equal.sizes == {"comparison": rows}
+    assert float(np.abs(equal.z).max()) < 4.5
+    quarter = run.tree["unequal"].to_dataset()
+    assert float(np.abs(quarter.z).max()) < 4.5
+    assert float(run.tree["tolerance"].to_dataset().error.max()) < 1.0
+    assert {name for name, _ in run.study.figures(run.tree)} == {
+        "bias_equal",
+        "bias_unequal",
+        "coverage",
+        "tolerance",
+    }
+    assert [title for title, rows in run.study.tables(run.tree) if not rows] == []
+
+
+def test_differences_are_those_of_the_simulation(run):
+    study = run.study
+    item = next(item for item in study.items() if item.key == "equal_12")
+    result, law = il.simulate(item.network, **item.options), exact_statistics(item.network)
+    table = run.tree["equal"].to_dataset()
+    (row,) = np.flatnonzero((table.network == 12) & (table.statistic == "contact_ratio") & (table.label == "contact_3"))
+    difference = result.contact_ratio.values[3] - law.contact_ratio.values[3]
+    assert float(table.difference[row]) == pytest.approx(difference, rel=1e-12)
+    assert float(table.scale[row]) == law.contact_ratio.values[3]
+    error = result.contact_ratio_standard_error.values[3]
+    allowed = 1e-3 * law.contact_ratio.values[3] + 3.0 * error
+    assert float(table.excess[row]) == pytest.approx(abs(difference) / allowed, rel=1e-12)
+
+
+def verdicts(run, **groups):
+    """Verdicts on a tree in which groups were replaced."""
+    tree = run.tree.copy(deep=True)
+    for name, group in groups.items():
+        tree[name] = group
+    return judge(run.study, tree).verdict.values.tolist()
+
+
+def test_verdicts_see_a_bias(run):
+    table = run.tree["equal"].to_dataset()
+    limit = 1e-3 * table.scale[7] + 3.0 * table.standard_error[7]
+    shifted = {}
+    for factor in (1.05, 2.0):
+        shifted[factor] = table.copy(deep=True)
+        shifted[factor].difference[7] = factor * limit
+    assert verdicts(run)[0] == "holds"
+    assert verdicts(run, equal=shifted[1.05])[0] == "sampling error"
+    assert verdicts(run, equal=shifted[2.0])[0] == "does not hold"
+
+
+def test_verdicts_see_intervals_that_are_too_short_or_too_long(run):
+    table = run.tree["coverage"].to_dataset()
+    shares = {0.95: "holds", 0.9: "does not hold", 1.0: "does not hold"}
+    for share, verdict in shares.items():
+        assert verdicts(run, coverage=table.assign(by_run=("run", np.full(20, share))))[2] == verdict
+    uneven = np.tile([1.0, 0.85], 10)  # 92.5 % with an error of 1.7 %
+    assert verdicts(run, coverage=table.assign(by_run=("run", uneven)))[2] == "sampling error"
+
+
+def test_verdicts_see_tolerances_that_were_missed(run):
+    table = run.tree["tolerance"].to_dataset().isel(run=[0] * 100)
+    for missed, verdict in ((5, "holds"), (8, "sampling error"), (13, "does not hold")):
+        error = np.where(np.arange(100) < missed, 1.1, 0.4)
+        assert verdicts(run, tolerance=table.assign(error=("run", error)))[3] == verdict
