@@ -14,6 +14,7 @@ _HOME = {
     "oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
     "contact": ["WALL", "Contact", "ContactLaw", "HertzContact", "LinearContact", "PowerLawContact"],
     "excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
+    "coupling": ["Coupling", "CouplingLaw", "LinearCoupling"],
     "network": ["Network", "chain"],
     "check": ["NetworkCheck"],
     "compiled": ["CompiledNetwork"],

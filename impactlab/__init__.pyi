@@ -10,6 +10,9 @@ from impactlab.contact import ContactLaw as ContactLaw
 from impactlab.contact import HertzContact as HertzContact
 from impactlab.contact import LinearContact as LinearContact
 from impactlab.contact import PowerLawContact as PowerLawContact
+from impactlab.coupling import Coupling as Coupling
+from impactlab.coupling import CouplingLaw as CouplingLaw
+from impactlab.coupling import LinearCoupling as LinearCoupling
 from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.density import Density as Density

@@ -11,11 +11,12 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.integrators import ExactFlow, Integrator
+from impactlab.linear import hottest, linear_variances, relaxation_time
 from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import RELAXATION_TIMES, check_integrator, choose_step, positive
-from impactlab.scene import Stiffening, energies, hottest, linear_variances, relaxation_time
+from impactlab.scene import Stiffening, energies
 
 MOST_BODIES = 200
 """Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
@@ -144,7 +145,7 @@ def _steps(model: Model, integrator: Integrator, stiffening: Stiffening) -> tupl
         recommended = choose_step(model, integrator, stiffening, None)
     except InvalidInput as error:
         return np.nan, np.nan, str(error)
-    return integrator.largest_step(model, stiffening.contacts, stiffening.bodies), recommended, ""
+    return integrator.largest_step(model, stiffening.links, stiffening.bodies), recommended, ""
 
 
 def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:

@@ -126,6 +126,26 @@ class Wall:
 
 WALL = Wall()
 
+_WALL_DATA = {"wall": True}
+
+
+def check_sides(link: Any) -> None:
+    """Refuse sides of a contact or coupling that are not two bodies, or one and WALL, which may be given as data."""
+    kind = type(link).__name__
+    for side in ("first", "second"):
+        body = getattr(link, side)
+        if isinstance(body, Mapping) and dict(body) == _WALL_DATA:
+            object.__setattr__(link, side, WALL)
+        elif not isinstance(body, str | Wall) or body == "":
+            raise InvalidInput(f"{kind}.{side} must be the name of a body or il.WALL, {body!r} was given.")
+    if link.first == link.second:
+        raise InvalidInput(f"A {kind.lower()} of a body with itself: {link.first!r} was given twice; name two bodies.")
+
+
+def plain_sides(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the data of a contact or coupling with plain data in the place of WALL."""
+    return {name: dict(_WALL_DATA) if value is WALL else value for name, value in data.items()}
+
 
 class Contact(Component):
     """A place where two bodies can touch.
@@ -156,30 +176,16 @@ class Contact(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for side in ("first", "second"):
-            body = getattr(self, side)
-            if isinstance(body, Mapping) and dict(body) == _WALL_DATA:
-                object.__setattr__(self, side, WALL)
-            elif not isinstance(body, str | Wall) or body == "":
-                raise InvalidInput(f"Contact.{side} must be the name of a body or il.WALL, {body!r} was given.")
+        check_sides(self)
         if isinstance(self.law, Mapping):
             object.__setattr__(self, "law", ContactLaw.from_dict(self.law))
         if not isinstance(self.law, ContactLaw):
             raise InvalidInput(
                 f"Contact.law must be a contact law such as il.HertzContact(1e4), {self.law!r} was given."
             )
-        if self.first == self.second:
-            raise InvalidInput(f"A body cannot be in contact with itself: {self.first!r} was given twice.")
 
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
 
     def to_dict(self) -> dict[str, Any]:
-        data = super().to_dict()
-        for side in ("first", "second"):
-            if data[side] is WALL:
-                data[side] = dict(_WALL_DATA)
-        return data
-
-
-_WALL_DATA = {"wall": True}
+        return plain_sides(super().to_dict())

@@ -11,10 +11,10 @@ import numpy as np
 from impactlab.component import parameter, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.histogram import count_pairs, count_samples
+from impactlab.linear import spread
 from impactlab.model import Model
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Record, Variables, first_own
-from impactlab.scene import spread
 
 GROUPS = 256
 """Largest number of groups of realizations from which the errors of densities are estimated."""

@@ -170,6 +170,10 @@ class _Block:
         normals = np.empty((plan.linear.shape[1], 4, len(lanes)), dtype=np.float32)
         fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
         x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
+        for slots, factor in plan.factors:
+            independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
+            joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
+            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
         for lines in plan.lines:
             for column, realization in enumerate(realizations):
                 phase = phases(plan.seed, lines, int(realization), attempt)

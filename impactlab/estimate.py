@@ -164,9 +164,9 @@ def _regressed(
 
 
 def _neighbours(plan: Plan, body: int) -> np.ndarray:
-    """Slots of a body and of those it can touch, itself first."""
-    touching = plan.ends[(plan.ends == body).any(axis=1)]
-    return np.concatenate([[body], np.unique(touching[touching != body])])
+    """Slots of a body and of those it can touch or is coupled to, itself first."""
+    joined = plan.links[(plan.links == body).any(axis=1)]
+    return np.concatenate([[body], np.unique(joined[joined != body])])
 
 
 def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndarray) -> tuple[float, float]:

@@ -27,9 +27,9 @@ from impactlab.model import HEADER, LEADING, Kind, Model
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
-    "at", "body", "clearance", "contact_force", "first", "force", "gap", "indentation", "index", "indices", "lane",
-    "math", "max", "member", "np", "parameters", "range", "rate", "result", "row", "second", "slot", "times", "total",
-    "v", "x",
+    "at", "body", "clearance", "contact_force", "extension", "first", "force", "gap", "indentation", "index", "indices",
+    "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result", "row", "second", "slot", "times",
+    "total", "v", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -84,7 +84,7 @@ def generate(model: Model) -> str:
     parts = [_header(model, kernels)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts.append("\n" + _FORCES)
-    for role in ("force", "residual"):
+    for role in _LOOPS:
         parts += [_LOOPS[role](index, kind, names[kind]) for index, kind in enumerate(model.kinds) if kind.role == role]
     for role, what in _TIMETABLES.items():
         if (role == "forcing" and model.of_role(role)) or (role == "intensity" and model.time_varying):
@@ -173,6 +173,20 @@ def _contact_loop(index: int, kind: Kind, name: str) -> str:
     )
 
 
+def _coupling_loop(index: int, kind: Kind, name: str) -> str:
+    rate = "            rate = v[second, lane] - v[first, lane]\n" if "rate" in kind.kinematic else ""
+    call = _call(kind, name, {"extension": "extension", "rate": "rate"})
+    return (
+        f"{_row(index, kind)}"
+        "        for lane in range(total.shape[1]):\n"
+        "            extension = x[second, lane] - x[first, lane]\n"
+        f"{rate}"
+        f"            force = {call}\n"
+        "            total[first, lane] += force\n"
+        "            total[second, lane] -= force\n"
+    )
+
+
 def _residual_loop(index: int, kind: Kind, name: str) -> str:
     call = _call(kind, name, {"displacement": "x[body, lane]", "velocity": "v[body, lane]"})
     return f"{_row(index, kind)}        for lane in range(total.shape[1]):\n            total[body, lane] -= {call}\n"
@@ -187,7 +201,11 @@ def _timetable_loop(index: int, kind: Kind, name: str) -> str:
     )  # fmt: skip
 
 
-_LOOPS: dict[str, Callable[[int, Kind, str], str]] = {"force": _contact_loop, "residual": _residual_loop}
+_LOOPS: dict[str, Callable[[int, Kind, str], str]] = {
+    "force": _contact_loop,
+    "coupling": _coupling_loop,
+    "residual": _residual_loop,
+}
 
 
 class _Inliner:

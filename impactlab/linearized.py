@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, solve_continuous_lyapunov, solve_discrete_lyapunov
+from scipy.linalg import eigh, solve_discrete_lyapunov
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
+from impactlab.linear import LinearSystem
 from impactlab.model import Model
 from impactlab.scene import Stiffening
 
@@ -21,22 +22,20 @@ class LinearizedNetwork:
     Attributes
     ----------
     model : Model
-    added : (body, body) ndarray
-        Stiffness matrix of contacts and residual forces (N m-1).
+    added, damping : (body, body) ndarray
+        Matrices of what acts in the kick: stiffness of contacts, couplings and residual
+        forces (N m-1), damping of couplings (N s m-1).
     """
 
     model: Model
     added: np.ndarray
+    damping: np.ndarray
 
     @classmethod
     def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
         """Linearize a network where its bodies have the energies of `stiffening`."""
-        incidence = np.zeros((len(model.ends), model.wall + 1))
-        rows = np.arange(len(model.ends))
-        incidence[rows, model.ends[:, 0]] = 1.0
-        incidence[rows, model.ends[:, 1]] = -1.0
-        incidence = incidence[:, : model.wall]  # the wall does not move
-        return cls(model, incidence.T @ (stiffening.contacts[:, None] * incidence) + np.diag(stiffening.bodies))
+        dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
+        return cls(model, model.of_links(stiffening.links) + np.diag(stiffening.bodies), model.of_links(dampers))
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""
@@ -47,8 +46,9 @@ class LinearizedNetwork:
         """Return the matrix L of ``(x, v)' = L (x, v)``, (2 body, 2 body)."""
         count, inverse = len(self.model.mass), 1.0 / self.model.mass
         stiffness = np.diag(self.model.stiffness) + self.added
-        damping = np.diag(self.model.damping * inverse)
-        return np.block([[np.zeros((count, count)), np.eye(count)], [-inverse[:, None] * stiffness, -damping]])
+        damping = np.diag(self.model.damping) + self.damping
+        motion = [np.zeros((count, count)), np.eye(count)]
+        return np.block([motion, [-inverse[:, None] * stiffness, -inverse[:, None] * damping]])
 
     def diffusion(self) -> np.ndarray:
         """Return the growth of the covariance of (x, v) by white noise per time, (2 body, 2 body)."""
@@ -57,11 +57,10 @@ class LinearizedNetwork:
 
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
-        drift = self.drift()
-        rates = np.linalg.eigvals(drift)
-        if rates.real.max() >= -1e-12 * np.abs(rates).max():
-            return None
-        return np.asarray(solve_continuous_lyapunov(drift, -self.diffusion()))
+        model = self.model
+        damping, stiffness = np.diag(model.damping) + self.damping, np.diag(model.stiffness) + self.added
+        system = LinearSystem(model.mass, damping, stiffness, model.intensities())
+        return None if system.free.any() else system.covariance
 
     def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
         """Return what a method gives for the covariance at some step, exactly; None if it is not known.
@@ -88,9 +87,10 @@ class LinearizedNetwork:
         """Covariance of flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
         inverse = 1.0 / self.model.mass[:, None]
         unit = np.eye(len(inverse))
-        increment = -step * inverse * self.added @ (unit - step**2 / 12.0 * inverse * self.added)
-        kick = np.block([[unit, 0.0 * unit], [increment, unit]])
-        half_kick = np.block([[unit, 0.0 * unit], [0.5 * increment, unit]])
+        second_pass = unit - 0.5 * step * inverse * self.damping  # with the velocity in the middle of the kick
+        by_x = -step * second_pass @ (inverse * self.added) @ (unit - step**2 / 12.0 * inverse * self.added)
+        by_v = -step * second_pass @ (inverse * self.damping)
+        kick, half_kick = (np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, 0.5))
         a, q, middle_a, middle_q = (_joined(part) for part in integrator.flows(self.model, step))
         cycle, noise = np.eye(len(kick)), np.zeros_like(kick)
         for growth, covariance in zip(a, q, strict=True):

@@ -16,6 +16,7 @@ HEADER = 3
 
 LEADING = {
     "force": ("slot", "first", "second"),
+    "coupling": ("first", "second"),
     "residual": ("body",),
     "forcing": ("row",),
     "intensity": ("row",),
@@ -76,6 +77,10 @@ class Model:
         Slots of the first and second body of each contact.
     clearance : (contact,) ndarray
         Clearances (m).
+    coupled : (coupling, 2) ndarray of int
+        Slots of the first and second body of each coupling.
+    coupling : (2, coupling) ndarray
+        Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
     kinds : tuple of Kind
         Kinds of non-linear members, in canonical order.
     parameters : ndarray
@@ -94,6 +99,8 @@ class Model:
     stiffness: np.ndarray
     ends: np.ndarray
     clearance: np.ndarray
+    coupled: np.ndarray
+    coupling: np.ndarray
     kinds: tuple[Kind, ...]
     parameters: np.ndarray
     indices: np.ndarray
@@ -112,11 +119,16 @@ class Model:
         def slot_of(body: str | Wall) -> int:
             return slots[body] if isinstance(body, str) else len(slots)
 
-        ends = [(slot_of(item.first), slot_of(item.second)) for item in network.contacts.values()]
+        ends, coupled = (
+            [(slot_of(item.first), slot_of(item.second)) for item in links.values()]
+            for links in (network.contacts, network.couplings)
+        )
         members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]] = {}
         for slot, (contact, pair) in enumerate(zip(network.contacts.values(), ends, strict=True)):
             kind = Kind("force", type(contact.law), "force")
             members.setdefault(kind, []).append((contact.law, (slot, *pair), (contact.clearance,)))
+        for coupling, pair in zip(network.couplings.values(), coupled, strict=True):
+            members.setdefault(Kind("coupling", type(coupling.law), "force"), []).append((coupling.law, pair, ()))
         for slot, body in enumerate(bodies):
             if body.has_kernel("residual"):
                 members.setdefault(Kind("residual", type(body), "residual"), []).append((body, (slot,), ()))
@@ -137,6 +149,8 @@ class Model:
             stiffness=np.array([body.stiffness for body in bodies]),
             ends=np.array(ends, dtype=np.int64).reshape(-1, 2),
             clearance=np.array([contact.clearance for contact in network.contacts.values()]),
+            coupled=np.array(coupled, dtype=np.int64).reshape(-1, 2),
+            coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             kinds=kinds,
             parameters=parameters,
             indices=indices,
@@ -162,14 +176,26 @@ class Model:
         """Slot of the wall."""
         return len(self.bodies)
 
+    @property
+    def links(self) -> np.ndarray:
+        """Slots of the first and second body of each contact, then of each coupling, (link, 2)."""
+        return np.concatenate([self.ends, self.coupled])
+
+    def of_links(self, strength: np.ndarray) -> np.ndarray:
+        """Return the matrix of springs of some strengths in the places of the links, (body, body)."""
+        return _springs(self.links, strength, np.arange(self.wall))
+
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Kinds of some roles."""
         return tuple(kind for kind in self.kinds if kind.role in roles)
 
     @property
     def dissipative(self) -> bool:
-        """Whether a contact or residual force depends on velocities."""
-        return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in self.of_role("force", "residual"))
+        """Whether a force of a contact, a coupling or a residual depends on velocities."""
+        kinds = self.of_role("force", "residual")
+        return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
+            item.law.dissipative for item in self.network.couplings.values()
+        )
 
     @property
     def time_varying(self) -> bool:
@@ -178,9 +204,9 @@ class Model:
 
     @property
     def nonlinear_bodies(self) -> np.ndarray:
-        """Whether each body has contacts or a residual force, (body,) of bool."""
+        """Whether each body has contacts, couplings or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.ends.ravel()] = True
+        result[self.links.ravel()] = True
         for slot, body in enumerate(self.network.oscillators.values()):
             result[slot] |= body.has_kernel("residual")
         return result[: len(self.bodies)]
@@ -202,17 +228,44 @@ class Model:
 
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
-        first, second = self.ends[(self.ends < self.wall).all(axis=1)].T
-        parts = np.arange(len(self.bodies))
-        while True:  # every body takes the smallest label in reach, which doubles each time
-            before = parts.copy()
-            lowest = np.minimum(parts[first], parts[second])
-            for side in (parts[first], parts[second], first, second):
-                np.minimum.at(parts, side, lowest)
-            parts = parts[parts]
-            if (parts == before).all():
-                labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
-                return labels
+        return _parts(len(self.bodies), self.links)
+
+    def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
+        linear = self.coupling.any(axis=0)
+        pairs, (stiffness, damping) = self.coupled[linear], self.coupling[:, linear]
+        labels = _parts(len(self.bodies), pairs)
+        part_of_pair = labels[pairs.min(axis=1)]  # the wall has the largest slot
+        result = []
+        for part in np.unique(part_of_pair):
+            slots, rows = np.flatnonzero(labels == part), part_of_pair == part
+            k, c = (_springs(pairs[rows], strength[rows], slots) for strength in (stiffness, damping))
+            result.append((slots, k, c))
+        return result
+
+
+def _parts(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Label of the connected part of each of some bodies, (body,) of int; walls do not connect."""
+    first, second = pairs[(pairs < count).all(axis=1)].T
+    parts = np.arange(count)
+    while True:  # every body takes the smallest label in reach, which doubles each time
+        before = parts.copy()
+        lowest = np.minimum(parts[first], parts[second])
+        for side in (parts[first], parts[second], first, second):
+            np.minimum.at(parts, side, lowest)
+        parts = parts[parts]
+        if (parts == before).all():
+            labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
+            return labels
+
+
+def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.ndarray:
+    """Matrix of springs between pairs of bodies with some slots, in increasing order, or a wall."""
+    matrix = np.zeros((len(slots) + 1, len(slots) + 1))
+    first, second = np.searchsorted(slots, pairs).T
+    for row, column, sign in ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0)):
+        np.add.at(matrix, (row, column), sign * strength)
+    return matrix[:-1, :-1]
 
 
 _EXCITATIONS = ("intensity", "lines", "force")

@@ -1,4 +1,4 @@
-"""Networks: bodies, contacts and excitations, composed by name and checked."""
+"""Networks: bodies, contacts, couplings and excitations, composed by name and checked."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from impactlab.component import Component, suggestion
 from impactlab.contact import WALL, Contact, ContactLaw
+from impactlab.coupling import Coupling
 from impactlab.errors import InvalidInput
 from impactlab.excitation import Excitation
 from impactlab.oscillator import Oscillator
@@ -23,9 +24,17 @@ Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
 
 _SHOWN = 6
 
+_FAMILIES: dict[str, type[Component]] = {
+    "oscillators": Oscillator,
+    "contacts": Contact,
+    "excitations": Excitation,
+    "couplings": Coupling,
+}
+"""Families of a network, in the order in which it takes them."""
+
 
 class Network:
-    """Bodies that can touch each other and are excited from outside; immutable.
+    """Bodies that can touch each other, may be coupled, and are excited from outside; immutable.
 
     Two networks are equal when they have the same members of the same names in the same
     order, which is that of the results.
@@ -38,32 +47,36 @@ class Network:
         The places where bodies can touch, by name.
     excitations : mapping of str to Excitation, optional
         The excitation of a body, by the body's name.
+    couplings : mapping of str to Coupling, optional
+        Springs and dampers between bodies, by name.
 
     Raises
     ------
     InvalidInput
-        If there are no bodies, a name is empty or given twice, a contact or an
+        If there are no bodies, a name is empty or given twice, a contact, a coupling or an
         excitation names a body that does not exist, or a member is of the wrong family.
     """
 
-    __slots__ = ("_contacts", "_excitations", "_oscillators")
+    __slots__ = ("_contacts", "_couplings", "_excitations", "_oscillators")
 
     def __init__(
         self,
         oscillators: Family[Oscillator],
         contacts: Family[Contact] | None = None,
         excitations: Family[Excitation] | None = None,
+        couplings: Family[Coupling] | None = None,
     ) -> None:
         self._oscillators = _family("oscillators", oscillators, Oscillator)
         self._contacts = _family("contacts", {} if contacts is None else contacts, Contact)
         self._excitations = _family("excitations", {} if excitations is None else excitations, Excitation)
+        self._couplings = _family("couplings", {} if couplings is None else couplings, Coupling)
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
-        for name, contact in self._contacts.items():
-            for side in (contact.first, contact.second):
+        for name, link in [*self._contacts.items(), *self._couplings.items()]:
+            for side in (link.first, link.second):
                 if side is not WALL and side not in self._oscillators:
                     raise InvalidInput(
-                        f"Contact {name!r} names a body {side!r} that is not in the network; "
+                        f"{type(link).__name__} {name!r} names a body {side!r} that is not in the network; "
                         f"{suggestion(str(side), self._oscillators)}"
                     )
         for name in self._excitations:
@@ -88,12 +101,18 @@ class Network:
         """The excitations by the name of the body that they act on."""
         return MappingProxyType(self._excitations)
 
+    @property
+    def couplings(self) -> Mapping[str, Coupling]:
+        """The couplings by name."""
+        return MappingProxyType(self._couplings)
+
     def replace(
         self,
         *,
         oscillators: Mapping[str, Oscillator | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
         excitations: Mapping[str, Excitation | None] | None = None,
+        couplings: Mapping[str, Coupling | None] | None = None,
     ) -> Network:
         """Return a network in which some members are changed, added or, with None, removed.
 
@@ -106,6 +125,7 @@ class Network:
             _changed("oscillator", self._oscillators, oscillators),
             _changed("contact", self._contacts, contacts),
             _changed("excitation", self._excitations, excitations),
+            _changed("coupling", self._couplings, couplings),
         )
 
     def compile(self) -> CompiledNetwork:
@@ -150,24 +170,20 @@ class Network:
     def to_dict(self) -> dict[str, Any]:
         """Return the network as plain data that JSON can hold."""
         return {
-            "oscillators": {name: item.to_dict() for name, item in self._oscillators.items()},
-            "contacts": {name: item.to_dict() for name, item in self._contacts.items()},
-            "excitations": {name: item.to_dict() for name, item in self._excitations.items()},
+            title: {name: item.to_dict() for name, item in getattr(self, f"_{title}").items()} for title in _FAMILIES
         }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Network:
         """Make a network from what :meth:`to_dict` returned."""
-        unknown = set(data) - {"oscillators", "contacts", "excitations"}
+        unknown = set(data) - set(_FAMILIES)
         if unknown:
-            raise InvalidInput(
-                f"A network has oscillators, contacts and excitations; {sorted(unknown)[0]!r} was given."
-            )
-        return cls(
-            {name: Oscillator.from_dict(item) for name, item in data.get("oscillators", {}).items()},
-            {name: Contact.from_dict(item) for name, item in data.get("contacts", {}).items()},
-            {name: Excitation.from_dict(item) for name, item in data.get("excitations", {}).items()},
-        )
+            raise InvalidInput(f"A network has {', '.join(_FAMILIES)}; {min(unknown)!r} was given.")
+        families: dict[str, Any] = {
+            title: {name: kind.from_dict(item) for name, item in data.get(title, {}).items()}
+            for title, kind in _FAMILIES.items()
+        }
+        return cls(**families)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
@@ -178,13 +194,13 @@ class Network:
         return hash(tuple(tuple(getattr(self, name).items()) for name in self.__slots__))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Network, (self._oscillators, self._contacts, self._excitations)
+        return Network, tuple(getattr(self, f"_{title}") for title in _FAMILIES)
 
     def __repr__(self) -> str:
-        lines = [f"Network: {_count(self._oscillators, 'body', 'bodies')}, "
-                 f"{_count(self._contacts, 'contact', 'contacts')}, "
-                 f"{_count(self._excitations, 'excitation', 'excitations')}"]  # fmt: skip
-        for title in ("oscillators", "contacts", "excitations"):
+        counts = [_count(self._oscillators, "body", "bodies"), _count(self._contacts, "contact", "contacts")]
+        counts += [_count(self._couplings, "coupling", "couplings")] if self._couplings else []
+        lines = [f"Network: {', '.join(counts)}, {_count(self._excitations, 'excitation', 'excitations')}"]
+        for title in _FAMILIES:
             members = getattr(self, f"_{title}")
             if members:
                 lines.append(f"  {title}")

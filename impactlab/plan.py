@@ -14,6 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Flows, Integrator
 from impactlab.kernels.random import stream
+from impactlab.linear import Lines, hottest, linear_variances, lines_of, relaxation_time
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
@@ -29,7 +30,7 @@ from impactlab.rules import (
     start_of,
     warn_of_bands,
 )
-from impactlab.scene import Lines, Stiffening, energies, gap_scale, hottest, linear_variances, lines_of, relaxation_time
+from impactlab.scene import Stiffening, energies, gap_scale, start_factors
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -55,6 +56,8 @@ class Plan:
         Mass, damping and stiffness.
     ends, clearance, window : ndarray
         Of the contacts: slots of the bodies, clearance (m), half width for the rate (m).
+    links : (link, 2) ndarray of int
+        Slots of the bodies of each contact, then of each coupling.
     dissipative, time_varying : bool
         Whether forces depend on velocities, and white noise on time.
     white : (white,) ndarray of int
@@ -76,6 +79,8 @@ class Plan:
         "stationary", "rest", or displacements and velocities.
     deviations : (2, body) ndarray
         Standard deviations of displacement and velocity under white noise, for a stationary start.
+    factors : tuple
+        Pairs for such a start: slots of bodies that couplings connect, root of the covariance of their (x, v).
     rest : (body,) ndarray
         Displacements of bodies that start at rest (m).
     step : float
@@ -105,6 +110,7 @@ class Plan:
     ends: np.ndarray
     clearance: np.ndarray
     window: np.ndarray
+    links: np.ndarray
     dissipative: bool
     time_varying: bool
     white: np.ndarray
@@ -118,6 +124,7 @@ class Plan:
     forced: np.ndarray
     start: str | np.ndarray
     deviations: np.ndarray
+    factors: tuple[tuple[np.ndarray, np.ndarray], ...]
     rest: np.ndarray
     step: float
     spin_up_steps: int
@@ -230,6 +237,7 @@ def make_plan(
         ends=model.ends,
         clearance=model.clearance,
         window=0.1 * gap_scale(model, stiffening.penetration),
+        links=model.links,
         dissipative=model.dissipative,
         time_varying=model.time_varying,
         white=white,
@@ -243,6 +251,7 @@ def make_plan(
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=_start_deviations(model, stiffening),
+        factors=start_factors(model, stiffening),
         rest=stiffening.rest,
         step=step,
         spin_up_steps=spin_up_steps,

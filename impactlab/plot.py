@@ -112,7 +112,7 @@ def draw_network(network: Network, ax: Axes | None = None) -> Figure:
     ----------
     network : Network
         Drawn are the first eight bodies and their contacts with walls and neighbours;
-        what is not drawn is named below.
+        what is not drawn is named below, as are couplings.
     ax : Axes, optional
         Where to draw; a figure of the right size is made by default.
 
@@ -204,6 +204,8 @@ def _notes(network: Network, row: list[str], drawn: dict[str, Contact]) -> list[
         ]
         if hidden:
             notes.append(f"Not drawn: {', '.join(hidden)}")
+    if network.couplings:
+        notes.append(f"Couplings, not drawn: {', '.join(list(network.couplings)[:BODIES])}")
     return notes
 
 

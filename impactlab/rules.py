@@ -11,8 +11,9 @@ import numpy as np
 from impactlab.component import finite, suggestion
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
+from impactlab.linear import linear_variances, lines_of, regular_lines
 from impactlab.model import Model
-from impactlab.scene import Stiffening, linear_variances, lines_of, regular_lines
+from impactlab.scene import Stiffening
 
 LANES = 256
 """Largest number of realizations in a block: enough to fill vector units, few enough for the cache."""
@@ -45,7 +46,7 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
             f"No step can be chosen: the energy that {model.bodies[int(unknown.argmax())]!r} brings into collisions "
             "is not known, since an excited body has no damping. Give step= (s)."
         )
-    stiffness = stiffening.contacts, stiffening.bodies
+    stiffness = stiffening.links, stiffening.bodies
     largest = integrator.largest_step(model, *stiffness)
     if largest <= 0.0:
         raise InvalidInput(
@@ -157,7 +158,7 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     lanes = min(-(-realizations // (8 * blocks)) * 8, realizations)
     if series_bytes:
         lanes = max(1, min(lanes, int(SERIES_BYTES / series_bytes)))
-    cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.ends))
+    cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.links))
     return lanes, max(1, int(CALL_SECONDS / cost))
 
 

@@ -1,129 +1,29 @@
-"""What is known of a scene before it runs: linear laws, energies and stiffness of contacts."""
+"""What is known of a scene before it runs: energies, and the stiffness of contacts, couplings and residual forces."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from impactlab.contact import ContactLaw
-from impactlab.errors import InvalidInput
+from impactlab.linear import (
+    coupled_systems,
+    flexibility,
+    hottest,
+    line_variances,
+    linear_variances,
+    spread,
+    white_variances,
+)
 from impactlab.model import Model
 from impactlab.oscillator import Oscillator
 
-
-@dataclass(frozen=True, eq=False)
-class Lines:
-    """A sum of cosines on one body.
-
-    Attributes
-    ----------
-    body : int
-        Slot.
-    name : str
-        Name of the body, which names the stream of the phases.
-    frequencies : (line,) ndarray
-        Angular frequencies (rad s-1).
-    amplitudes : (line,) ndarray
-        Amplitudes of the force (N).
-    """
-
-    body: int
-    name: str
-    frequencies: np.ndarray
-    amplitudes: np.ndarray
-
-
-def linear_variances(model: Model) -> np.ndarray:
-    """Return the linear mean squares of displacement and velocity without contacts, (2, body).
-
-    Under white noise ``πS/(ck)`` and ``πS/(mc)``; under lines the finite sum over them;
-    infinite where there is no stationary law, 0 without excitation.
-    """
-    intensity = model.intensities()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        velocity = np.pi * intensity / (model.mass * model.damping)
-        displacement = np.pi * intensity / (model.damping * model.stiffness)
-    result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
-    for item in lines_of(model):
-        slot = item.body
-        response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
-        gain = np.abs(response) * item.amplitudes
-        result[:, item.body] = 0.5 * (gain**2).sum(), 0.5 * ((item.frequencies * gain) ** 2).sum()
-    return result
-
-
-def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:
-    """Return the complex displacement per unit force at angular frequencies, ``1/(k − m ω² + i c ω)`` (m N-1)."""
-    dynamic = stiffness - mass * frequencies**2 + 1j * damping * frequencies
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(dynamic != 0.0, 1.0 / dynamic, np.inf)
-
-
-def lines_of(model: Model) -> tuple[Lines, ...]:
-    """Return the sums of cosines of a network."""
-    result = []
-    for slot in model.lines:
-        name = model.bodies[slot]
-        excitation = model.network.excitations[name]
-        parts = excitation.lines()  # type: ignore[attr-defined]
-        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
-        same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
-        if not same or not np.isfinite([frequencies, amplitudes]).all():
-            raise InvalidInput(
-                f"{type(excitation).__name__}.lines must return two finite arrays of one length, not empty, angular "
-                f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
-            )
-        result.append(Lines(slot, name, frequencies, amplitudes))
-    return tuple(result)
-
-
-def relaxation_time(model: Model) -> float:
-    """Return the relaxation time of the slowest damped motion (s); 0 if nothing is damped."""
-    c, k, m = model.damping, model.stiffness, model.mass
-    damped = c > 0.0
-    if not damped.any():
-        return 0.0
-    c, k, m = c[damped], k[damped], m[damped]
-    root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
-    slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
-    rate = np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow)
-    return float(1.0 / rate.min())
-
-
-def regular_lines(frequencies: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Return whole numbers k and the period P such that all ``ω = 2π k/P``, or None."""
-    spacing = float(frequencies[1] - frequencies[0]) if len(frequencies) > 1 else float(frequencies[0])
-    if spacing <= 0.0 or frequencies[0] < 0.0:
-        return None
-    if len(frequencies) > 1:
-        spacing = float(frequencies[-1] - frequencies[0]) / (len(frequencies) - 1)
-    k = frequencies / spacing
-    whole = np.rint(k)
-    if np.abs(k - whole).max() > 1e-6 or np.abs(np.diff(whole) - 1.0).max(initial=0.0) > 0.0:
-        return None
-    return whole.astype(np.int64), 2.0 * math.pi / spacing
-
-
-def hottest(model: Model, heat: np.ndarray) -> np.ndarray:
-    """Return the largest of some energies in the connected part of each body, (body,)."""
-    labels = model.connected()
-    largest = np.zeros(labels.max() + 1)
-    np.maximum.at(largest, labels, heat)
-    result: np.ndarray = largest[labels]
-    return result
-
-
-def spread(model: Model) -> np.ndarray:
-    """Return upper estimates of the standard deviations of displacement and velocity, (2, body).
-
-    They are those of the linear law at the highest temperature of the connected part.
-    """
-    temperature = hottest(model, model.mass * linear_variances(model)[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.sqrt([temperature / model.stiffness, temperature / model.mass])
+Force = Callable[[np.ndarray], np.ndarray]
 
 
 def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
@@ -134,16 +34,16 @@ def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarr
     """
     times = np.linspace(0.0, duration, 257)
     intensity = model.intensities()
-    heat = model.mass * linear_variances(model)[1]
-    if isinstance(start, np.ndarray):
-        heat = np.maximum(heat, _energy_of(model, start))
-    for slot in model.white:
-        if model.time_varying:
+    if model.time_varying:
+        for slot in model.white:
             call = model.network.excitations[model.bodies[slot]].call
             intensity[slot] = float(call("intensity", times).max())
-        # without damping the energy grows as long as the run lasts
-        limit = 1.0 / model.damping[slot] if model.damping[slot] else 2.0 * duration / model.mass[slot]
-        heat[slot] = max(heat[slot] if np.isfinite(heat[slot]) else 0.0, np.pi * intensity[slot] * limit)
+    heat = model.mass * white_variances(model, intensity)[1]
+    growing = ~np.isfinite(heat)  # as long as the run lasts
+    heat[growing] = 2.0 * np.pi * intensity[growing] * duration / model.mass[growing]
+    heat += model.mass * line_variances(model)[1]
+    if isinstance(start, np.ndarray):
+        heat = np.maximum(heat, _energy_of(model, start))
     for slot in model.forced:
         excitation = model.network.excitations[model.bodies[slot]]
         mean_square = float(np.mean(excitation.call("force", times) ** 2))
@@ -154,21 +54,21 @@ def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarr
 
 
 def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
-    """Energy of each body in a given state, with that of the contacts that are closed (J), (body,)."""
+    """Energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
     displacement, velocity = start
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
     place = np.append(displacement, 0.0)
     result = np.append(energy, 0.0)
     for contact, (first, second) in zip(model.network.contacts.values(), model.ends, strict=True):
-        depth = place[first] - place[second] - contact.clearance
-        if depth > 0.0:
-            result[[first, second]] += _stored(contact.law, float(depth))
+        result[[first, second]] += _work(contact.law.evaluate, place[first] - place[second] - contact.clearance)
+    for coupling, (first, second) in zip(model.network.couplings.values(), model.coupled, strict=True):
+        result[[first, second]] += max(_work(coupling.law.evaluate, place[second] - place[first]), 0.0)
     return result[:-1]
 
 
 @dataclass(frozen=True, eq=False)
 class Stiffening:
-    """What contacts and residual forces add to the linear stiffness at a given energy.
+    """What contacts, couplings and residual forces add to the bodies' own stiffness at a given energy.
 
     Attributes
     ----------
@@ -178,6 +78,8 @@ class Stiffening:
         Thermal plus static penetration (m).
     contacts : (contact,) ndarray
         Tangent stiffness of the contacts there (N m-1).
+    couplings : (coupling,) ndarray
+        Tangent stiffness of the couplings (N m-1).
     bodies : (body,) ndarray
         Tangent stiffness of the residual forces (N m-1).
     rest : (body,) ndarray
@@ -187,8 +89,14 @@ class Stiffening:
     energy: np.ndarray
     penetration: np.ndarray
     contacts: np.ndarray
+    couplings: np.ndarray
     bodies: np.ndarray
     rest: np.ndarray
+
+    @property
+    def links(self) -> np.ndarray:
+        """Tangent stiffness of the contacts, then of the couplings (N m-1)."""
+        return np.concatenate([self.contacts, self.couplings])
 
     @classmethod
     def of(cls, model: Model, energy: np.ndarray) -> Stiffening:
@@ -199,11 +107,10 @@ class Stiffening:
         """
         known: dict[tuple[Any, ...], tuple[float, float, float]] = {}
         of_contacts = np.zeros((3, len(model.ends)))
-        with np.errstate(divide="ignore"):
-            flexibility = np.append(1.0 / model.stiffness, 0.0)  # a wall does not yield
+        yielding = np.append(flexibility(model), 0.0)  # a wall does not
         for slot, contact in enumerate(model.network.contacts.values()):
             overlap = max(-contact.clearance, 0.0)
-            compliance = float(flexibility[model.ends[slot]].sum()) if overlap else 0.0
+            compliance = float(yielding[model.ends[slot]].sum()) if overlap else 0.0
             key = (contact.law, float(energy[model.ends[slot].min()]), overlap, compliance)
             if key not in known:
                 known[key] = _penetration(*key)
@@ -212,30 +119,62 @@ class Stiffening:
         rest = np.zeros(len(model.mass) + 1)
         np.add.at(rest, model.ends[:, 0], -force)
         np.add.at(rest, model.ends[:, 1], force)
-        rest = np.where(np.isfinite(flexibility), rest * np.minimum(flexibility, 1e300), 0.0)[:-1]
+        rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)[:-1]
+        members = zip(model.network.couplings.values(), model.coupling[0], model.coupled, strict=True)
+        couplings = np.array(
+            [
+                linear or _largest_tangent(item.law.evaluate, 0.0, float(energy[pair.min()]))
+                for item, linear, pair in members
+            ]
+        )
         bodies = np.array(
             [
-                _residual_stiffness(body, float(heat)) if body.has_kernel("residual") else 0.0
+                _largest_tangent(partial(_residual, body), body.stiffness, float(heat))
+                if body.has_kernel("residual")
+                else 0.0
                 for body, heat in zip(model.network.oscillators.values(), energy, strict=True)
             ]
         )
-        return cls(energy, penetration, tangent, bodies, rest)
+        return cls(energy, penetration, tangent, couplings, bodies, rest)
 
 
-def _residual_stiffness(body: Oscillator, energy: float) -> float:
-    """Largest tangent stiffness of a residual force within the amplitude that stores the energy."""
+def _residual(body: Oscillator, displacement: np.ndarray) -> np.ndarray:
+    return body.call("residual", displacement, 0.0)
+
+
+def _largest_tangent(force: Force, stiffness: float, energy: float) -> float:
+    """Largest tangent stiffness of a force within the amplitude where it and a spring have stored the energy."""
+
+    def outward(x: np.ndarray) -> np.ndarray:
+        return np.asarray(stiffness * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
 
     def stored(amplitude: float) -> float:
-        x = 0.5 * amplitude * (_NODES + 1.0)
-        forces = (body.stiffness * x + np.maximum(body.call("residual", x, 0.0), 0.0),
-                  body.stiffness * x + np.maximum(-body.call("residual", -x, 0.0), 0.0))  # fmt: skip
-        return float(0.5 * amplitude * min((_WEIGHTS * force).sum() for force in forces))
+        return min(_work(outward, amplitude), _work(outward, -amplitude))
 
     if not 0.0 < energy < math.inf:
         return 0.0
     amplitude = _solve(stored, energy)
     x = np.linspace(-amplitude, amplitude, 65)
-    return max(float(np.gradient(body.call("residual", x, 0.0), x).max()), 0.0) if amplitude else 0.0
+    return max(float(np.gradient(force(x), x).max()), 0.0) if amplitude else 0.0
+
+
+def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return the slots of bodies that linear couplings connect, and a root of the covariance of their (x, v).
+
+    Residual forces narrow the law. What only contacts can heat has the temperature of its
+    part. Without a stationary law the root is 0.
+    """
+    temperature = hottest(model, model.mass * linear_variances(model)[1])
+    result = []
+    for slots, system in coupled_systems(model):
+        residual = stiffening.bodies[slots]
+        stiffer = replace(system, stiffness=system.stiffness + np.diag(residual)) if residual.any() else system
+        cold = not system.damping.any() and not model.excited[slots].any()
+        heat = float(temperature[slots[0]])
+        covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
+        squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
+        result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))
+    return tuple(result)
 
 
 def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
@@ -252,16 +191,16 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def _stored(law: ContactLaw, depth: float) -> float:
-    """Work of a law from 0 to a depth (J)."""
-    return float(0.5 * depth * (_WEIGHTS * law.evaluate(0.5 * depth * (_NODES + 1.0))).sum())
+def _work(force: Force, length: float) -> float:
+    """Integral of a force from 0 to a length, of either sign (J)."""
+    return float(0.5 * length * (_WEIGHTS * force(0.5 * length * (_NODES + 1.0))).sum())
 
 
 def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float, float]:
     """Penetration, tangent stiffness there, and static force of a contact."""
 
     def stored(depth: float) -> float:
-        return _stored(law, depth)
+        return _work(law.evaluate, depth)
 
     def pressed(depth: float) -> float:
         return depth + compliance * float(law.evaluate(depth))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.random import fill_uniforms, stream
-from impactlab.scene import Lines, receptance_of, regular_lines
+from impactlab.linear import Lines, receptance_of, regular_lines
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
 

@@ -19,13 +19,13 @@ from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
 from impactlab.integrators import ExactFlow, Integrator
+from impactlab.linear import relaxation_time
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
 from impactlab.rules import check_integrator, positive, seed_of
-from impactlab.scene import relaxation_time
 from impactlab.tolerance import DRIFT, checked, reach
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
 

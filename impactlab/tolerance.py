@@ -13,8 +13,8 @@ import xarray as xr
 from impactlab.component import finite, suggestion
 from impactlab.dataset import STATISTICS
 from impactlab.errors import InvalidInput
+from impactlab.linear import linear_variances
 from impactlab.model import Model
-from impactlab.scene import linear_variances
 
 PILOT = 256
 """Realizations of the first attempt."""

@@ -110,8 +110,8 @@ def test_a_body_named_like_the_wall_is_a_body():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("a", "a", LAW), r"in contact with itself: 'a' was given twice"),
-        ((il.WALL, il.WALL, LAW), r"in contact with itself: WALL was given twice"),
+        (("a", "a", LAW), r"contact of a body with itself: 'a' was given twice"),
+        ((il.WALL, il.WALL, LAW), r"contact of a body with itself: WALL was given twice"),
         (("", "a", LAW), r"Contact.first must be the name of a body or il.WALL, '' was given"),
         (("a", None, LAW), r"Contact.second must be the name of a body or il.WALL, None was given"),
         (("a", 3, LAW), r"Contact.second must be the name of a body or il.WALL, 3 was given"),

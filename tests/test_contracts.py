@@ -36,7 +36,7 @@ def type_of(field):
     return field.type if isinstance(field.type, str) else field.type.__name__
 
 
-SAMPLES = {"ContactLaw": il.HertzContact(1e4), "str": "text", "bool": True}
+SAMPLES = {"ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "str": "text", "bool": True}
 
 
 def sample(cls):
@@ -57,6 +57,7 @@ def sample(cls):
 
 COMPONENTS = [cls for cls in subclasses(il.Component) if not issubclass(cls, il.Study)]
 LAWS, OSCILLATORS = subclasses(il.ContactLaw), subclasses(il.Oscillator)
+COUPLING_LAWS = subclasses(il.CouplingLaw)
 each_component = pytest.mark.parametrize("cls", COMPONENTS)
 each_law = pytest.mark.parametrize("cls", LAWS)
 
@@ -69,10 +70,13 @@ def test_all_families_were_found():
     """The search itself: it finds the classes that the design names."""
     names = {cls.__name__ for cls in COMPONENTS}
     assert names >= {
-        "Contact", "HertzContact", "LinearContact", "LinearOscillator", "DuffingOscillator", "WhiteNoise",
+        "Contact", "HertzContact", "LinearContact", "Coupling", "LinearCoupling", "LinearOscillator",
+        "DuffingOscillator", "WhiteNoise",
         "ShinozukaNoise", "ExactFlow", "RungeKutta4", "EulerMaruyama", "Density", "Trajectory",
     }  # fmt: skip
-    assert names.isdisjoint({"Component", "ContactLaw", "Oscillator", "Excitation", "Integrator", "Record"})
+    assert names.isdisjoint(
+        {"Component", "ContactLaw", "CouplingLaw", "Oscillator", "Excitation", "Integrator", "Record"}
+    )
 
 
 @each_component
@@ -139,7 +143,7 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
                 sample(cls).replace(**{field.name: value})
 
 
-@pytest.mark.parametrize("cls", [*LAWS, *OSCILLATORS])
+@pytest.mark.parametrize("cls", [*LAWS, *COUPLING_LAWS, *OSCILLATORS])
 def test_physical_constants_of_a_force_are_not_negative(cls):
     """Masses, stiffnesses and damping have a lower limit; a negative one is refused."""
     for field in dataclasses.fields(cls):
@@ -186,6 +190,19 @@ def test_compiled_and_plain_force_agree(cls):
     plain = law.evaluate(y[0] - y[1] - 0.25, y[2] - y[3])
     assert 100 < np.count_nonzero(plain) < 300
     np.testing.assert_array_max_ulp(force, plain, maxulp=1)
+
+
+@pytest.mark.parametrize("cls", COUPLING_LAWS)
+def test_compiled_and_plain_coupling_agree(cls):
+    """On both bodies, to one unit in the last place; nothing pulls at no extension and no rate."""
+    law = sample(cls)
+    bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
+    compiled = il.Network(bodies, couplings={"c": il.Coupling("a", "b", law)}).compile()
+    y = np.random.default_rng(3).normal(size=(4, 100))
+    force = np.array([compiled.rhs(0.0, column)[2:] for column in y.T]).T
+    plain = law.evaluate(y[1] - y[0], y[3] - y[2])
+    np.testing.assert_array_max_ulp(force, np.array([plain, -plain]), maxulp=1)
+    assert law.evaluate(0.0) == 0.0
 
 
 @each_with("residual", OSCILLATORS)

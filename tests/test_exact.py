@@ -727,7 +727,7 @@ def test_refused_networks():
     stop = {"stop": il.Contact("a", WALL, HERTZ)}
     assert "on both sides" in refused({"a": FREE}, stop, {"a": heat(FREE, 1.0)})
     slack = {"gap": il.Contact("a", "b", il.HertzContact(0.0))}
-    assert "'b' has neither noise nor damping, and no contact force" in refused(
+    assert "'b' has neither noise nor damping, and nothing heats it" in refused(
         {"a": SPRING, "b": COLD}, slack, {"a": heated}
     )
 

@@ -10,6 +10,7 @@ import impactlab as il
 BODY = il.LinearOscillator(stiffness=4.0)
 LAW = il.HertzContact(1e4)
 NOISE = il.WhiteNoise(1.0)
+SPRING = il.Coupling("a", "b", il.LinearCoupling(20.0, damping=0.5))
 
 
 def pair(**changes):
@@ -23,7 +24,7 @@ def pair(**changes):
 
 def test_members_cannot_be_changed():
     network = pair()
-    for name in ("oscillators", "contacts", "excitations"):
+    for name in ("oscillators", "contacts", "excitations", "couplings"):
         family = getattr(network, name)
         with pytest.raises(TypeError):
             family["a"] = BODY
@@ -49,6 +50,7 @@ def test_value():
     assert hash(pair()) == hash(pair())
     assert pair() != pair(excitations={})
     assert pair() != pair(contacts={"gap": il.Contact("a", "b", LAW, clearance=0.2)})
+    assert pair(couplings={"s": SPRING}) == pair(couplings={"s": SPRING}) != pair()
     assert pair() != "pair"
     assert len({pair(), pair(), pair(excitations={})}) == 2
 
@@ -59,8 +61,9 @@ def test_order_of_names_is_kept_and_matters():
     assert one != other
 
 
-def test_copies():
-    network = pair()
+@pytest.mark.parametrize("couplings", [{}, {"s": SPRING, "w": il.Coupling(il.WALL, "a", SPRING.law)}])
+def test_copies(couplings):
+    network = pair(couplings=couplings)
     assert pickle.loads(pickle.dumps(network)) == network
     data = json.loads(json.dumps(network.to_dict(), allow_nan=False))
     assert il.Network.from_dict(data) == network
@@ -69,7 +72,9 @@ def test_copies():
 
 def test_from_dict_of_bodies_alone_and_of_unknown_parts():
     assert il.Network.from_dict({"oscillators": {"a": BODY.to_dict()}}) == il.Network({"a": BODY})
-    with pytest.raises(il.InvalidInput, match=r"oscillators, contacts and excitations; 'oscilators' was given"):
+    before_couplings = {name: family for name, family in pair().to_dict().items() if name != "couplings"}
+    assert il.Network.from_dict(before_couplings) == pair()
+    with pytest.raises(il.InvalidInput, match=r"oscillators, contacts, excitations, couplings; 'oscilators' was given"):
         il.Network.from_dict({"oscilators": {}})
 
 
@@ -92,6 +97,11 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             r"Contact 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
         ),
         ({"contacts": {"c": il.Contact("A", "b", LAW)}}, r"names a body 'A' that is not in the network"),
+        ({"couplings": {"c": LAW}}, r"couplings: 'c' must be an il.Coupling, HertzContact"),
+        (
+            {"couplings": {"c": il.Coupling("a", "x", SPRING.law)}},
+            r"Coupling 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
+        ),
         ({"excitations": {"c": NOISE}}, r"excitation for 'c', which is not in the network"),
     ],
 )
@@ -127,6 +137,9 @@ def test_replace_changes_adds_and_removes():
     assert list(larger.contacts) == ["gap", "stop", "new"]
     smaller = network.replace(oscillators={"b": None}, contacts={"gap": None, "stop": None})
     assert smaller == il.Network({"a": BODY}, {}, {"a": NOISE})
+    coupled = network.replace(couplings={"s": SPRING})
+    assert dict(coupled.couplings) == {"s": SPRING}
+    assert coupled.replace(couplings={"s": None}) == network
     assert network.replace() == network
 
 
@@ -136,6 +149,7 @@ def test_replace_changes_adds_and_removes():
         ({"oscillators": {"bb": None}}, r"no oscillator 'bb' to remove; did you mean 'b'\?"),
         ({"contacts": {"gab": None}}, r"no contact 'gab' to remove; did you mean 'gap'\?"),
         ({"excitations": {"b": None}}, r"no excitation 'b' to remove"),
+        ({"couplings": {"s": None}}, r"no coupling 's' to remove"),
         ({"oscillators": {"b": None}}, r"Contact 'gap' names a body 'b' that is not in the network"),
         ({"oscillators": {"a": None, "b": None}, "contacts": {"gap": None, "stop": None}}, r"at least one"),
         ({"contacts": {"new": il.Contact("a", "z", LAW)}}, r"names a body 'z'"),
@@ -199,6 +213,9 @@ def test_bad_chain(arguments, options, message):
 def test_repr_is_short_and_readable(golden):
     golden("network.repr.txt", repr(pair()) + "\n")
     assert repr(il.Network({"a": BODY})).splitlines()[0] == "Network: 1 body, no contacts, no excitations"
+    lines = repr(pair(couplings={"s": SPRING})).splitlines()
+    assert lines[0] == "Network: 2 bodies, 2 contacts, 1 coupling, 1 excitation"
+    assert lines[-2:] == ["  couplings", "    s: Coupling('a', 'b', LinearCoupling(stiffness=20.0, damping=0.5))"]
 
 
 def test_repr_of_a_hundred_thousand_bodies():

@@ -8,8 +8,9 @@ from scenes import base
 
 import impactlab as il
 from impactlab.integrators.base import frequencies
+from impactlab.linear import linear_variances, lines_of, regular_lines, relaxation_time, spread
 from impactlab.model import Model
-from impactlab.scene import Stiffening, energies, linear_variances, lines_of, regular_lines, relaxation_time, spread
+from impactlab.scene import Stiffening, energies
 
 
 class QuadraticLaw(il.ContactLaw):

@@ -8,9 +8,9 @@ from scipy.linalg import expm
 from scipy.stats import kstest
 
 import impactlab as il
+from impactlab.linear import Lines, linear_variances, lines_of
 from impactlab.model import Model
 from impactlab.rules import seed_of
-from impactlab.scene import Lines, linear_variances, lines_of
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
 
 SEED = (1, 2)

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 
 import impactlab as il
 from impactlab.dataset import BALANCES, STATISTICS
+from impactlab.linear import linear_variances
 from impactlab.model import Model
-from impactlab.scene import linear_variances
 
 
 class SineForce(il.Excitation):

@@ -171,8 +171,8 @@ class Integrator(Component):
         ----------
         model : Model
             The network.
-        tangent : (contact,) ndarray
-            Stiffness of the contacts when they are closed (N m-1).
+        tangent : (link,) ndarray
+            Stiffness of the contacts when they are closed, then of the couplings (N m-1).
         residual : (body,) ndarray
             Stiffness of the residual forces (N m-1).
         """
@@ -200,39 +200,38 @@ class Integrator(Component):
 
 
 def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
-    """Natural frequencies with all contacts closed, in increasing order (rad s-1).
+    """Natural frequencies with springs in the place of contacts and couplings, in increasing order (rad s-1).
 
     The largest is bounded from above (Gershgorin) where there are many bodies.
     """
-    count = len(model.bodies)
-    diagonal = model.stiffness.copy()
-    inside = model.ends < model.wall
-    for side in (0, 1):
-        np.add.at(diagonal, model.ends[inside[:, side], side], tangent[inside[:, side]])
-    both = inside.all(axis=1)
-    first, second = model.ends[both].T
-    if count > 300:
-        bound = diagonal / model.mass
-        coupling = tangent[both] / np.sqrt(model.mass[first] * model.mass[second])
-        np.add.at(bound, first, coupling)
-        np.add.at(bound, second, coupling)
-        return np.asarray(np.sqrt(np.sort(bound)))
-    matrix = np.diag(diagonal)
-    np.add.at(matrix, (first, second), -tangent[both])
-    np.add.at(matrix, (second, first), -tangent[both])
-    scale = 1.0 / np.sqrt(model.mass)
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(scale[:, None] * matrix * scale), 0.0))
+    if len(model.bodies) <= 300:
+        matrix = np.diag(model.stiffness) + model.of_links(tangent)
+        scale = 1.0 / np.sqrt(model.mass)
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(scale[:, None] * matrix * scale), 0.0))
+    inverse = np.append(1.0 / model.mass, 0.0)  # a wall does not move
+    first, second = model.links.T
+    bound = np.append(model.stiffness, 0.0) * inverse
+    between = tangent * np.sqrt(inverse[first] * inverse[second])
+    for side in (first, second):
+        np.add.at(bound, side, tangent * inverse[side] + between)
+    return np.asarray(np.sqrt(np.sort(bound[:-1])))
+
+
+def coupling_rate(model: Model) -> float:
+    """Largest rate at which the dampers of linear couplings, alone, would slow the bodies down (s-1)."""
+    dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
+    return float(frequencies(replace(model, stiffness=np.zeros_like(model.stiffness)), dampers)[-1] ** 2)
 
 
 def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:
     """Largest step of an explicit one-step method with this stability polynomial (s).
 
     Every natural frequency with closed contacts is taken with the least relative damping
-    of any body; 0 if the method is unstable at any step.
+    of any body, and with the largest; 0 if the method is unstable at any step.
     """
     top = float(frequencies(model, tangent)[-1])
     rates = model.damping / model.mass
-    poles = [np.roots([1.0, float(rate), top**2]) for rate in {rates.min(), rates.max()}]
+    poles = [np.roots([1.0, float(rate), top**2]) for rate in {rates.min(), rates.max() + coupling_rate(model)}]
     poles += [
         np.roots([1.0, rate, k / m])
         for rate, k, m in {*zip(rates.tolist(), model.stiffness.tolist(), model.mass.tolist(), strict=True)}

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from impactlab.integrators.base import ADVANCE, Flows, Integrator, frequencies
+from impactlab.integrators.base import ADVANCE, Flows, Integrator, coupling_rate, frequencies
 from impactlab.kernels.flow import (
     COEFFICIENTS,
     GAUSS,
@@ -99,23 +99,31 @@ class ExactFlow(Integrator):
         return split
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return self._step(model, tangent, residual, 1.6, 3.0)
+        return self._step(model, tangent, residual, 1.6, 3.0, 1.0)
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         if not model.nonlinear_bodies.any():  # every step is exact: a few samples per period
             return min(_over(1.0, model.natural_frequencies.max()), _over(1.0, (model.damping / model.mass).max()))
-        return self._step(model, tangent, residual, 0.5, 1.0)
+        return self._step(model, tangent, residual, 0.5, 1.0, 0.05)
 
     def _step(
-        self, model: Model, tangent: np.ndarray, residual: np.ndarray | float, of_kicks: float, of_flow: float
+        self,
+        model: Model,
+        tangent: np.ndarray,
+        residual: np.ndarray | float,
+        of_kicks: float,
+        of_flow: float,
+        of_dampers: float,
     ) -> float:
-        """Limit the step by the frequency of the forces that kick, and by that of the bodies they act on."""
+        """Limit the step by the frequency of the forces that kick and of the bodies they act on, and by dampers."""
         kicked = model.nonlinear_bodies
         if not kicked.any():
             return float("inf")
         by_kicks = replace(model, stiffness=np.zeros_like(model.stiffness) + residual)
         return min(
-            _over(of_kicks, frequencies(by_kicks, tangent)[-1]), _over(of_flow, model.natural_frequencies[kicked].max())
+            _over(of_kicks, frequencies(by_kicks, tangent)[-1]),
+            _over(of_flow, model.natural_frequencies[kicked].max()),
+            _over(of_dampers, coupling_rate(model)),
         )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from impactlab.contact import Contact
+from impactlab.coupling import Coupling, LinearCoupling
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.network import Network
 from impactlab.reference.gibbs import Gap, GibbsLaw
@@ -15,7 +16,7 @@ _REFUSAL = "There is no exact stationary law that is known here:"
 
 
 def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
-    """Return the stationary law of every group of bodies that contacts connect.
+    """Return the stationary law of every group of bodies that contacts and couplings connect.
 
     Raises
     ------
@@ -25,6 +26,7 @@ def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
     groups = list(_groups(network))
     reasons = [reason for name in network.oscillators for reason in _body_reasons(network, name)]
     reasons += [reason for item in network.contacts.items() for reason in _contact_reasons(*item)]
+    reasons += [reason for item in network.couplings.items() for reason in _coupling_reasons(*item)]
     reasons += [reason for group in groups for reason in _group_reasons(network, *group)]
     if reasons:
         raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
@@ -34,8 +36,9 @@ def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
 def _groups(network: Network) -> Iterator[tuple[tuple[str, ...], tuple[Contact, ...]]]:
     """Give the bodies, in order, and the contacts of every connected component."""
     group = {name: frozenset([name]) for name in network.oscillators}
-    for contact in network.contacts.values():
-        merged = frozenset[str]().union(*(group[name] for name in _sides(contact)))
+    links: list[Contact | Coupling] = [*network.contacts.values(), *network.couplings.values()]
+    for link in links:
+        merged = frozenset[str]().union(*(group[name] for name in _sides(link)))
         group.update(dict.fromkeys(merged, merged))
     for members in dict.fromkeys(group.values()):
         bodies = tuple(name for name in network.oscillators if name in members)
@@ -43,9 +46,19 @@ def _groups(network: Network) -> Iterator[tuple[tuple[str, ...], tuple[Contact, 
         yield bodies, tuple(contact for contact in contacts if members.intersection(_sides(contact)))
 
 
-def _sides(contact: Contact) -> list[str]:
-    """Return the one or two bodies of a contact."""
-    return [side for side in (contact.first, contact.second) if isinstance(side, str)]
+def _sides(link: Contact | Coupling) -> list[str]:
+    """Return the one or two bodies of a contact or a coupling, as sorted names."""
+    return sorted(side for side in (link.first, link.second) if isinstance(side, str))
+
+
+def _coupling_stiffness(network: Network, *bodies: str) -> float:
+    """Return the stiffness of the couplings between two bodies, or one and a wall (N m-1)."""
+    return sum(item.law.linear[0] for item in network.couplings.values() if _sides(item) == sorted(bodies))
+
+
+def _stiffness(network: Network, name: str) -> float:
+    """Return the stiffness that holds a body to the ground (N m-1)."""
+    return network.oscillators[name].stiffness + _coupling_stiffness(network, name)
 
 
 def _spectral_density(network: Network, name: str) -> float | None:
@@ -93,6 +106,13 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
         yield f"{type(contact.law).__name__}, the law of contact {name!r}, does not define potential."
 
 
+def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
+    if not isinstance(coupling.law, LinearCoupling):
+        yield f"the law of coupling {name!r} is not an il.LinearCoupling."
+    elif coupling.law.damping:
+        yield f"coupling {name!r} has damping without noise: its temperature is 0."
+
+
 def _group_reasons(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...]) -> Iterator[str]:
     names = " and ".join(map(repr, bodies))
     oscillators = [network.oscillators[name] for name in bodies]
@@ -110,7 +130,7 @@ def _group_reasons(network: Network, bodies: tuple[str, ...], contacts: tuple[Co
         yield f"{names} are connected and touch a wall; the law of a pair is computed without walls."
     if any(oscillator.has_kernel("residual") for oscillator in oscillators):
         yield f"{names} are connected and not both linear; the law is computed for pairs of linear bodies."
-    if not any(oscillator.stiffness for oscillator in oscillators):
+    if not any(_stiffness(network, name) for name in bodies):
         yield f"{names} have no springs: nothing confines their center, the law cannot be normalised."
 
 
@@ -126,13 +146,14 @@ def _law(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...
     first = network.oscillators[bodies[0]]
     if len(bodies) == 1:
         residual = first if first.has_kernel("residual") else None
-        return GibbsLaw(bodies, temperature, first.stiffness, gaps=gaps, residual=residual)
-    second = network.oscillators[bodies[1]]
-    total = first.stiffness + second.stiffness
-    weights = (second.stiffness / total, -first.stiffness / total)
+        return GibbsLaw(bodies, temperature, _stiffness(network, bodies[0]), gaps=gaps, residual=residual)
+    held = [_stiffness(network, name) for name in bodies]
+    between = _coupling_stiffness(network, *bodies)
+    total = sum(held)
+    weights = (held[1] / total, -held[0] / total)
     spread = math.sqrt(temperature / total)
-    law = GibbsLaw(bodies, temperature, first.stiffness * weights[0], weights, spread, gaps)
-    if len(temperatures) == 1 and not any(law.mean_force(gap) for gap in gaps):
+    law = GibbsLaw(bodies, temperature, held[0] * weights[0] + between, weights, spread, gaps)
+    if len(temperatures) == 1 and not between and not any(law.mean_force(gap) for gap in gaps):
         cold = next(name for name in bodies if name not in temperatures)
-        raise NoExactReference(f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and no contact force heats it.")
+        raise NoExactReference(f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and nothing heats it.")
     return law

@@ -192,12 +192,12 @@ class ExactReference:
 def exact(network: Network) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
-    Known are networks in which contacts connect at most two bodies: single bodies,
-    linear or with a residual potential, with or without walls, and pairs of linear
-    bodies. The noises must be white, the contact forces have a potential and the
-    temperatures ``π S / damping`` of connected bodies be equal (for two unit masses
-    ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density
-    is proportional to ``exp(−H/T)`` with the energy H.
+    Known are networks in which contacts and couplings connect at most two bodies: single
+    bodies, linear or with a residual potential, with or without walls, and pairs of linear
+    bodies. The noises must be white, the contact forces have a potential, the couplings
+    be linear without damping, and the temperatures ``π S / damping`` of connected bodies
+    be equal (for two unit masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023,
+    equation 8); then the density is proportional to ``exp(−H/T)`` with the energy H.
 
     Parameters
     ----------

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.compiled import CompiledNetwork
+from impactlab.linear import lines_of
 from impactlab.model import Model
 from impactlab.rules import seed_of
-from impactlab.scene import lines_of
 from impactlab.series import phases
 
 
