@@ -247,7 +247,9 @@ class _Block:
         quantities = 2 * plan.linear.shape[1] + contacts
         done = 0
         while done < steps:
-            count = min(plan.steps_per_call, steps - done)
+            # calls end with a group of slots, so that their length does not change any sum
+            whole = max(SLOTS, plan.steps_per_call // SLOTS * SLOTS)
+            count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
@@ -276,7 +278,7 @@ class _Block:
                     f"t = {middles[wrong[0]]:g} s."
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
-            scale = np.sqrt(intensity / plan.intensity)[:, rows]
+            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
         return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale)
 
     def _forced(self, count: int) -> Forced:

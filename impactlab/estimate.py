@@ -189,7 +189,7 @@ def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndar
     freedom = len(values) - 1 - len(s)
     variance = residual @ residual / freedom * (1.0 / len(values) + shift @ shift)
     value = float(mean - shift @ slopes)
-    return value, max(float(np.sqrt(variance)), ROUNDING * abs(value))
+    return value, max(float(np.sqrt(variance)), ROUNDING * float(np.abs(values).max()))
 
 
 def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlab.integrators.base import Flows
 from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
 from impactlab.plan import Plan
 
@@ -39,8 +40,8 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
     balances = {}
     if plan.flows is not None:
         means = means if seen.all() else np.full(sums.shape, np.nan)
-        processed = _processed(plan, means, processed)
-        balances = _balances(plan, means)
+        processed = _processed(plan, plan.flows, means, processed)
+        balances = _balances(plan, plan.flows, means)
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -50,7 +51,7 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
     }
 
 
-def _processed(plan: Plan, s: np.ndarray, at_kicks: Values) -> Values:
+def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Values:
     """Moments over the time of a step, without the error of second order that those at the kick have.
 
     Means are shifted by what separates those at the kicks from the mean over time under the
@@ -63,13 +64,13 @@ def _processed(plan: Plan, s: np.ndarray, at_kicks: Values) -> Values:
     xv = s[:, XV] + 0.5 * increment * s[:, FX]
     vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
-    a, q = plan.flows.middle_transition, plan.flows.middle_covariance
-    over_time, of_kicks = _response_to_mean_force(plan)
+    a, q = flows.middle_transition, flows.middle_covariance
+    over_time, of_kicks = _response_to_mean_force(plan, flows)
     closed = (_closed_flow(plan) & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
-        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - np.einsum("bp,pbu->bu", of_kicks[:, row], s[:, F])
+        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - _sum(of_kicks[:, row].T, s[:, F])
         result[name] = at_kicks[name] + np.where(closed & np.isfinite(shift), shift, 0.0)
         name = f"mean_square_{quantity}"
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
@@ -78,7 +79,7 @@ def _processed(plan: Plan, s: np.ndarray, at_kicks: Values) -> Values:
     return result
 
 
-def _response_to_mean_force(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.ndarray]:
     """Return displacement and velocity under unit force: means over time, and at the kicks by phase of the force.
 
     Returns
@@ -87,7 +88,7 @@ def _response_to_mean_force(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         NaN where there is no stationary mean.
     """
     _, damping, stiffness = plan.linear
-    a = plan.flows.transition
+    a = flows.transition
     phases = len(a)
     over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
     for body, increment in enumerate(_increment(plan)[:, 0]):
@@ -101,7 +102,7 @@ def _response_to_mean_force(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     return over_time, at_kicks
 
 
-def _balances(plan: Plan, s: np.ndarray) -> Values:
+def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
@@ -116,12 +117,12 @@ def _balances(plan: Plan, s: np.ndarray) -> Values:
     intensity = np.zeros(len(mass))
     intensity[plan.white] = plan.intensity
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
-    of_kicks = _response_to_mean_force(plan)[1]
+    of_kicks = _response_to_mean_force(plan, flows)[1]
     mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
     for body in np.flatnonzero(_closed_flow(plan)):
-        a = plan.flows.transition[:, body]
+        a = flows.transition[:, body]
         if stiffness[body] > 0.0:
-            mean[body] = s[:, X, body].mean(axis=0) - of_kicks[body, 0] @ s[:, F, body]
+            mean[body] = s[:, X, body].mean(axis=0) - _sum(of_kicks[body, 0], s[:, F, body])
         if damping[body] == 0.0:
             if intensity[body] == 0.0:
                 velocity[body] = of_power[:, body].mean(axis=0)
@@ -129,11 +130,11 @@ def _balances(plan: Plan, s: np.ndarray) -> Values:
         heat = np.pi * intensity[body] / (mass[body] * damping[body])
         if stiffness[body] == 0.0:
             gain = _cycle(a[:, 1:, 1:] ** 2, np.array([[2.0]]))[0]
-            velocity[body] = before[:, body].mean(axis=0) - heat - gain @ of_power[:, body]
+            velocity[body] = before[:, body].mean(axis=0) - heat - _sum(gain, of_power[:, body])
             continue
         kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
         gain = _cycle(np.stack([np.kron(item, item) for item in a]), kicks).reshape(4, len(a), 2)
-        known = [gain[row, :, 0] @ of_virial[:, body] + gain[row, :, 1] @ of_power[:, body] for row in (0, 3)]
+        known = [_sum(gain[row, :, 0], of_virial[:, body]) + _sum(gain[row, :, 1], of_power[:, body]) for row in (0, 3)]
         displacement[body] = s[:, XX, body].mean(axis=0) - heat * mass[body] / stiffness[body] - known[0]
         velocity[body] = before[:, body].mean(axis=0) - heat - known[1]
     return {
@@ -170,9 +171,16 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     return mean
 
 
+def _sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Weighted sum over the phases; term by term, so that it does not depend on the number of units."""
+    total: np.ndarray = (weights[..., None] * moments).sum(axis=0)
+    return total
+
+
 def _increment(plan: Plan) -> np.ndarray:
     """Velocity that a unit force of a kick gives each body, (body, 1) (m s-1 N-1)."""
-    return plan.step / plan.linear[0][:, None]
+    increment: np.ndarray = plan.step / plan.linear[0][:, None]
+    return increment
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:

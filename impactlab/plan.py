@@ -157,10 +157,9 @@ class Plan:
     def counts(self, begin: int, end: int) -> np.ndarray:
         """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""
         phases = self.integrator.phases
-        before: list[np.ndarray] = [
-            (self.spin_up_steps + step + phases - 1 - np.arange(phases)) // phases for step in (begin, end)
-        ]
-        return before[1] - before[0]
+        last = phases - 1 - np.arange(phases)
+        steps: np.ndarray = (self.spin_up_steps + end + last) // phases - (self.spin_up_steps + begin + last) // phases
+        return steps
 
 
 def make_plan(

@@ -153,7 +153,7 @@ def noise_columns(q: np.ndarray) -> np.ndarray:
     l_xx = np.sqrt(np.maximum(q[:, 0, 0], 0.0))
     l_vx = np.divide(q[:, 0, 1], l_xx, out=np.zeros_like(l_xx), where=l_xx > 0.0)
     rest = np.maximum(q[:, 1, 1] - l_vx**2, 0.0)
-    singular = rest <= 1e-12 * q[:, 1, 1]
+    singular = (rest <= 1e-12 * q[:, 1, 1]) | (l_xx == 0.0)
     l_vx = np.where(singular, np.copysign(np.sqrt(q[:, 1, 1]), q[:, 0, 1]), l_vx)
     l_vv = np.where(singular, 0.0, np.sqrt(rest))
     return np.stack([np.column_stack([l_xx, l_vx]), np.column_stack([np.zeros_like(l_vv), l_vv])])

@@ -71,9 +71,9 @@ def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
     for _ in range(10):
         p0 = _M0 * np.uint64(c0)
         p1 = _M1 * np.uint64(c2)
-        c0 = np.uint32(p1 >> _32) ^ c1 ^ np.uint32(k0)
+        c0 = np.uint32(np.uint32(p1 >> _32) ^ c1 ^ np.uint32(k0))
         c1 = np.uint32(p1 & _LOW)
-        c2 = np.uint32(p0 >> _32) ^ c3 ^ np.uint32(k1)
+        c2 = np.uint32(np.uint32(p0 >> _32) ^ c3 ^ np.uint32(k1))
         c3 = np.uint32(p0 & _LOW)
         k0 = (k0 + _W0) & _LOW
         k1 = (k1 + _W1) & _LOW
@@ -87,7 +87,8 @@ def normal_pair(a, b):  # type: ignore[no-untyped-def]
     u = (np.float32(a) + _HALF) * _RADIUS_UNIT
     bits = np.int32(np.float32(u).view(np.int32))
     e = np.int32(np.int32(bits - _SQRT_HALF) >> _I23)
-    x = np.int32(bits - np.int32(e << _I23)).view(np.float32) - _ONE
+    near_one = -(np.float32(~a) + _HALF) * _RADIUS_UNIT  # u - 1 without the rounding of u
+    x = near_one if e == 0 else np.int32(bits - np.int32(e << _I23)).view(np.float32) - _ONE
     l3, l4, l5, l6, l7, l8, l9 = _LOGARITHM
     p = l3 + x * (l4 + x * (l5 + x * (l6 + x * (l7 + x * (l8 + x * l9)))))
     r = np.sqrt(-(x + x * x * (p * x - _HALF) + np.float32(e) * _LN2))
@@ -102,7 +103,7 @@ def normal_pair(a, b):  # type: ignore[no-untyped-def]
     second = np.uint32(np.float32(r * (cosine + sine)).view(np.uint32))
     first = np.uint32(first ^ np.uint32((b & _BIT8) << _23))
     second = np.uint32(second ^ np.uint32((b & _BIT9) << _22))
-    return first.view(np.float32), second.view(np.float32)
+    return np.uint32(first).view(np.float32), np.uint32(second).view(np.float32)
 
 
 @kernel
