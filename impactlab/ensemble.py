@@ -14,10 +14,10 @@ import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
-from impactlab.integrators.base import Forced, Noise, Series, State, Sums
+from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
 
@@ -33,7 +33,7 @@ class BlockResult:
 
     Attributes
     ----------
-    bodies : (batch, row, body, lane) ndarray
+    bodies : (batch, phase, row, body, lane) ndarray
     contacts : (batch, row, contact, lane) ndarray
     records : list
         One dictionary of arrays per record.
@@ -123,15 +123,15 @@ class _Block:
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
-        normals = np.zeros((len(plan.white), 4, lanes))
+        normals = np.zeros((len(plan.noise_rows), 4, lanes), dtype=np.float32)
         work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
-        rows = KICK_ROWS if plan.integrator.kicks else STATE_ROWS
-        self.sums = Sums(
-            np.zeros((rows, bodies, lanes)), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window
-        )
-        self.scale = np.ones((1, len(plan.white)))
+        past = [np.zeros((SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
+        self.history = History(*past)
+        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
+        self.sums = Sums(np.zeros(shape), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
+        self.scale = np.ones((1, len(plan.noise_rows)))
         self.attempts = self._start()
         self.series = self._synthesize()
         if plan.integrator.kicks:
@@ -167,7 +167,7 @@ class _Block:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        normals = np.empty((plan.linear.shape[1], 4, len(lanes)))
+        normals = np.empty((plan.linear.shape[1], 4, len(lanes)), dtype=np.float32)
         fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
         x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
         for slots, factor in plan.factors:
@@ -247,12 +247,14 @@ class _Block:
         quantities = 2 * plan.linear.shape[1] + contacts
         done = 0
         while done < steps:
-            count = min(plan.steps_per_call, steps - done)
+            # calls end with a group of slots, so that their length does not change any sum
+            whole = max(SLOTS, plan.steps_per_call // SLOTS * SLOTS)
+            count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
                 self.module.forces, plan.parameters, plan.indices, plan.coefficients, self._noise(count), self.series,
-                self._forced(count), self.state, self.sums, snapshots, plan.step, plan.dissipative,
+                self._forced(count), self.state, self.history, self.sums, snapshots, plan.step, plan.dissipative,
                 sampler is not None, self.now, count, every, phase,
             )  # fmt: skip
             self.now += count
@@ -275,8 +277,9 @@ class _Block:
                     "The spectral density of a white noise is negative or not a number near "
                     f"t = {middles[wrong[0]]:g} s."
                 )
-            scale = np.sqrt(intensity / plan.intensity)
-        return Noise(plan.white, plan.streams, self.realizations, scale)
+            rows = np.searchsorted(plan.white, plan.noise_rows)
+            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
+        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale)
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

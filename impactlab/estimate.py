@@ -9,6 +9,7 @@ is that of a linear regression on the balances, at balance 0 (control variates).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
     Parameters
     ----------
     plan : Plan
-    bodies : (batch, row, body, realization) ndarray
+    bodies : (batch, phase, row, body, realization) ndarray
         Sums over the steps of each batch.
     contacts : (batch, row, contact, realization) ndarray
 
@@ -68,14 +69,15 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
     Estimates
     """
     steps = np.diff([0, *plan.boundaries]).astype(float)
+    counts = np.array([plan.counts(*pair) for pair in pairwise((0, *plan.boundaries))])
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
-    whole = statistics_of(plan, bodies.sum(axis=0) / plan.steps, contacts.sum(axis=0) / plan.steps)
+    whole = statistics_of(plan, bodies.sum(axis=0), counts.sum(axis=0), contacts.sum(axis=0) / plan.steps)
     if enough_alone:
         units, weights = whole, np.ones(realizations)
     else:
-        scaled = steps[:, None, None, None]
-        per_batch = [statistics_of(plan, *pair) for pair in zip(bodies / scaled, contacts / scaled, strict=True)]
+        means = contacts / steps[:, None, None, None]
+        per_batch = [statistics_of(plan, *batch) for batch in zip(bodies, counts, means, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
     if not plan.trusted and (len(plan.white) or plan.lines):
@@ -91,7 +93,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
         values,
         errors,
         {name: item.T for name, item in by_realization.items()},
-        _drift(plan, bodies, contacts, steps),
+        _drift(plan, bodies.sum(axis=1), contacts, steps),
     )
 
 
@@ -187,7 +189,7 @@ def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndar
     freedom = len(values) - 1 - len(s)
     variance = residual @ residual / freedom * (1.0 / len(values) + shift @ shift)
     value = float(mean - shift @ slopes)
-    return value, max(float(np.sqrt(variance)), ROUNDING * abs(value))
+    return value, max(float(np.sqrt(variance)), ROUNDING * float(np.abs(values).max()))
 
 
 def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:

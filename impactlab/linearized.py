@@ -10,7 +10,6 @@ from scipy.linalg import eigh, solve_discrete_lyapunov
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
-from impactlab.kernels.flow import transition
 from impactlab.linear import LinearSystem
 from impactlab.model import Model
 from impactlab.scene import Stiffening
@@ -70,7 +69,7 @@ class LinearizedNetwork:
         because the method is unstable.
         """
         if isinstance(integrator, ExactFlow):
-            return self._covariance_of_kicks(step)
+            return self._covariance_of_kicks(integrator, step)
         if isinstance(integrator, ExplicitIntegrator):
             return self._covariance_of_polynomial(integrator.stability_polynomial, step)
         return None
@@ -84,29 +83,37 @@ class LinearizedNetwork:
             growth = growth @ scaled + coefficient * np.eye(len(scaled))
         return _stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
 
-    def _covariance_of_kicks(self, step: float) -> np.ndarray:
-        """Covariance of exact flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
+    def _covariance_of_kicks(self, integrator: ExactFlow, step: float) -> np.ndarray:
+        """Covariance of flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
         inverse = 1.0 / self.model.mass[:, None]
         unit = np.eye(len(inverse))
         second_pass = unit - 0.5 * step * inverse * self.damping  # with the velocity in the middle of the kick
         by_x = -step * second_pass @ (inverse * self.added) @ (unit - step**2 / 12.0 * inverse * self.added)
         by_v = -step * second_pass @ (inverse * self.damping)
         kick, half_kick = (np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, 0.5))
-        flow, noise = self._flow(step)
-        after = _stationary(kick @ flow, kick @ noise @ kick.T)
+        a, q, middle_a, middle_q = (_joined(part) for part in integrator.flows(self.model, step))
+        cycle, noise = np.eye(len(kick)), np.zeros_like(kick)
+        for growth, covariance in zip(a, q, strict=True):
+            cycle, noise = kick @ growth @ cycle, kick @ (growth @ noise @ growth.T + covariance) @ kick.T
+        after = _stationary(cycle, noise)
         if not np.isfinite(after).all():
             return after
-        before = flow @ after @ flow.T + noise
-        flow, noise = self._flow(0.5 * step)
-        middle = flow @ after @ flow.T + noise
-        return np.asarray((half_kick @ before @ half_kick.T + 2.0 * middle) / 3.0)
+        total = np.zeros_like(after)
+        for flow, covariance, half, half_covariance in zip(a, q, middle_a, middle_q, strict=True):
+            middle = half @ after @ half.T + half_covariance
+            before = flow @ after @ flow.T + covariance
+            after = kick @ before @ kick.T
+            total += (half_kick @ before @ half_kick.T + 2.0 * middle) / 3.0
+        return total / len(a)
 
-    def _flow(self, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Transition and covariance of the bodies without contacts, (2 body, 2 body)."""
-        model = self.model
-        blocks = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
-        a, q = (np.block([[np.diag(part[:, i, j]) for j in (0, 1)] for i in (0, 1)]) for part in blocks)
-        return a, q
+
+def _joined(parts: np.ndarray) -> np.ndarray:
+    """Turn (phase, body, 2, 2) into matrices of (x, v) of all bodies, (phase, 2 body, 2 body)."""
+    phases, count = parts.shape[:2]
+    result = np.zeros((phases, 2, count, 2, count))
+    index = np.arange(count)
+    result[:, :, index, :, index] = np.moveaxis(parts, 1, 0)
+    return result.reshape(phases, 2 * count, 2 * count)
 
 
 def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:

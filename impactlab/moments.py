@@ -1,18 +1,36 @@
-"""From mean sums to statistics: moments at the right time of the step, and balances."""
+"""From sums to statistics: moments at the right time of the step, and balances."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from impactlab.kernels.flow import transition
-from impactlab.kernels.sums import CLOSED, FLUX, FORCE, GG, GV, GX, VV, XV, XX, G, V, X
+from impactlab.integrators.base import Flows
+from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
 from impactlab.plan import Plan
 
 Values = dict[str, np.ndarray]
 
 
-def statistics_of(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Values:
-    """Turn mean sums (row, body or contact, unit) into statistics (body or contact, unit)."""
+def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray) -> Values:
+    """Turn sums into statistics.
+
+    Parameters
+    ----------
+    plan : Plan
+    sums : (phase, row, body, unit) ndarray
+        Sums over the steps of each phase.
+    counts : (phase,) ndarray of int
+        How many steps these are.
+    contacts : (row, contact, unit) ndarray
+        Mean sums.
+
+    Returns
+    -------
+    dict of str to (body or contact, unit) ndarray
+    """
+    seen = counts > 0
+    means = sums[seen] / counts[seen, None, None, None]
+    bodies = means.mean(axis=0)
     processed = {
         "mean_displacement": bodies[X],
         "mean_square_displacement": bodies[XX],
@@ -20,9 +38,10 @@ def statistics_of(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Value
         "mean_square_velocity": bodies[VV],
     }
     balances = {}
-    if plan.integrator.kicks:
-        processed = _processed(plan, bodies)
-        balances = _balances(plan, bodies)
+    if plan.flows is not None:
+        means = means if seen.all() else np.full(sums.shape, np.nan)
+        processed = _processed(plan, plan.flows, means, processed)
+        balances = _balances(plan, plan.flows, means)
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -32,63 +51,92 @@ def statistics_of(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Value
     }
 
 
-def _processed(plan: Plan, s: np.ndarray) -> Values:
-    """Moments as (kick + 2 middle of the flow)/3: Simpson's rule over the time of a step.
+def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Values:
+    """Moments over the time of a step, without the error of second order that those at the kick have.
 
-    It removes the error of second order. The moments in the middle of the flow follow
-    exactly from those after the kick. Only the flow of white noise of constant intensity is
-    closed in this way; other bodies keep the moments at the kick.
+    Means are shifted by what separates those at the kicks from the mean over time under the
+    mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
+    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
+    Only the flow of white noise of constant intensity is closed in this way; other bodies keep
+    the moments at the kick.
     """
-    mass, damping, stiffness = plan.linear
-    a, q = transition(mass, damping, stiffness, _intensity(plan), 0.5 * plan.step)
-    velocity = s[V] + 0.5 * s[G]
-    after = s[XX], s[XV] + 0.5 * s[GX], s[VV] + s[GV] + 0.25 * s[GG]
-    closed = _closed_flow(plan)[:, None]
+    increment = _increment(plan)
+    xv = s[:, XV] + 0.5 * increment * s[:, FX]
+    vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
+    xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
+    a, q = flows.middle_transition, flows.middle_covariance
+    over_time, of_kicks = _response_to_mean_force(plan, flows)
+    closed = (_closed_flow(plan) & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
     result = {}
-    for row, quantity, mean, square in ((0, "displacement", X, XX), (1, "velocity", V, VV)):
-        of_x, of_v = a[:, row, 0, None], a[:, row, 1, None]
-        middle = of_x * s[X] + of_v * velocity
-        middle_square = of_x**2 * after[0] + 2.0 * of_x * of_v * after[1] + of_v**2 * after[2] + q[:, row, row, None]
-        result[f"mean_{quantity}"] = np.where(closed, (s[mean] + 2.0 * middle) / 3.0, s[mean])
-        result[f"mean_square_{quantity}"] = np.where(closed, (s[square] + 2.0 * middle_square) / 3.0, s[square])
+    for row, quantity in enumerate(("displacement", "velocity")):
+        name = f"mean_{quantity}"
+        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - _sum(of_kicks[:, row].T, s[:, F])
+        result[name] = at_kicks[name] + np.where(closed & np.isfinite(shift), shift, 0.0)
+        name = f"mean_square_{quantity}"
+        of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
+        middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
+        result[name] = np.where(closed, (at_kicks[name] + 2.0 * middle.mean(axis=0)) / 3.0, at_kicks[name])
     return result
 
 
-def _balances(plan: Plan, s: np.ndarray) -> Values:
+def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.ndarray]:
+    """Return displacement and velocity under unit force: means over time, and at the kicks by phase of the force.
+
+    Returns
+    -------
+    (body, 2), (body, 2, phase) ndarray
+        NaN where there is no stationary mean.
+    """
+    _, damping, stiffness = plan.linear
+    a = flows.transition
+    phases = len(a)
+    over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
+    for body, increment in enumerate(_increment(plan)[:, 0]):
+        if stiffness[body] > 0.0:
+            over_time[body] = 1.0 / stiffness[body], 0.0
+            at_kicks[body] = _cycle(a[:, body], np.array([[0.0], [increment]]))
+        elif damping[body] > 0.0:
+            over_time[body, 1] = 1.0 / damping[body]
+            at_kicks[body, 1] = _cycle(a[:, body, 1:, 1:], np.array([[increment]]))[0]
+        at_kicks[body, 1] += 0.5 * increment / phases  # the velocity is read in the middle of the kick
+    return over_time, at_kicks
+
+
+def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
-    With A the flow, Σ the linear law, g the velocity increment of a kick, and
-    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before the kick are Σ + D with
-    D = A (D + K) Aᵀ. Where the linear law does not exist, a part of this remains:
-    the velocity of a damped free body, the power of the kicks on an undamped one.
+    With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
+    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those
+    before the next one Σ + A (D + K) Aᵀ: linear equations for the D of all phases of the
+    method's cycle. Where the linear law does not exist, a part of this remains: the
+    velocity of a damped free body, the power of the kicks on an undamped one.
     """
     mass, damping, stiffness = plan.linear
-    a, _ = transition(mass, damping, stiffness, np.zeros_like(mass), plan.step)
-    intensity = _intensity(plan)
-    shape = s[X].shape
-    mean, displacement, velocity = (np.full(shape, np.nan) for _ in range(3))
+    increment = _increment(plan)
+    before = s[:, VV] - increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]  # E[v²] before the kick
+    intensity = np.zeros(len(mass))
+    intensity[plan.white] = plan.intensity
+    of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
+    of_kicks = _response_to_mean_force(plan, flows)[1]
+    mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
     for body in np.flatnonzero(_closed_flow(plan)):
-        flow = a[body]
-        c_x, c_v = s[GX, body], s[GV, body]
-        before = s[VV, body] - c_v + 0.25 * s[GG, body]  # E[v²] before the kick
+        a = flows.transition[:, body]
         if stiffness[body] > 0.0:
-            gain = np.linalg.solve(np.eye(2) - flow, flow)[0, 1]
-            mean[body] = s[X, body] - gain * s[G, body]
+            mean[body] = s[:, X, body].mean(axis=0) - _sum(of_kicks[body, 0], s[:, F, body])
         if damping[body] == 0.0:
             if intensity[body] == 0.0:
-                velocity[body] = c_v
-        elif stiffness[body] == 0.0:
-            decay = flow[1, 1] ** 2
-            linear = np.pi * intensity[body] / (mass[body] * damping[body])
-            velocity[body] = before - linear - 2.0 * c_v * decay / (1.0 - decay)
-        else:
-            lyapunov = np.kron(flow, flow)
-            unit = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T
-            d = np.linalg.solve(np.eye(4) - lyapunov, lyapunov @ unit)
-            linear = np.pi * intensity[body] / (mass[body] * damping[body])
-            velocity[body] = before - linear - d[3, 0] * c_x - d[3, 1] * c_v
-            linear *= mass[body] / stiffness[body]
-            displacement[body] = s[XX, body] - linear - d[0, 0] * c_x - d[0, 1] * c_v
+                velocity[body] = of_power[:, body].mean(axis=0)
+            continue
+        heat = np.pi * intensity[body] / (mass[body] * damping[body])
+        if stiffness[body] == 0.0:
+            gain = _cycle(a[:, 1:, 1:] ** 2, np.array([[2.0]]))[0]
+            velocity[body] = before[:, body].mean(axis=0) - heat - _sum(gain, of_power[:, body])
+            continue
+        kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
+        gain = _cycle(np.stack([np.kron(item, item) for item in a]), kicks).reshape(4, len(a), 2)
+        known = [_sum(gain[row, :, 0], of_virial[:, body]) + _sum(gain[row, :, 1], of_power[:, body]) for row in (0, 3)]
+        displacement[body] = s[:, XX, body].mean(axis=0) - heat * mass[body] / stiffness[body] - known[0]
+        velocity[body] = before[:, body].mean(axis=0) - heat - known[1]
     return {
         "balance_mean_displacement": mean,
         "balance_mean_square_displacement": displacement,
@@ -96,11 +144,43 @@ def _balances(plan: Plan, s: np.ndarray) -> Values:
     }
 
 
-def _intensity(plan: Plan) -> np.ndarray:
-    """Density of the white noise on every body, (body,)."""
-    result = np.zeros(len(plan.bodies))
-    result[plan.white] = plan.intensity
-    return result
+def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
+
+    Parameters
+    ----------
+    maps : (phase, n, n) ndarray
+        L.
+    inputs : (n, m) ndarray
+        B.
+
+    Returns
+    -------
+    (n, phase m) ndarray
+    """
+    phases, size, _ = maps.shape
+    system = np.eye(phases * size)
+    given = np.zeros((phases * size, phases * inputs.shape[1]))
+    for phase, matrix in enumerate(maps):
+        rows = slice(phase * size, (phase + 1) * size)
+        last = (phase - 1) % phases
+        system[rows, last * size : (last + 1) * size] -= matrix
+        given[rows, last * inputs.shape[1] : (last + 1) * inputs.shape[1]] = matrix @ inputs
+    solved = np.linalg.solve(system, given)
+    mean: np.ndarray = solved.reshape(phases, size, -1).mean(axis=0)
+    return mean
+
+
+def _sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Weighted sum over the phases; term by term, so that it does not depend on the number of units."""
+    total: np.ndarray = (weights[..., None] * moments).sum(axis=0)
+    return total
+
+
+def _increment(plan: Plan) -> np.ndarray:
+    """Velocity that a unit force of a kick gives each body, (body, 1) (m s-1 N-1)."""
+    increment: np.ndarray = plan.step / plan.linear[0][:, None]
+    return increment
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:

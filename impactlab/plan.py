@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
-from impactlab.integrators.base import Integrator
+from impactlab.integrators.base import Flows, Integrator
 from impactlab.kernels.random import stream
 from impactlab.linear import Lines, hottest, linear_variances, lines_of, relaxation_time
 from impactlab.model import Model
@@ -46,8 +46,10 @@ class Plan:
         Generated module.
     integrator : Integrator
         Method.
-    coefficients : (body, column) ndarray
+    coefficients : (phase, body, column) ndarray
         The method's numbers.
+    flows : Flows or None
+        What is between kicks.
     parameters, indices : ndarray
         What the generated functions take.
     linear : (3, body) ndarray
@@ -58,14 +60,18 @@ class Plan:
         Slots of the bodies of each contact, then of each coupling.
     dissipative, time_varying : bool
         Whether forces depend on velocities, and white noise on time.
-    white : (row,) ndarray of int
+    white : (white,) ndarray of int
         Slots of the bodies under white noise.
+    noise_rows : (row,) ndarray of int
+        Slots of the bodies by row of noise; some have two.
+    amplitude : (phase, row, 2) ndarray
+        Amplitude of the rows.
     streams, starts : (row, 3), (body, 3) ndarray of uint64
         Addresses of the noise and of the random start.
     seed : tuple of int
         128 bits.
-    intensity : (row,) ndarray
-        Density that the coefficients were made with.
+    intensity : (white,) ndarray
+        Density of the noise on `white` that the amplitudes were made with.
     lines : tuple of Lines
     forced : (row,) ndarray of int
         Slots of the bodies under given forces.
@@ -97,6 +103,7 @@ class Plan:
     text: str
     integrator: Integrator
     coefficients: np.ndarray
+    flows: Flows | None
     parameters: np.ndarray
     indices: np.ndarray
     linear: np.ndarray
@@ -107,6 +114,8 @@ class Plan:
     dissipative: bool
     time_varying: bool
     white: np.ndarray
+    noise_rows: np.ndarray
+    amplitude: np.ndarray
     streams: np.ndarray
     starts: np.ndarray
     seed: tuple[int, int]
@@ -143,7 +152,14 @@ class Plan:
 
     def realizations_of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
-        return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.realizations), dtype=np.uint64)
+        return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.realizations), dtype=np.uint32)
+
+    def counts(self, begin: int, end: int) -> np.ndarray:
+        """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""
+        phases = self.integrator.phases
+        last = phases - 1 - np.arange(phases)
+        steps: np.ndarray = (self.spin_up_steps + end + last) // phases - (self.spin_up_steps + begin + last) // phases
+        return steps
 
 
 def make_plan(
@@ -208,10 +224,12 @@ def make_plan(
         model, realizations, workers, 8 * rows * integrator.samples_per_step * (spin_up_steps + steps)
     )
     white = np.array(model.white, dtype=np.int64)
+    noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
         text=generate(model),
         integrator=integrator,
         coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        flows=integrator.flows(model, step),
         parameters=model.parameters,
         indices=model.indices,
         linear=np.stack([model.mass, model.damping, model.stiffness]),
@@ -222,7 +240,9 @@ def make_plan(
         dissipative=model.dissipative,
         time_varying=model.time_varying,
         white=white,
-        streams=_addresses(seed, [model.bodies[slot] for slot in model.white], "noise"),
+        noise_rows=noise_rows,
+        amplitude=np.ascontiguousarray(amplitude),
+        streams=_streams(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=_addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
@@ -272,6 +292,13 @@ def _divides(interval: float, period: float) -> bool:
 
 def _addresses(seed: tuple[int, int], names: Sequence[str], purpose: str) -> np.ndarray:
     return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3)
+
+
+def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
+    """Addresses of the rows of noise; a second row of a body has a stream of its own."""
+    first = [index == 0 or names[index - 1] != name for index, name in enumerate(names)]
+    rows = [stream(seed, name, "noise" if new else "noise 2") for name, new in zip(names, first, strict=True)]
+    return np.array(rows, dtype=np.uint64).reshape(-1, 3)
 
 
 def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:

@@ -18,7 +18,7 @@ def phases(seed: tuple[int, int], lines: Lines, realization: int, attempt: int) 
     blocks = -(-len(lines.frequencies) // 4)
     uniforms = np.empty(4 * blocks)
     address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
-    fill_uniforms(address, np.uint64(realization), np.uint64(attempt * blocks), uniforms)
+    fill_uniforms(address, np.uint32(realization), np.uint64(attempt * blocks), uniforms)
     return 2.0 * np.pi * uniforms[: len(lines.frequencies)]
 
 

@@ -122,12 +122,26 @@ def test_the_order_of_names_does_not_matter():
 
 def test_contacts_that_never_close_change_nothing():
     far = base(clearance=100.0)
-    open_network = far.replace(contacts={"gap": None})
+    farther = far.replace(contacts={"gap": il.Contact("one", "two", il.LinearContact(7.0), clearance=200.0)})
     options = {"realizations": 64, "rng": 1, "step": 4e-3}
-    first, second = il.simulate(far, 5.0, **options), il.simulate(open_network, 5.0, **options)
+    first, second = il.simulate(far, 5.0, **options), il.simulate(farther, 5.0, **options)
     np.testing.assert_array_equal(first.direct_mean_square_displacement, second.direct_mean_square_displacement)
     assert (first.contact_ratio == 0.0).all()
     assert (first.peak_contact_force == 0.0).all()
+
+
+def test_a_contact_that_never_closes_keeps_the_linear_law():
+    """Friction and noise act at one moment of the step there; that has no error either."""
+    body = il.LinearOscillator.from_frequency(2.0, 0.02)
+    network = il.Network(
+        {"a": body}, {"w": il.Contact("a", il.WALL, il.LinearContact(1.0), clearance=1e3)}, {"a": il.WhiteNoise(1.0)}
+    )
+    ds = il.simulate(network, 2000.0, realizations=256, step=0.4, rng=1)
+    law = {"velocity": np.pi / body.damping, "displacement": np.pi / body.damping / body.stiffness}
+    for quantity, expected in law.items():
+        name = f"mean_square_{quantity}"
+        assert abs(ds[name][0] / expected - 1.0) < 3.5 * ds[f"{name}_standard_error"][0] / expected
+        assert ds[f"{name}_standard_error"][0] < 1e-3 * expected
 
 
 def test_a_failed_run_leaves_the_next_one_alone():

@@ -11,15 +11,14 @@ import impactlab as il
 import impactlab.plan
 import impactlab.simulation
 from impactlab.generate import generate
-from impactlab.kernels.flow import flow_coefficients, transition
+from impactlab.kernels.flow import GAUSS, split_transition
 from impactlab.reference.gibbs import GibbsLaw
 
 NAMES = [
     "mean_displacement", "mean_square_displacement", "variance_displacement", "mean_velocity", "mean_square_velocity",
     "contact_ratio", "contact_rate", "mean_contact_force",
 ]  # fmt: skip
-NOISE = slice(4, 7)
-SHIFT = 7
+SHIFT = 4
 
 
 def largest_deviation():
@@ -45,10 +44,7 @@ def change_coefficients(monkeypatch, change):
 
 def factor_in_the_noise(factor):
     def plant(monkeypatch):
-        def scale(plan, coefficients):
-            coefficients[:, NOISE] *= math.sqrt(factor)
-
-        change_coefficients(monkeypatch, scale)
+        change_plan(monkeypatch, lambda plan: replace(plan, amplitude=math.sqrt(factor) * plan.amplitude))
 
     return plant
 
@@ -65,8 +61,9 @@ def one_sided_contact(monkeypatch):
 def missing_damping(monkeypatch):
     def undamped(plan, coefficients):
         mass, damping, stiffness = plan.linear
-        flow = transition(mass, 0.0 * damping, stiffness, plan.intensity, plan.step)
-        coefficients[:, :SHIFT] = flow_coefficients(*flow)
+        for phase, place in enumerate(GAUSS):
+            flow, _ = split_transition(mass, 0.0 * damping, stiffness, plan.intensity, plan.step, place)
+            coefficients[phase, :, :SHIFT] = flow.reshape(-1, 4)
 
     change_coefficients(monkeypatch, undamped)
 
@@ -83,7 +80,7 @@ def printed_potential(monkeypatch):
 
 def force_read_before_the_shift(monkeypatch):
     def unshifted(plan, coefficients):
-        coefficients[:, SHIFT] = 0.0
+        coefficients[:, :, SHIFT] = 0.0
 
     change_coefficients(monkeypatch, unshifted)
 

@@ -114,6 +114,7 @@ def test_a_stationary_start_is_open_everywhere_and_has_the_linear_velocities():
     assert x[:, 1].mean() > 0.05  # as the closed ones were drawn again, not moved
 
 
+@pytest.mark.filterwarnings("ignore:The two halves of the run differ")
 def test_a_free_body_starts_at_rest_since_it_has_no_law():
     free = il.Network({"a": il.LinearOscillator(damping=1.0)}, excitations={"a": il.WhiteNoise(1.0)})
     ds = il.simulate(free, 1.0, realizations=64, rng=1, step=0.05, spin_up=0.0)

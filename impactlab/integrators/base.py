@@ -17,12 +17,13 @@ from impactlab.model import Model
 
 
 class Noise(NamedTuple):
-    """White noise on some bodies."""
+    """White noise on some bodies: rows of normals, two for a body whose flow needs them."""
 
-    bodies: np.ndarray  # (row,) slots
+    bodies: np.ndarray  # (row,) slots, those of one body side by side
+    amplitude: np.ndarray  # (phase, row, 2) of displacement and velocity, or nothing and force
     streams: np.ndarray  # (row, 3) addresses of the streams
     realizations: np.ndarray  # (lane,) indices
-    scale: np.ndarray  # (1 or step, row) amplitude relative to the coefficients'
+    scale: np.ndarray  # (1 or step, row) factor of the amplitude
 
 
 class Series(NamedTuple):
@@ -53,20 +54,30 @@ class State(NamedTuple):
     external: np.ndarray  # given forces and noise [body, lane]
     slope_x: np.ndarray  # weighted sum of slopes [body, lane]
     slope_v: np.ndarray
-    normals: np.ndarray  # (row, 4, lane)
+    normals: np.ndarray  # (row, 4, lane) of single precision
+
+
+class History(NamedTuple):
+    """The last steps, which go into the sums together; see `impactlab.kernels.sums`."""
+
+    x: np.ndarray  # [slot, body, lane]
+    v: np.ndarray  # velocity at the time of x
+    force: np.ndarray  # force of the kick there
+    indentation: np.ndarray  # [slot, contact, lane]
+    contact_force: np.ndarray
 
 
 class Sums(NamedTuple):
     """Where a block adds up its statistics; see `impactlab.kernels.sums`."""
 
-    bodies: np.ndarray  # (rows, body, lane)
+    bodies: np.ndarray  # (phase, row, body, lane)
     contacts: np.ndarray  # (4, contact, lane)
     ends: np.ndarray  # (contact, 2)
     window: np.ndarray  # (contact,)
 
 
 _MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
-_WORDS = np.zeros((1, 1), np.uint64)
+_WORDS, _LANES = np.zeros((1, 1), np.uint64), np.zeros(1, np.uint32)
 
 _typeof: Any = numba.typeof
 _STATE: Any = State
@@ -75,12 +86,13 @@ ADVANCE = void(
     FORCES,
     f8[::1],
     i8[::1],
-    f8[:, ::1],
-    _typeof(Noise(_INTEGERS, _WORDS, _WORDS[0], _MATRIX)),
+    f8[:, :, ::1],
+    _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX)),
     _typeof(Series(_INTEGERS, _CUBE)),
     _typeof(Forced(_INTEGERS, _MATRIX)),
-    _typeof(_STATE(*[_MATRIX] * 11, _CUBE)),
-    _typeof(Sums(_CUBE, _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
+    _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
+    _typeof(History(*[_CUBE] * 5)),
+    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
     f8[:, :, ::1],
     f8,
     b1,
@@ -91,12 +103,21 @@ ADVANCE = void(
     i8,
 )
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, noise, series,
-forced, state, sums, snapshots, step, dissipative, summing, first, count, every, phase).
+forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
 
 It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
 on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
 0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
 bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
+
+
+class Flows(NamedTuple):
+    """Linear motion between kicks: ``z → A z`` plus normal numbers of covariance Q, (phase, body, 2, 2) each."""
+
+    transition: np.ndarray  # A from one kick to the next
+    covariance: np.ndarray  # Q
+    middle_transition: np.ndarray  # A from a kick to the middle of the flow
+    middle_covariance: np.ndarray
 
 
 class Integrator(Component):
@@ -115,6 +136,9 @@ class Integrator(Component):
     kicks: ClassVar[bool] = False
     """Whether forces act as kicks, which the processed statistics and the balances need."""
 
+    phases: ClassVar[int] = 1
+    """Steps after which the method repeats itself."""
+
     samples_per_step: ClassVar[int] = 1
     """Samples of a series or a given force that the loop takes in a step."""
 
@@ -129,8 +153,16 @@ class Integrator(Component):
         raise NotImplementedError
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
-        """Return the numbers per body that the loop takes, (body, column)."""
+        """Return the numbers per body that the loop takes, (phase, body, column)."""
         raise NotImplementedError
+
+    def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of white noise: slots of their bodies, (row,), and `Noise.amplitude`."""
+        raise NotImplementedError
+
+    def flows(self, model: Model, step: float) -> Flows | None:
+        """Return what is between kicks, None for a method that does not kick."""
+        return None
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         """Return the largest step at which the method is stable (s).
@@ -220,10 +252,6 @@ def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:
     return 0.0
 
 
-MASS, DAMPING, STIFFNESS, AMPLITUDE = range(4)
-"""Columns of the coefficients of explicit methods."""
-
-
 class ExplicitIntegrator(Integrator):
     """A one-step method for the right-hand side; white noise is held constant over a step."""
 
@@ -238,8 +266,12 @@ class ExplicitIntegrator(Integrator):
     """Recommended step as a part of the largest."""
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
-        amplitude = np.sqrt(2.0 * np.pi * model.reference_intensities() / step)
-        return np.column_stack([model.mass, model.damping, model.stiffness, amplitude])
+        return np.column_stack([model.mass, model.damping, model.stiffness])[None]
+
+    def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
+        rows = np.array(model.white, dtype=np.int64)
+        force = np.sqrt(2.0 * np.pi * model.reference_intensities()[rows] / step)
+        return rows, np.stack([np.zeros_like(force), force], axis=1)[None]
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         stiff = replace(model, stiffness=model.stiffness + residual)

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
+from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
 from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
+from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
 
 class EulerMaruyama(ExplicitIntegrator):
@@ -31,28 +31,29 @@ class EulerMaruyama(ExplicitIntegrator):
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
+    forces, parameters, indices, coefficients, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     x, v, total = state.x, state.v, state.total
     indentation, contact_force, external = state.indentation, state.contact_force, state.external
+    empty_slots(history, 0, first % SLOTS)
     for index in range(count):
         now = first + index
+        slot = now % SLOTS
         clear(external)
         if noise.bodies.shape[0]:
-            if index == 0 or now % 4 == 0:
-                fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
+            if index == 0 or slot == 0:
+                fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
             sample = index if noise.scale.shape[0] > 1 else 0
-            add_held_noise(coefficients, AMPLITUDE, noise.bodies, noise.scale, sample, state.normals, now % 4, external)
+            add_held_noise(noise, sample, state.normals, slot, external)
         if series.bodies.shape[0]:
             add_series(series.samples, now, series.bodies, external)
         if forced.bodies.shape[0]:
             add_forced(forced.force, index, forced.bodies, external)
         forces(x, v, parameters, indices, indentation, contact_force, total)
         if summing:
-            add_state(x, v, sums.bodies)
-            if sums.ends.shape[0]:
-                add_contacts(v, sums.ends, sums.window, indentation, contact_force, sums.contacts)
+            keep(history, slot, x, v, indentation, contact_force)
+            close_slot(history, slot, index == count - 1, sums)
         accelerate(coefficients, x, v, external, total)
         combine(x, step, v, x)
         combine(v, step, total, v)

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from impactlab.integrators.base import ADVANCE, AMPLITUDE, ExplicitIntegrator
+from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
 from impactlab.kernels.jit import loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import add_contacts, add_state, write_snapshot
+from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
 
 class RungeKutta4(ExplicitIntegrator):
@@ -34,17 +34,19 @@ class RungeKutta4(ExplicitIntegrator):
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, noise, series, forced, state, sums, snapshots,
+    forces, parameters, indices, coefficients, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     x, v, total = state.x, state.v, state.total
     stage_x, stage_v = state.reading, state.velocity
     indentation, contact_force = state.indentation, state.contact_force
     external, slope_x, slope_v = state.external, state.slope_x, state.slope_v
+    empty_slots(history, 0, first % SLOTS)
     for index in range(count):
         now = first + index
-        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
+        slot = now % SLOTS
+        if noise.bodies.shape[0] and (index == 0 or slot == 0):
+            fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
         combine(x, 0.0, x, stage_x)
         combine(v, 0.0, v, stage_v)
         clear(slope_x)
@@ -55,25 +57,15 @@ def _advance(  # type: ignore[no-untyped-def]
                 clear(external)
                 if noise.bodies.shape[0]:
                     sample = index if noise.scale.shape[0] > 1 else 0
-                    add_held_noise(
-                        coefficients,
-                        AMPLITUDE,
-                        noise.bodies,
-                        noise.scale,
-                        sample,
-                        state.normals,
-                        now % 4,
-                        external,
-                    )
+                    add_held_noise(noise, sample, state.normals, slot, external)
                 if series.bodies.shape[0]:
                     add_series(series.samples, 2 * now + offset, series.bodies, external)
                 if forced.bodies.shape[0]:
                     add_forced(forced.force, 2 * index + offset, forced.bodies, external)
             forces(stage_x, stage_v, parameters, indices, indentation, contact_force, total)
             if stage == 0 and summing:
-                add_state(x, v, sums.bodies)
-                if sums.ends.shape[0]:
-                    add_contacts(v, sums.ends, sums.window, indentation, contact_force, sums.contacts)
+                keep(history, slot, x, v, indentation, contact_force)
+                close_slot(history, slot, index == count - 1, sums)
             accelerate(coefficients, stage_x, stage_v, external, total)
             weight = 1.0 / 6.0 if stage == 0 or stage == 3 else 1.0 / 3.0
             ahead = step if stage == 2 else 0.5 * step

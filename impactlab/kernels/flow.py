@@ -1,13 +1,18 @@
-"""The exact flow of linear bodies between kicks, with and without noise."""
+"""The flow of linear bodies between kicks, with and without noise."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from impactlab.kernels.jit import kernel
 
-COEFFICIENTS = 7
-"""Columns of a flow: a_xx, a_xv, a_vx, a_vv of the transition, l_xx, l_vx, l_vv of the noise."""
+COEFFICIENTS = 4
+"""Columns of a flow: a_xx, a_xv, a_vx, a_vv."""
+
+GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
+"""Nodes of Gauss's rule with two points on (0, 1)."""
 
 
 def transition(
@@ -50,6 +55,50 @@ def transition(
         a = a @ a
     q = 0.5 * (q + q.transpose(0, 2, 1))
     return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+
+
+def split_transition(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    stiffness: np.ndarray,
+    intensity: np.ndarray,
+    step: float,
+    place: float,
+    until: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the flow of linear bodies with the friction and noise of a step at one moment.
+
+    The undamped motion is exact, and so is what friction and noise do to the velocity over
+    a step; each alone keeps the stationary law of the body, and so does the product, at
+    any step. It needs one normal, since Q has rank one.
+
+    Parameters
+    ----------
+    mass, damping, stiffness, intensity, step
+        As in `transition`.
+    place : float
+        When friction and noise act, as a part of the step.
+    until : float
+        Where the flow ends, as a part of the step.
+
+    Returns
+    -------
+    A, Q : (n, 2, 2) ndarray
+    """
+    free = (mass, np.zeros_like(mass), stiffness, np.zeros_like(mass))
+    if until < place:
+        a, q = transition(*free, until * step)
+        return a, q
+    before, _ = transition(*free, place * step)
+    after, _ = transition(*free, (until - place) * step)
+    decay = damping / mass * step
+    friction = np.zeros_like(before)
+    friction[:, 0, 0], friction[:, 1, 1] = 1.0, np.exp(-decay)
+    noise = np.zeros_like(before)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.where(decay > 0.0, -np.expm1(-2.0 * decay) / (2.0 * decay), 1.0)
+    noise[:, 1, 1] = 2.0 * np.pi * intensity / mass**2 * step * mean
+    return after @ friction @ before, after @ noise @ after.transpose(0, 2, 1)
 
 
 def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
@@ -95,51 +144,68 @@ def _taylor(matrices: np.ndarray) -> np.ndarray:
     return total
 
 
-def flow_coefficients(a: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the columns that `flow` takes, (n, 7): A and the Cholesky factor of Q."""
+def noise_columns(q: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor of covariances, column by column, (2, n, 2).
+
+    Column k is what the k-th normal of a body adds to displacement and velocity. Where Q
+    has rank one the second column is 0.
+    """
     l_xx = np.sqrt(np.maximum(q[:, 0, 0], 0.0))
     l_vx = np.divide(q[:, 0, 1], l_xx, out=np.zeros_like(l_xx), where=l_xx > 0.0)
-    l_vv = np.sqrt(np.maximum(q[:, 1, 1] - l_vx**2, 0.0))
-    return np.ascontiguousarray(np.column_stack([a.reshape(-1, 4), l_xx, l_vx, l_vv]))
+    rest = np.maximum(q[:, 1, 1] - l_vx**2, 0.0)
+    singular = (rest <= 1e-12 * q[:, 1, 1]) | (l_xx == 0.0)
+    l_vx = np.where(singular, np.copysign(np.sqrt(q[:, 1, 1]), q[:, 0, 1]), l_vx)
+    l_vv = np.where(singular, 0.0, np.sqrt(rest))
+    return np.stack([np.column_stack([l_xx, l_vx]), np.column_stack([np.zeros_like(l_vv), l_vv])])
 
 
 @kernel
-def flow(coefficients, rows, scale, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
+def flow(coefficients, phase, rows, noise, sample, normals, column, x, v, result):  # type: ignore[no-untyped-def]
     """Carry all bodies over one step.
 
     Parameters
     ----------
-    coefficients : (body, 7) ndarray
+    coefficients : (phase, body, 4 or more) ndarray
         The flow.
+    phase : int
+        Which step of the method's cycle it is.
     rows : (body,) ndarray of int
-        Row of each body's noise, -1 for a body without.
-    scale : (time, row) ndarray
-        Amplitude of the noise relative to the coefficients'.
+        First row of each body's noise, -1 for a body without.
+    noise : Noise
+        Rows of noise.
     sample : int
-        Row of `scale` that belongs to the step.
+        Row of ``noise.scale`` that belongs to the step.
     normals : (row, 4, lane) ndarray
         Standard normals.
     column : int
-        First of the two columns of `normals` to be used.
+        Column of `normals` to be used.
     x, v : [body, lane]
-        State.
+        State; v is changed in place.
+    result : [body, lane]
+        Displacements after the step.
     """
     for body in range(rows.shape[0]):
-        a_xx, a_xv = coefficients[body, 0], coefficients[body, 1]
-        a_vx, a_vv = coefficients[body, 2], coefficients[body, 3]
+        a_xx, a_xv = coefficients[phase, body, 0], coefficients[phase, body, 1]
+        a_vx, a_vv = coefficients[phase, body, 2], coefficients[phase, body, 3]
         row = rows[body]
         if row < 0:
-            for lane in range(x.shape[1]):
+            for lane in range(result.shape[1]):
                 displacement, velocity = x[body, lane], v[body, lane]
-                x[body, lane] = a_xx * displacement + a_xv * velocity
+                result[body, lane] = a_xx * displacement + a_xv * velocity
                 v[body, lane] = a_vx * displacement + a_vv * velocity
-        else:
-            l_xx = scale[sample, row] * coefficients[body, 4]
-            l_vx = scale[sample, row] * coefficients[body, 5]
-            l_vv = scale[sample, row] * coefficients[body, 6]
-            for lane in range(x.shape[1]):
-                displacement, velocity = x[body, lane], v[body, lane]
-                z = normals[row, column, lane]
-                x[body, lane] = a_xx * displacement + a_xv * velocity + l_xx * z
-                noise = l_vx * z + l_vv * normals[row, column + 1, lane]
-                v[body, lane] = a_vx * displacement + a_vv * velocity + noise
+            continue
+        l_x = noise.scale[sample, row] * noise.amplitude[phase, row, 0]
+        l_v = noise.scale[sample, row] * noise.amplitude[phase, row, 1]
+        for lane in range(result.shape[1]):
+            displacement, velocity = x[body, lane], v[body, lane]
+            z = normals[row, column, lane]
+            result[body, lane] = a_xx * displacement + a_xv * velocity + l_x * z
+            v[body, lane] = a_vx * displacement + a_vv * velocity + l_v * z
+        second = row + 1
+        if second < noise.bodies.shape[0] and noise.bodies[second] == body:
+            l_x = noise.scale[sample, second] * noise.amplitude[phase, second, 0]
+            l_v = noise.scale[sample, second] * noise.amplitude[phase, second, 1]
+            for lane in range(result.shape[1]):
+                result[body, lane] += l_x * normals[second, column, lane]
+            for lane in range(result.shape[1]):
+                v[body, lane] += l_v * normals[second, column, lane]

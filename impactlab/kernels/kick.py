@@ -8,8 +8,8 @@ from impactlab.kernels.jit import kernel
 @kernel
 def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-def]
     """Write ``a + coefficient b`` of every body to `result`; the coefficients are a column."""
-    for body in range(coefficients.shape[0]):
-        c = coefficients[body, column]
+    for body in range(coefficients.shape[1]):
+        c = coefficients[0, body, column]
         for lane in range(result.shape[1]):
             result[body, lane] = a[body, lane] + c * b[body, lane]
 
@@ -17,8 +17,8 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
 @kernel
 def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyped-def]
     """Add ``coefficient total`` to the velocities; write those in the middle of the kick to `middle`."""
-    for body in range(coefficients.shape[0]):
-        c = coefficients[body, column]
+    for body in range(coefficients.shape[1]):
+        c = coefficients[0, body, column]
         for lane in range(v.shape[1]):
             g = c * total[body, lane]
             before = v[body, lane]
@@ -32,6 +32,14 @@ def clear(block):  # type: ignore[no-untyped-def]
     for body in range(block.shape[0]):
         for lane in range(block.shape[1]):
             block[body, lane] = 0.0
+
+
+@kernel
+def copy(block, result):  # type: ignore[no-untyped-def]
+    """Copy a block."""
+    for body in range(block.shape[0]):
+        for lane in range(result.shape[1]):
+            result[body, lane] = block[body, lane]
 
 
 @kernel
@@ -75,11 +83,11 @@ def add_forced(table, sample, bodies, force):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_held_noise(coefficients, column, bodies, scale, sample, normals, normal, force):  # type: ignore[no-untyped-def]
+def add_held_noise(noise, sample, normals, normal, force):  # type: ignore[no-untyped-def]
     """Add white noise that is held constant over a step to ``force[body, lane]``."""
-    for row in range(bodies.shape[0]):
-        body = bodies[row]
-        amplitude = coefficients[body, column] * scale[sample, row]
+    for row in range(noise.bodies.shape[0]):
+        body = noise.bodies[row]
+        amplitude = noise.amplitude[0, row, 1] * noise.scale[sample, row]
         for lane in range(force.shape[1]):
             force[body, lane] += amplitude * normals[row, normal, lane]
 
@@ -90,12 +98,12 @@ def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-
 
     The first three columns of the coefficients are mass, damping and stiffness.
     """
-    for body in range(coefficients.shape[0]):
-        inverse = 1.0 / coefficients[body, 0]
-        c, k = coefficients[body, 1], coefficients[body, 2]
+    for body in range(coefficients.shape[1]):
+        inverse = 1.0 / coefficients[0, body, 0]
+        c, k = coefficients[0, body, 1], coefficients[0, body, 2]
         for lane in range(total.shape[1]):
             force = total[body, lane] + external[body, lane] - c * v[body, lane] - k * x[body, lane]
             total[body, lane] = inverse * force
-    for body in range(coefficients.shape[0], total.shape[0]):  # the wall stays at rest
+    for body in range(coefficients.shape[1], total.shape[0]):  # the wall stays at rest
         for lane in range(total.shape[1]):
             total[body, lane] = 0.0

@@ -7,12 +7,12 @@ same numbers in any block, thread or machine, alone or among thousands.
 The words are Philox4x32-10 (Salmon, Moraes, Dror and Shaw, SC'11, doi:10.1145/2063384.2063405):
 key = 64 bits of the stream, counter = (block, realization, 32 more bits of the stream).
 One block of four words gives normals 4 block … 4 block + 3 by the method of Box and
-Muller, two from each pair of words (a, b): 40 bits, a and the low byte of b, make the
-radius (tails to 7.5 σ); bits 8 and 9 of b make the two signs and bits 10 to 31 the angle
-inside a quadrant. Only additions, multiplications, divisions and square roots are used,
-which IEEE 754 rounds alike everywhere, so that the numbers agree to the last bit between
-machines. The logarithm, sine and cosine are minimax polynomials of relative accuracy
-5e-11, finer than the spacing of the uniforms that enter.
+Muller, two from each pair of words (a, b): a makes the radius (tails to 6.7 σ); bits 8 and 9
+of b make the two signs and bits 10 to 31 the angle inside a quadrant. Normals are of single
+precision: their rounding, 1e-7, is far below any statistical error, and twice as many fit
+into a vector register. Only additions, multiplications and square roots are used, which
+IEEE 754 rounds alike everywhere, so that the numbers agree to the last bit between machines.
+The logarithm, sine and cosine are minimax polynomials of relative accuracy 3e-8.
 
 These numbers are fixed: a faster implementation must return the same ones.
 """
@@ -28,12 +28,18 @@ from impactlab.kernels.jit import kernel, scalar
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
-_BYTE, _8, _10, _54, _55 = (np.uint64(value) for value in (0xFF, 8, 10, 54, 55))
-_BIT8, _BIT9 = np.uint64(1 << 8), np.uint64(1 << 9)
-_SQRT_HALF = np.int64(0x3FE6A09E667F3BCD)  # the bits of sqrt(1/2)
-_RADIUS_UNIT = 2.0**-40
-_ANGLE_UNIT, _ANGLE_MIDDLE = np.pi / 2.0**23, 2.0**21 - 0.5
-_LN2 = np.log(2.0)
+_10, _22, _23, _I23 = np.uint32(10), np.uint32(22), np.uint32(23), np.int32(23)
+_BIT8, _BIT9 = np.uint32(1 << 8), np.uint32(1 << 9)
+_SQRT_HALF = np.int32(0x3F3504F3)  # the bits of sqrt(1/2)
+_HALF, _ONE, _LN2 = np.float32(0.5), np.float32(1.0), np.float32(np.log(2.0))
+_RADIUS_UNIT = np.float32(2.0**-32)
+_ANGLE_UNIT, _ANGLE_MIDDLE = np.float32(np.pi / 2.0**23), np.float32(2.0**21 - 0.5)
+_LOGARITHM = tuple(
+    np.float32(number)
+    for number in (0.33333910, -0.25001338, 0.19963063, -0.16577585, 0.14914769, -0.14267487, 0.087004349)
+)
+_SINE = tuple(np.float32(number) for number in (-0.16666651, 0.0083320364, -0.00019504022))
+_COSINE = tuple(np.float32(number) for number in (-0.49999857, 0.041655026, -0.0013585909))
 
 
 def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, int]:
@@ -61,14 +67,14 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
 
 @scalar
 def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
-    """Ten rounds of Philox4x32 on words of 32 bits that are held in 64."""
+    """Ten rounds of Philox4x32; words of 32 bits, the key in 64."""
     for _ in range(10):
-        p0 = _M0 * c0
-        p1 = _M1 * c2
-        c0 = (p1 >> _32) ^ c1 ^ k0
-        c1 = p1 & _LOW
-        c2 = (p0 >> _32) ^ c3 ^ k1
-        c3 = p0 & _LOW
+        p0 = _M0 * np.uint64(c0)
+        p1 = _M1 * np.uint64(c2)
+        c0 = np.uint32(np.uint32(p1 >> _32) ^ c1 ^ np.uint32(k0))
+        c1 = np.uint32(p1 & _LOW)
+        c2 = np.uint32(np.uint32(p0 >> _32) ^ c3 ^ np.uint32(k1))
+        c3 = np.uint32(p0 & _LOW)
         k0 = (k0 + _W0) & _LOW
         k1 = (k1 + _W1) & _LOW
     return c0, c1, c2, c3
@@ -77,28 +83,27 @@ def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
 @scalar
 def normal_pair(a, b):  # type: ignore[no-untyped-def]
     """Two independent standard normals from two words of 32 bits."""
-    # radius / sqrt(2) = sqrt(-log u); u = 2^e m with m in [sqrt(1/2), sqrt(2))
-    u = (np.float64(np.int64((a << _8) | (b & _BYTE))) + 0.5) * _RADIUS_UNIT
-    bits = np.float64(u).view(np.int64)
-    e = (np.int64(bits) - _SQRT_HALF) >> np.int64(52)
-    m = np.int64(np.int64(bits) - (e << np.int64(52))).view(np.float64)
-    s = (m - 1.0) / (m + 1.0)
-    z = s * s
-    p = 0.2853505103781631 + z * 0.23616359099145984
-    p = 2.0000000000083595 + z * (0.6666666524748752 + z * (0.4000038467237519 + z * p))
-    r = np.sqrt(-(s * p + np.float64(e) * _LN2))
+    # radius / sqrt(2) = sqrt(-log u); u = 2^e (1 + x) with 1 + x in [sqrt(1/2), sqrt(2))
+    u = (np.float32(a) + _HALF) * _RADIUS_UNIT
+    bits = np.int32(np.float32(u).view(np.int32))
+    e = np.int32(np.int32(bits - _SQRT_HALF) >> _I23)
+    near_one = -(np.float32(~a) + _HALF) * _RADIUS_UNIT  # u - 1 without the rounding of u
+    x = near_one if e == 0 else np.int32(bits - np.int32(e << _I23)).view(np.float32) - _ONE
+    l3, l4, l5, l6, l7, l8, l9 = _LOGARITHM
+    p = l3 + x * (l4 + x * (l5 + x * (l6 + x * (l7 + x * (l8 + x * l9)))))
+    r = np.sqrt(-(x + x * x * (p * x - _HALF) + np.float32(e) * _LN2))
     # the angle is pi/4 + t with |t| < pi/4; the signs choose the quadrant
-    t = (np.float64(np.int64(b >> _10)) - _ANGLE_MIDDLE) * _ANGLE_UNIT
+    t = (np.float32(np.int32(b >> _10)) - _ANGLE_MIDDLE) * _ANGLE_UNIT
     q = t * t
-    sine = 0.00833332878245888 + q * (-0.000198392022122311 + q * 2.7173456841089953e-06)
-    sine = t * (0.9999999999956731 + q * (-0.16666666631591165 + q * sine))
-    cosine = -0.0013886617999647076 + q * 2.4379831251175367e-05
-    cosine = 0.9999999999524894 + q * (-0.4999999961485761 + q * (0.041666616692532826 + q * cosine))
-    first = np.float64(r * (cosine - sine)).view(np.uint64)
-    second = np.float64(r * (cosine + sine)).view(np.uint64)
-    first = np.uint64(first) ^ ((b & _BIT8) << _55)
-    second = np.uint64(second) ^ ((b & _BIT9) << _54)
-    return np.uint64(first).view(np.float64), np.uint64(second).view(np.float64)
+    s3, s5, s7 = _SINE
+    c2, c4, c6 = _COSINE
+    sine = t * (_ONE + q * (s3 + q * (s5 + q * s7)))
+    cosine = _ONE + q * (c2 + q * (c4 + q * c6))
+    first = np.uint32(np.float32(r * (cosine - sine)).view(np.uint32))
+    second = np.uint32(np.float32(r * (cosine + sine)).view(np.uint32))
+    first = np.uint32(first ^ np.uint32((b & _BIT8) << _23))
+    second = np.uint32(second ^ np.uint32((b & _BIT9) << _22))
+    return np.uint32(first).view(np.float32), np.uint32(second).view(np.float32)
 
 
 @kernel
@@ -109,31 +114,31 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
     ----------
     streams : (stream, 3) uint64
         Addresses as `stream` returns them.
-    realizations : (lane,) uint64
-        Indices of the realizations, below 2^32.
+    realizations : (lane,) uint32
+        Indices of the realizations.
     block : uint64
         Index of the block.
-    normals : (stream, 4, lane) float64
+    normals : (stream, 4, lane) float32
         Result.
     """
     lanes = normals.shape[2]  # the shape of what is written: so the loops vectorise
-    c0 = np.uint64(block) & _LOW
-    c1 = np.uint64(block) >> _32
+    c0 = np.uint32(block & _LOW)
+    c1 = np.uint32(block >> _32)
     for row in range(streams.shape[0]):
-        k0, k1, c3 = streams[row, 0], streams[row, 1], streams[row, 2]
+        k0, k1, c3 = streams[row, 0], streams[row, 1], np.uint32(streams[row, 2])
         # two loops: words first, kept as the bits of the result, then normals; one loop
         # for both runs out of registers and takes a quarter longer
         for lane in range(lanes):
-            w0, w1, w2, w3 = philox(c0, c1, realizations[lane] & _LOW, c3, k0, k1)
-            normals[row, 0, lane] = np.uint64(w0).view(np.float64)
-            normals[row, 1, lane] = np.uint64(w1).view(np.float64)
-            normals[row, 2, lane] = np.uint64(w2).view(np.float64)
-            normals[row, 3, lane] = np.uint64(w3).view(np.float64)
+            w0, w1, w2, w3 = philox(c0, c1, realizations[lane], c3, k0, k1)
+            normals[row, 0, lane] = np.uint32(w0).view(np.float32)
+            normals[row, 1, lane] = np.uint32(w1).view(np.float32)
+            normals[row, 2, lane] = np.uint32(w2).view(np.float32)
+            normals[row, 3, lane] = np.uint32(w3).view(np.float32)
         for half in (0, 2):
             for lane in range(lanes):
-                a = np.float64(normals[row, half, lane]).view(np.uint64)
-                b = np.float64(normals[row, half + 1, lane]).view(np.uint64)
-                first, second = normal_pair(np.uint64(a), np.uint64(b))
+                a = np.uint32(np.float32(normals[row, half, lane]).view(np.uint32))
+                b = np.uint32(np.float32(normals[row, half + 1, lane]).view(np.uint32))
+                first, second = normal_pair(a, b)
                 normals[row, half, lane] = first
                 normals[row, half + 1, lane] = second
 
@@ -146,17 +151,18 @@ def fill_uniforms(address, realization, block, uniforms):  # type: ignore[no-unt
     ----------
     address : (3,) uint64
         Address as `stream` returns it.
-    realization : uint64
-        Index of the realization, below 2^32.
+    realization : uint32
+        Index of the realization.
     block : uint64
         Index of the first block.
     uniforms : (4 n,) float64
         Result.
     """
-    k0, k1, c3 = address[0], address[1], address[2]
+    k0, k1, c3 = address[0], address[1], np.uint32(address[2])
     for index in range(uniforms.shape[0] // 4):
         counter = np.uint64(block) + np.uint64(index)
-        words = philox(counter & _LOW, counter >> _32, np.uint64(realization), c3, k0, k1)
+        c0, c1 = np.uint32(counter & _LOW), np.uint32(counter >> _32)
+        words = philox(c0, c1, np.uint32(realization), c3, k0, k1)
         for part in range(4):
             uniforms[4 * index + part] = (np.float64(np.int64(words[part])) + 0.5) * 2.0**-32
 
@@ -166,7 +172,7 @@ def philox_words(counters_and_keys, words):  # type: ignore[no-untyped-def]
     """Apply Philox4x32-10 to rows (c0, c1, c2, c3, k0, k1); for tests against known answers."""
     for row in range(counters_and_keys.shape[0]):
         c = counters_and_keys[row]
-        result = philox(c[0], c[1], c[2], c[3], c[4], c[5])
+        result = philox(np.uint32(c[0]), np.uint32(c[1]), np.uint32(c[2]), np.uint32(c[3]), c[4], c[5])
         for part in range(4):
             words[row, part] = result[part]
 
@@ -187,11 +193,11 @@ def normals_of(
 
     Returns
     -------
-    (4 blocks, lane) ndarray
+    (4 blocks, lane) ndarray of float32
     """
     addresses = np.array([stream(seed, name, purpose)], dtype=np.uint64)
-    lanes = np.ascontiguousarray(realizations, dtype=np.uint64)
-    result = np.empty((blocks, 4, lanes.size))
+    lanes = np.ascontiguousarray(realizations, dtype=np.uint32)
+    result = np.empty((blocks, 4, lanes.size), dtype=np.float32)
     for index in range(blocks):
         fill_normals(addresses, lanes, np.uint64(first_block + index), result[index : index + 1])
     return result.reshape(4 * blocks, lanes.size)

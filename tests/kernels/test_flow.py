@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from impactlab.kernels.flow import flow, flow_coefficients, transition
+from impactlab.integrators.base import Noise
+from impactlab.kernels.flow import GAUSS, flow, noise_columns, split_transition, transition
 
 BODIES = {  # mass, damping, stiffness, density
     "underdamped": (2.0, 0.7, 30.0, 3.0),
@@ -148,16 +149,70 @@ def test_the_linear_law_is_stationary(mass, ratio, frequency, density, step):
 
 
 @pytest.mark.parametrize("step", [1e-9, 1e-3, 0.3, 50.0])
-def test_coefficients_are_a_cholesky_factor(step):
-    a, q = transition(*np.array(list(BODIES.values())).T, step)
-    coefficients = flow_coefficients(a, q)
-    np.testing.assert_array_equal(coefficients[:, :4], a.reshape(-1, 4))
-    l_xx, l_vx, l_vv = coefficients[:, 4:].T
+def test_noise_columns_are_a_cholesky_factor(step):
+    _, q = transition(*np.array(list(BODIES.values())).T, step)
+    (l_xx, l_vx), (zero, l_vv) = noise_columns(q).transpose(0, 2, 1)
+    assert (zero == 0.0).all()
     np.testing.assert_allclose(l_xx**2, q[:, 0, 0], rtol=1e-14, atol=0.0)
     np.testing.assert_allclose(l_xx * l_vx, q[:, 0, 1], rtol=1e-14, atol=0.0)
     np.testing.assert_allclose(l_vx**2 + l_vv**2, q[:, 1, 1], rtol=1e-14, atol=0.0)
     without = list(BODIES).index("without noise")
-    assert (coefficients[without, 4:] == 0.0).all()
+    assert (noise_columns(q)[:, without] == 0.0).all()
+
+
+@pytest.mark.parametrize("place", [*GAUSS, 0.0, 0.5, 1.0])
+@pytest.mark.parametrize("step", [1e-6, 0.01, 0.3])
+def test_noise_at_one_moment_needs_one_normal(place, step):
+    _, q = split_transition(*np.array(list(BODIES.values())).T, step, place)
+    column, rest = noise_columns(q)
+    assert (rest == 0.0).all()
+    np.testing.assert_allclose(np.einsum("bi,bj->bij", column, column), q, rtol=1e-7, atol=1e-12 * np.abs(q).max())
+
+
+@given(
+    mass=st.floats(0.01, 100.0),
+    ratio=st.floats(1e-3, 10.0),
+    frequency=st.floats(0.1, 1e3),
+    density=st.floats(1e-3, 10.0),
+    step=st.floats(1e-4, 10.0),
+    place=st.floats(0.0, 1.0),
+)
+def test_the_linear_law_is_stationary_under_the_split_flow(mass, ratio, frequency, density, step, place):
+    body = (mass, 2.0 * ratio * frequency * mass, mass * frequency**2, density)
+    a, q = (part[0] for part in split_transition(*np.array([body]).T, step, place))
+    law = np.pi * density / body[1] * np.diag([1.0 / body[2], 1.0 / mass])
+    scale = np.sqrt(np.outer(np.diag(law), np.diag(law)))
+    np.testing.assert_allclose((a @ law @ a.T + q) / scale, law / scale, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("place", GAUSS)
+def test_the_split_flow_is_the_exact_one_to_second_order(place):
+    """Both flows of a cycle of two steps, whose places are symmetric, against the exact one."""
+    bodies = np.array(list(BODIES.values())).T
+
+    def error(step):
+        a, q = transition(*bodies, 2.0 * step)
+        (first, noise), (second, later) = (split_transition(*bodies, step, node) for node in (place, 1.0 - place))
+        both = second @ noise @ second.transpose(0, 2, 1) + later
+        return np.array([np.abs(second @ first - a).max(), np.abs(both - q).max()])
+
+    np.testing.assert_allclose(np.log2(error(1e-4) / error(5e-5)), 3.0, atol=0.1)  # of third order in one cycle
+
+
+def test_the_flow_to_the_middle_is_a_part_of_the_flow():
+    bodies = np.array(list(BODIES.values())).T
+    undamped = bodies.copy()
+    undamped[1] = undamped[3] = 0.0
+    half, _ = transition(*undamped, 0.05)
+    for place in GAUSS:
+        middle, noise = split_transition(*bodies, 0.1, place, until=0.5)
+        whole = split_transition(*bodies, 0.1, place)
+        if place < 0.5:
+            np.testing.assert_allclose(half @ middle, whole[0], rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(half @ noise @ half.transpose(0, 2, 1), whole[1], rtol=1e-10, atol=1e-12)
+        else:
+            np.testing.assert_allclose(middle, half, rtol=1e-12, atol=1e-12)
+            assert (noise == 0.0).all()
 
 
 def test_equal_bodies_get_equal_numbers_in_their_order():
@@ -168,22 +223,27 @@ def test_equal_bodies_get_equal_numbers_in_their_order():
         np.testing.assert_array_equal(q[row], one(body, 0.1)[1])
 
 
-@pytest.mark.parametrize("column", [0, 2])
+@pytest.mark.parametrize("column", [0, 3])
 def test_kernel_applies_the_transition_and_leaves_the_wall(column):
-    a, q = transition(*np.array(list(BODIES.values())).T, 0.1)
-    coefficients = flow_coefficients(a, q)
-    rows = np.full(len(a), -1)
-    rows[[1, 3, 4]] = 0, 2, 1
+    """Bodies with one row of noise, with two, and without."""
+    bodies = np.array(list(BODIES.values())).T
+    a, q = transition(*bodies, 0.1)
+    amplitude = np.zeros((2, 4, 2))
+    amplitude[1] = noise_columns(q)[[0, 0, 1, 0], [1, 3, 3, 4]]
     rng = np.random.default_rng(1)
     x, v = rng.normal(size=(2, len(a) + 1, 5))
-    scale, normals = rng.uniform(size=(2, 3)), rng.normal(size=(3, 4, 5))
+    scale, normals = rng.uniform(size=(2, 4)), rng.normal(size=(4, 4, 5)).astype(np.float32)
+    noise = Noise(np.array([1, 3, 3, 4]), amplitude, np.zeros((4, 3), np.uint64), np.arange(5, dtype=np.uint32), scale)
+    rows = np.full(len(a), -1)
+    rows[[1, 3, 4]] = 0, 1, 3
     before = np.stack([x, v], axis=1).copy()
-    flow(coefficients, rows, scale, 1, normals, column, x, v)
+    coefficients = np.stack([np.full((len(a), 4), np.nan), a.reshape(-1, 4)])
+    result = x.copy()
+    flow(coefficients, 1, rows, noise, 1, normals, column, x, v, result)
     expected = np.einsum("bij,bjl->bil", a, before[:-1])
-    for body in (1, 3, 4):
-        row = rows[body]
-        z = scale[1, row] * normals[row, column : column + 2]
-        expected[body] += np.linalg.cholesky(q[body]) @ z
-    np.testing.assert_allclose(x[:-1], expected[:, 0], rtol=1e-13, atol=1e-13)
+    for row, body in enumerate(noise.bodies):
+        expected[body] += np.outer(amplitude[1, row], scale[1, row] * normals[row, column].astype(float))
+    np.testing.assert_allclose(result[:-1], expected[:, 0], rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(v[:-1], expected[:, 1], rtol=1e-13, atol=1e-12)
-    np.testing.assert_array_equal([x[-1], v[-1]], before[-1])
+    np.testing.assert_array_equal([result[-1], v[-1]], before[-1])
+    np.testing.assert_array_equal(x, before[:, 0])

@@ -30,7 +30,7 @@ def counters(seed, name, purpose, realizations, blocks):
 def radius_and_angle(a, b):
     """Box-Muller's radius and angle of words a and b, by the numpy library's functions."""
     a, b = np.asarray(a, dtype=np.uint64), np.asarray(b, dtype=np.uint64)
-    uniform = ((a * 256 + b % 256).astype(float) + 0.5) / 2.0**40
+    uniform = (a.astype(float) + 0.5) / 2.0**32
     angle = ((b >> 10).astype(float) + 0.5) / 2.0**22 * (np.pi / 2)
     return np.sqrt(-2.0 * np.log(uniform)), angle, b >> 8 & 1, b >> 9 & 1
 
@@ -47,7 +47,7 @@ def pairs(a, b, result):
 
 
 def normal_pairs(a, b):
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.uint64), np.asarray(b, dtype=np.uint64))
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.uint32), np.asarray(b, dtype=np.uint32))
     result = np.empty((2, a.size))
     pairs(a.ravel().copy(), b.ravel().copy(), result)
     return result
@@ -73,11 +73,11 @@ def test_words_are_the_known_answers_of_random123(counter, key, answer):
 
 
 FROZEN = {  # (realization, block): four normals of the stream (SEED, "body", "noise")
-    (0, 0): "0x1.0e1b82cff19e4p-3 0x1.a83e9e3be86ecp-1 -0x1.a6b695e8e738bp-4 0x1.f7ed477115cdcp-1",
-    (0, 1): "0x1.5a472cc2ab1dcp-2 -0x1.c30d0458c3acep-1 -0x1.9a9f6140d4cc8p-3 -0x1.6e75dc7d99a3ep-2",
-    (1, 0): "0x1.2b3294cb1a128p-2 0x1.09a2b8da482f7p-2 0x1.1ba7b96689f59p-3 0x1.8418001223b92p-5",
-    (2**32 - 1, 0): "-0x1.18b9e76372967p+1 0x1.ee5bfc7e2c9a6p-3 -0x1.bfd38aed23181p-1 0x1.11a16749a0940p-2",
-    (7, 2**40 + 5): "-0x1.70cd684a40265p-1 -0x1.8b131d03abdfbp-2 -0x1.0d1814d671adap+0 0x1.14fb3245eefc9p-1",
+    (0, 0): "0x1.0e1b820000000p-3 0x1.a83ea00000000p-1 -0x1.a6b6980000000p-4 0x1.f7ed4a0000000p-1",
+    (0, 1): "0x1.5a472e0000000p-2 -0x1.c30d080000000p-1 -0x1.9a9f640000000p-3 -0x1.6e75de0000000p-2",
+    (1, 0): "0x1.2b32940000000p-2 0x1.09a2ba0000000p-2 0x1.1ba7ba0000000p-3 0x1.8418000000000p-5",
+    (2**32 - 1, 0): "-0x1.18b9ea0000000p+1 0x1.ee5bfc0000000p-3 -0x1.bfd38c0000000p-1 0x1.11a1680000000p-2",
+    (7, 2**40 + 5): "-0x1.70cd6a0000000p-1 -0x1.8b13220000000p-2 -0x1.0d18160000000p+0 0x1.14fb340000000p-1",
 }
 
 
@@ -90,7 +90,7 @@ def test_numbers_never_change(address, answer):
 
 def test_uniforms_never_change():
     uniforms = np.empty(4)
-    fill_uniforms(np.array(stream(SEED, "body", "phases"), dtype=np.uint64), np.uint64(3), np.uint64(0), uniforms)
+    fill_uniforms(np.array(stream(SEED, "body", "phases"), dtype=np.uint64), np.uint32(3), np.uint64(0), uniforms)
     answer = "0x1.feac5c4400000p-3 0x1.a610875e00000p-2 0x1.bd4a61c400000p-3 0x1.f5faeb3800000p-4"
     assert uniforms.tolist() == [float.fromhex(number) for number in answer.split()]
 
@@ -106,14 +106,14 @@ def test_normals_are_box_muller_of_the_addressed_words(block):
     words = words_of(counters((3, 2**64 - 1), "ä", "noise", realizations.tolist(), range(block, block + 3)))
     words = words.reshape(3, len(realizations), 2, 2)
     expected = np.moveaxis(np.array(reference_pair(words[..., 0], words[..., 1])), (0, 3), (2, 1))
-    np.testing.assert_allclose(normals, expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(normals, expected, rtol=0.0, atol=3e-6)
 
 
 def test_uniforms_are_the_addressed_words():
     address = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)
     for block in (0, 2**32 - 1, 2**56 - 2):
         uniforms = np.empty(8)
-        fill_uniforms(address, np.uint64(9), np.uint64(block), uniforms)
+        fill_uniforms(address, np.uint32(9), np.uint64(block), uniforms)
         words = words_of(counters(SEED, "body", "phases", [9], [block, block + 1])).ravel()
         np.testing.assert_array_equal(uniforms, (words.astype(float) + 0.5) / 2.0**32)
 
@@ -128,16 +128,15 @@ def test_polynomials_at_every_magnitude_of_the_radius():
     b = rng.integers(0, 2**32, a.size)
     difference = normal_pairs(a, b) - np.array(reference_pair(a, b))
     radius = radius_and_angle(a, b)[0]
-    assert np.abs(difference / radius).max() < 2e-10
-    assert np.abs(difference).max() < 1e-9
+    assert np.abs(difference / radius).max() < 5e-7
 
 
 def test_polynomials_at_every_angle():
     b = np.arange(0, 2**32, 1 << 12) + 0x355  # every fourth of 2^22 angles
     first, second = normal_pairs(2**31, b)
     expected = reference_pair(2**31, b)
-    assert np.abs(first - expected[0]).max() < 1e-9
-    assert np.abs(second - expected[1]).max() < 1e-9
+    assert np.abs(first - expected[0]).max() < 5e-7
+    assert np.abs(second - expected[1]).max() < 5e-7
 
 
 def test_extreme_words():
@@ -145,46 +144,48 @@ def test_extreme_words():
     a, b = np.repeat(ends, 2), np.tile(ends, 2)
     normals = normal_pairs(a, b)
     assert np.isfinite(normals).all()
-    np.testing.assert_allclose(normals, reference_pair(a, b), rtol=1e-4, atol=1e-9)
+    radius = radius_and_angle(a, b)[0]
+    np.testing.assert_allclose(normals / radius, np.array(reference_pair(a, b)) / radius, rtol=0.0, atol=1e-6)
     largest = np.abs(normal_pairs(0, np.arange(0, 2**32, 1 << 20))).max()
-    assert 7.5 < largest <= math.sqrt(2.0 * 41.0 * math.log(2.0)) * (1.0 + 1e-9)
+    assert 6.7 < largest <= math.sqrt(2.0 * 33.0 * math.log(2.0)) * (1.0 + 1e-6)
 
 
 # distribution
 
 
 def exceedance(level, angle):
-    """Exact probability of ``radius cos(angle) > level`` for 40 bits of radius."""
-    count = np.ceil(np.exp(-0.5 * (level / np.cos(angle)) ** 2) * 2.0**40 - 0.5)
-    return np.maximum(count, 0.0) / 2.0**40
+    """Exact probability of ``radius cos(angle) > level`` for 32 bits of radius."""
+    count = np.ceil(np.exp(-0.5 * (level / np.cos(angle)) ** 2) * 2.0**32 - 0.5)
+    return np.maximum(count, 0.0) / 2.0**32
 
 
-@pytest.mark.parametrize(("level", "tolerance"), [(3.0, 1e-6), (5.0, 1e-6), (6.0, 1e-5), (6.5, 2e-4), (7.0, 2e-2)])
+@pytest.mark.parametrize(("level", "tolerance"), [(3.0, 1e-6), (4.0, 1e-5), (5.0, 2e-4), (6.0, 1e-2)])
 def test_exact_tail_of_the_discrete_construction(level, tolerance):
     angle = (np.arange(2**22) + 0.5) / 2.0**22 * (np.pi / 2)
     tail = 0.5 * exceedance(level, angle).mean()  # one of two signs
     assert tail == pytest.approx(norm.sf(level), rel=tolerance)
 
 
-@pytest.mark.parametrize("level", [6.0, 6.5, 7.0])
+@pytest.mark.parametrize("level", [5.0, 5.5, 6.0])
 def test_kernel_has_the_exact_tail(level):
     """All words that can exceed a level, for 256 of the angles, against the formula."""
-    reach = int(math.exp(-0.5 * level**2) * 2.0**40) + 256
+    reach = int(math.exp(-0.5 * level**2) * 2.0**32) + 256
     radius, angle = np.meshgrid(np.arange(reach), np.arange(8192, 2**22, 16384), indexing="ij")
-    first, second = normal_pairs(radius >> 8, angle << 10 | radius & 255)
+    first, second = normal_pairs(radius, angle << 10)
     angles = (angle[0] + 0.5) / 2.0**22 * (np.pi / 2)
-    assert (first > level).sum() == np.rint(exceedance(level, angles) * 2.0**40).sum()
-    assert (second > level).sum() == np.rint(exceedance(level, np.pi / 2 - angles) * 2.0**40).sum()
+    for normals, own in ((first, angles), (second, np.pi / 2 - angles)):
+        expected = np.rint(exceedance(level, own) * 2.0**32).sum()
+        assert abs((normals > level).sum() - expected) <= 1e-5 * expected + 1  # rounding at the level itself
 
 
 def test_tails_of_many_normals():
     levels = np.array([3.0, 4.0, 5.0])
     blocks, lanes = 300, 2**16
     above, below = np.zeros(3), np.zeros(3)
-    normals = np.empty((1, 4, lanes))
+    normals = np.empty((1, 4, lanes), dtype=np.float32)
     address = np.array([stream(SEED, "tails", "noise")], dtype=np.uint64)
     for block in range(blocks):
-        fill_normals(address, np.arange(lanes, dtype=np.uint64), np.uint64(block), normals)
+        fill_normals(address, np.arange(lanes, dtype=np.uint32), np.uint64(block), normals)
         far = normals[np.abs(normals) > levels[0]]
         above += (far[:, None] > levels).sum(axis=0)
         below += (far[:, None] < -levels).sum(axis=0)
@@ -196,7 +197,7 @@ def test_tails_of_many_normals():
 @pytest.fixture(scope="module")
 def normals():
     """[block, member, lane]: 2^24 normals."""
-    return normals_of(SEED, "body", "noise", np.arange(2**12), 0, 2**10).reshape(-1, 4, 2**12)
+    return normals_of(SEED, "body", "noise", np.arange(2**12), 0, 2**10).reshape(-1, 4, 2**12).astype(float)
 
 
 @pytest.mark.parametrize("order", range(1, 9))
@@ -226,7 +227,7 @@ def test_anderson_darling(normals, member):
 def test_uniforms_are_uniform():
     uniforms = np.empty(2**18)
     address = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)
-    fill_uniforms(address, np.uint64(0), np.uint64(0), uniforms)
+    fill_uniforms(address, np.uint32(0), np.uint64(0), uniforms)
     assert kstest(uniforms, "uniform").pvalue > 1e-4
     assert 0.0 < uniforms.min() < uniforms.max() < 1.0
 

@@ -3,28 +3,31 @@
 import numpy as np
 import pytest
 
+from impactlab.integrators.base import History, Sums
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.kernels.sums import (
     CLOSED,
+    FF,
     FLUX,
     FORCE,
-    GG,
-    GV,
-    GX,
+    FV,
+    FX,
     PEAK,
     VV,
     XV,
     XX,
-    G,
+    F,
     V,
     X,
-    add_contacts,
-    add_kick,
-    add_state,
+    close_slot,
+    empty_slots,
+    keep,
     write_snapshot,
 )
 
 BODIES, LANES, STEPS = 3, 11, 4
+ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
+WINDOW = np.array([0.5, 1.0])
 
 
 @pytest.fixture
@@ -32,42 +35,72 @@ def states():
     rng = np.random.default_rng(2)
     x, v, force = rng.normal(size=(3, STEPS, BODIES + 1, LANES))
     x[:, -1] = v[:, -1] = 0.0
-    return x, v, force
+    indentation = rng.normal(size=(STEPS, 2, LANES))
+    return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def test_powers_of_state_and_kick(states):
-    x, v, force = states
-    sums = np.zeros((9, BODIES, LANES))
-    coefficients = np.array([[9.0, 0.1], [9.0, 0.2], [9.0, 0.3]])
-    for step in range(STEPS):
-        add_state(x[step], v[step], sums)
-        add_kick(x[step], v[step], force[step], coefficients, 1, sums)
-    x, v, g = x[:, :-1], v[:, :-1], force[:, :-1] * coefficients[:, 1, None]
-    expected = {X: x, V: v, XX: x * x, XV: x * v, VV: v * v, G: g, GG: g * g, GX: g * x, GV: g * v}
+def empty_sums(phases, rows):
+    return Sums(np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW)
+
+
+@pytest.mark.parametrize("phases", [1, 2])
+@pytest.mark.parametrize("used", [slice(0, 4), slice(1, 4), slice(0, 3), slice(2, 3)], ids=str)
+def test_powers_of_state_and_kick_by_phase(states, phases, used):
+    """A full group of steps, and one in which a call began or ended."""
+    sums = empty_sums(phases, 9)
+    x, v, force = (item[:, :-1].copy() for item in states[:3])
+    empty_slots(states, 0, used.start)
+    close_slot(states, used.stop - 1, True, sums)
+    expected = {
+        X: x, V: v, XX: x * x, XV: x * v, VV: v * v, F: force, FF: force * force, FX: force * x, FV: force * v
+    }  # fmt: skip
     for row, values in expected.items():
-        np.testing.assert_allclose(sums[row], values.sum(axis=0), rtol=1e-13, atol=1e-14)
+        for phase in range(phases):
+            steps = [step for step in range(used.start, used.stop) if step % phases == phase]
+            np.testing.assert_allclose(sums.bodies[phase, row], values[steps].sum(axis=0), rtol=1e-13, atol=1e-14)
+
+
+def test_sums_wait_for_the_last_slot(states):
+    sums = empty_sums(2, 9)
+    for slot in (0, 1, 2):
+        close_slot(states, slot, False, sums)
+        assert not sums.bodies.any()
+        assert not sums.contacts.any()
+    close_slot(states, 3, False, sums)
+    assert sums.bodies.all()
+
+
+def test_methods_that_do_not_kick_have_no_forces(states):
+    sums, nine = empty_sums(1, 5), empty_sums(1, 9)
+    close_slot(states, 3, False, sums)
+    close_slot(states, 3, False, nine)
+    np.testing.assert_array_equal(sums.bodies, nine.bodies[:, :5])
+
+
+def test_a_state_is_kept_in_its_slot(states):
+    expected = [item[3].copy() for item in states]
+    kept = History(*(np.zeros_like(item) for item in states))
+    keep(kept, 1, states.x[3], states.v[3], states.indentation[3], states.contact_force[3])
+    for index in (0, 1, 3, 4):
+        np.testing.assert_array_equal(kept[index][1], expected[index])
+        assert not kept[index][[0, 2, 3]].any()
 
 
 def test_contacts(states):
-    _, v, _ = states
-    rng = np.random.default_rng(3)
-    indentation = rng.normal(size=(STEPS, 2, LANES))
-    force = np.where(indentation > 0.0, 10.0 * indentation, 0.0)
-    ends = np.array([[0, 1], [2, 3]])  # the second with the wall
-    window = np.array([0.5, 1.0])
-    sums = np.zeros((4, 2, LANES))
-    for step in range(STEPS):
-        add_contacts(v[step], ends, window, indentation[step], force[step], sums)
-    closing = v[:, [0, 2]] - v[:, [1, 3]]
-    near = np.abs(indentation) < window[:, None]
-    np.testing.assert_array_equal(sums[CLOSED], (indentation > 0.0).sum(axis=0))
-    np.testing.assert_allclose(sums[FORCE], force.sum(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(sums[FLUX], (np.maximum(closing, 0.0) * near).sum(axis=0), rtol=1e-13, atol=1e-15)
-    np.testing.assert_array_equal(sums[PEAK], force.max(axis=0))
+    sums = empty_sums(2, 9)
+    closing = states.v[:, [0, 2]] - states.v[:, [1, 3]]
+    near = np.abs(states.indentation) < WINDOW[:, None]
+    close_slot(states, 3, False, sums)
+    np.testing.assert_array_equal(sums.contacts[CLOSED], (states.indentation > 0.0).sum(axis=0))
+    np.testing.assert_allclose(sums.contacts[FORCE], states.contact_force.sum(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(
+        sums.contacts[FLUX], (np.maximum(closing, 0.0) * near).sum(axis=0), rtol=1e-13, atol=1e-15
+    )
+    np.testing.assert_array_equal(sums.contacts[PEAK], states.contact_force.max(axis=0))
 
 
 def test_snapshots_hold_displacements_velocities_and_forces(states):
-    x, v, _ = states
+    x, v = states.x, states.v
     contact_force = np.arange(2.0 * LANES).reshape(2, LANES)
     snapshots = np.full((2, 2 * BODIES + 2, LANES), np.nan)
     write_snapshot(x[0], v[0], contact_force, snapshots, 1)
