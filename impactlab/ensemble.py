@@ -130,7 +130,9 @@ class _Block:
         past = [np.zeros((SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
         self.history = History(*past)
         shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
-        self.sums = Sums(np.zeros(shape), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
+        self.sums = Sums(
+            np.zeros(shape), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window, plan.half_kick
+        )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.attempts = self._start()
         self.series = self._synthesize()

@@ -73,7 +73,8 @@ class Sums(NamedTuple):
     bodies: np.ndarray  # (phase, row, body, lane)
     contacts: np.ndarray  # (4, contact, lane)
     ends: np.ndarray  # (contact, 2)
-    window: np.ndarray  # (contact,)
+    window: np.ndarray  # (contact,) half width for the rate (m)
+    half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
 
 
 _MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
@@ -92,7 +93,7 @@ ADVANCE = void(
     _typeof(Forced(_INTEGERS, _MATRIX)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
     _typeof(History(*[_CUBE] * 5)),
-    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0])),
+    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _MATRIX[0])),
     f8[:, :, ::1],
     f8,
     b1,

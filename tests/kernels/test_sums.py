@@ -39,8 +39,8 @@ def states():
     return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def empty_sums(phases, rows):
-    return Sums(np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW)
+def empty_sums(phases, rows, half_kick=()):
+    return Sums(np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW, np.array(half_kick))
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -86,16 +86,22 @@ def test_a_state_is_kept_in_its_slot(states):
         assert not kept[index][[0, 2, 3]].any()
 
 
-def test_contacts(states):
-    sums = empty_sums(2, 9)
+@pytest.mark.parametrize("half_kick", [(), (0.1, 0.2, 0.3, 0.0)], ids=["alone", "other forces"])
+def test_contacts(states, half_kick):
+    sums = empty_sums(2, 9, half_kick)
     closing = states.v[:, [0, 2]] - states.v[:, [1, 3]]
-    near = np.abs(states.indentation) < WINDOW[:, None]
+    readings = [closing]
+    if half_kick:
+        kicks = states.force * np.array(half_kick)[:, None]
+        kick = kicks[:, [0, 2]] - kicks[:, [1, 3]]
+        readings = [closing - kick, closing, closing + kick]
+    weight = 1.0 - 5.0 / 3.0 * (states.indentation / WINDOW[:, None]) ** 2
+    weight *= np.abs(states.indentation) < WINDOW[:, None]
+    flux = weight * np.mean([np.maximum(reading, 0.0) for reading in readings], axis=0)
     close_slot(states, 3, False, sums)
     np.testing.assert_array_equal(sums.contacts[CLOSED], (states.indentation > 0.0).sum(axis=0))
     np.testing.assert_allclose(sums.contacts[FORCE], states.contact_force.sum(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(
-        sums.contacts[FLUX], (np.maximum(closing, 0.0) * near).sum(axis=0), rtol=1e-13, atol=1e-15
-    )
+    np.testing.assert_allclose(sums.contacts[FLUX], flux.sum(axis=0), rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(sums.contacts[PEAK], states.contact_force.max(axis=0))
 
 
