@@ -18,7 +18,7 @@ from impactlab.kernels.flow import (
     split_transition,
     transition,
 )
-from impactlab.kernels.jit import loop
+from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
@@ -135,6 +135,9 @@ def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
+    noise, series, forced = borrow(noise), borrow(series), borrow(forced)
+    state, history, sums = borrow(state), borrow(history), borrow(sums)
+    coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
     x, v, y, push = state.x, state.v, state.reading, state.external
     rows = np.full(coefficients.shape[1], -1)
     for row in range(noise.bodies.shape[0] - 1, -1, -1):
