@@ -27,9 +27,9 @@ from impactlab.model import HEADER, LEADING, Kind, Model
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
-    "at", "body", "clear", "clearance", "contact_force", "extension", "first", "force", "gap", "gather", "indentation", "index", "indices",
-    "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result", "row", "second", "slot", "times",
-    "total", "v", "x",
+    "at", "body", "clear", "clearance", "contact_force", "extension", "first", "force", "gap", "gather",
+    "indentation", "index", "indices", "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result",
+    "row", "second", "slot", "times", "total", "v", "x",
 })  # fmt: skip
 
 _FORCES = '''

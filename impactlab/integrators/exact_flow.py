@@ -152,10 +152,10 @@ def _advance(  # type: ignore[no-untyped-def]
             copy(x, y)
             x = y
             add_response(series.samples, now, -1.0, series.bodies, x, v)
-        if noise.bodies.shape[0] and (index == 0 or slot == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
+        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
+            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
         sample = index if noise.scale.shape[0] > 1 else 0
-        flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, slot, x, v, after)
+        flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, now % 4, x, v, after)
         x = after
         if forced.bodies.shape[0]:
             clear(push)

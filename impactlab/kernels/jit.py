@@ -36,6 +36,9 @@ _EVALUATE = void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK)
 
 config: Any = numba.config
 
+DISABLED = bool(config.DISABLE_JIT)
+"""Whether functions run as they are, without a compiler."""
+
 _dispatchers: list[Any] = []
 
 
@@ -104,14 +107,14 @@ def borrow(value):  # type: ignore[no-untyped-def]
 
     Every view of it and every call would else count references, atomically: 0.3 µs a step.
     """
-    return _unmanaged(value)
+    return value if DISABLED else _unmanaged(value)  # type: ignore[call-arg]
 
 
 def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:
     """Compile a function that kernels receive as an argument of one fixed type."""
 
     def decorate(function: Function) -> Function:
-        if config.DISABLE_JIT:
+        if DISABLED:
             return function
         with _cached_here():
             compiled = numba.cfunc(function_type.signature, cache=True, error_model="numpy")(function)

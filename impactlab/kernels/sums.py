@@ -1,12 +1,12 @@
 """Sums over time of one lane each, from which all statistics are estimated.
 
-Steps are kept in a history of four, the *slots*, and added together: the sums are then
-read and written once for two steps, and their cost is that of the arithmetic.
+Steps are kept in a history of eight, the *slots*, and added together: the sums are then
+read and written once for four steps.
 """
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import kernel, scalar
 from impactlab.kernels.kick import copy
 
 X, V, XX, XV, VV, F, FF, FX, FV = range(9)
@@ -19,7 +19,7 @@ point of contact, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
 
-SLOTS = 4
+SLOTS = 8
 """Steps that are added together."""
 
 
@@ -60,71 +60,88 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
     """Add all slots to the sums; those of different phases of the method's cycle apart."""
     phases = sums.bodies.shape[0]
     for slot in (0, 1):
-        phase = slot % phases
-        add_states(history.x, history.v, slot, slot + 2, phase, sums.bodies)
+        slots = slot, slot + 2, slot + 4, slot + 6
+        add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
-            add_forces(history.x, history.v, history.force, slot, slot + 2, phase, sums.bodies)
+            add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
         if sums.ends.shape[0]:
-            add_contacts(history, slot, slot + 2, sums)
+            add_contacts(history, slots, sums)
 
 
 @kernel
-def add_states(x, v, a, b, phase, sums):  # type: ignore[no-untyped-def]
-    """Add the powers of displacement and velocity in slots a and b to ``sums[phase, row, body, lane]``."""
+def add_states(x, v, slots, phase, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of displacement and velocity in four slots to ``sums[phase, row, body, lane]``."""
+    a, b, c, d = slots
     for body in range(sums.shape[2]):
         for lane in range(sums.shape[3]):
-            x0, x1, v0, v1 = x[a, body, lane], x[b, body, lane], v[a, body, lane], v[b, body, lane]
-            sums[phase, X, body, lane] += x0 + x1
-            sums[phase, V, body, lane] += v0 + v1
-            sums[phase, XX, body, lane] += x0 * x0 + x1 * x1
-            sums[phase, XV, body, lane] += x0 * v0 + x1 * v1
-            sums[phase, VV, body, lane] += v0 * v0 + v1 * v1
+            x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
+            v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
+            sums[phase, X, body, lane] += (x0 + x1) + (x2 + x3)
+            sums[phase, V, body, lane] += (v0 + v1) + (v2 + v3)
+            sums[phase, XX, body, lane] += (x0 * x0 + x1 * x1) + (x2 * x2 + x3 * x3)
+            sums[phase, XV, body, lane] += (x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3)
+            sums[phase, VV, body, lane] += (v0 * v0 + v1 * v1) + (v2 * v2 + v3 * v3)
 
 
 @kernel
-def add_forces(x, v, f, a, b, phase, sums):  # type: ignore[no-untyped-def]
-    """Add the powers of the forces of kicks in slots a and b to ``sums[phase, row, body, lane]``."""
+def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of the forces of kicks in four slots to ``sums[phase, row, body, lane]``."""
+    a, b, c, d = slots
     for body in range(sums.shape[2]):
         for lane in range(sums.shape[3]):
-            f0, f1 = f[a, body, lane], f[b, body, lane]
-            sums[phase, F, body, lane] += f0 + f1
-            sums[phase, FF, body, lane] += f0 * f0 + f1 * f1
-            sums[phase, FX, body, lane] += f0 * x[a, body, lane] + f1 * x[b, body, lane]
-            sums[phase, FV, body, lane] += f0 * v[a, body, lane] + f1 * v[b, body, lane]
+            f0, f1, f2, f3 = f[a, body, lane], f[b, body, lane], f[c, body, lane], f[d, body, lane]
+            x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
+            v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
+            sums[phase, F, body, lane] += (f0 + f1) + (f2 + f3)
+            sums[phase, FF, body, lane] += (f0 * f0 + f1 * f1) + (f2 * f2 + f3 * f3)
+            sums[phase, FX, body, lane] += (f0 * x0 + f1 * x1) + (f2 * x2 + f3 * x3)
+            sums[phase, FV, body, lane] += (f0 * v0 + f1 * v1) + (f2 * v2 + f3 * v3)
+
+
+@scalar
+def weighted(depth, closing, half, curvature):  # type: ignore[no-untyped-def]
+    """Closing velocity times the weight of an indentation inside the window."""
+    return max(closing, 0.0) * (1.0 - curvature * depth * depth) if abs(depth) < half else 0.0
 
 
 @kernel
-def add_contacts(history, a, b, target):  # type: ignore[no-untyped-def]
-    """Add the state of the contacts in slots a and b to ``target.contacts[row, contact, lane]``.
+def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
+    """Add the state of the contacts in four slots to ``target.contacts[row, contact, lane]``.
 
     The rate of contacts is a one-sided flux: the closing velocity of bodies near the point of
     contact, weighted by ``1 − 5/3 (δ/ε)²`` inside a window ``|δ| < ε``. The weight has no
     second moment on either side, so that neither slope nor curvature of the density of
     the gap count. Counting sign changes between samples would miss the short contacts.
     """
+    a, b, c, d = slots
     v, indentation, force, sums = history.v, history.indentation, history.contact_force, target.contacts
     for contact in range(sums.shape[1]):
         first, second = target.ends[contact, 0], target.ends[contact, 1]
         half = target.window[contact]
         curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
-            d0, d1 = indentation[a, contact, lane], indentation[b, contact, lane]
+            c0 = 1.0 if indentation[a, contact, lane] > 0.0 else 0.0
+            c1 = 1.0 if indentation[b, contact, lane] > 0.0 else 0.0
+            c2 = 1.0 if indentation[c, contact, lane] > 0.0 else 0.0
+            c3 = 1.0 if indentation[d, contact, lane] > 0.0 else 0.0
+            sums[CLOSED, contact, lane] += (c0 + c1) + (c2 + c3)
+        for lane in range(sums.shape[2]):
             f0, f1 = force[a, contact, lane], force[b, contact, lane]
-            sums[CLOSED, contact, lane] += (1.0 if d0 > 0.0 else 0.0) + (1.0 if d1 > 0.0 else 0.0)
-            sums[FORCE, contact, lane] += f0 + f1
-            sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(f0, f1))
-        for slot in (a, b):
-            for lane in range(sums.shape[2]):
-                d = indentation[slot, contact, lane]
-                closing = max(v[slot, first, lane] - v[slot, second, lane], 0.0)
-                weight = 1.0 - curvature * d * d if abs(d) < half else 0.0
-                sums[FLUX, contact, lane] += weight * closing
+            f2, f3 = force[c, contact, lane], force[d, contact, lane]
+            sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
+            sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
+        for lane in range(sums.shape[2]):
+            flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
+            flux += weighted(indentation[b, contact, lane], v[b, first, lane] - v[b, second, lane], half, curvature)
+            flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
+            flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
+            sums[FLUX, contact, lane] += flux
         if target.half_kick.shape[0]:
-            add_flux_around_kicks(history, a, b, contact, curvature, target)
+            add_flux_around_kicks(history, slots, contact, curvature, target)
 
 
 @kernel
-def add_flux_around_kicks(history, a, b, contact, curvature, target):  # type: ignore[no-untyped-def]
+def add_flux_around_kicks(history, slots, contact, curvature, target):  # type: ignore[no-untyped-def]
     """Turn the last flux of a contact into the mean of those before, in the middle of and after a kick.
 
     At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
@@ -135,14 +152,13 @@ def add_flux_around_kicks(history, a, b, contact, curvature, target):  # type: i
     half = target.window[contact]
     of_first, of_second = target.half_kick[first], target.half_kick[second]
     v, f, sums = history.v, history.force, target.contacts
-    for slot in (a, b):
+    for slot in slots:
         for lane in range(sums.shape[2]):
-            d = history.indentation[slot, contact, lane]
+            depth = history.indentation[slot, contact, lane]
             closing = v[slot, first, lane] - v[slot, second, lane]
             kick = of_first * f[slot, first, lane] - of_second * f[slot, second, lane]
-            excess = max(closing + kick, 0.0) + max(closing - kick, 0.0) - 2.0 * max(closing, 0.0)
-            weight = 1.0 - curvature * d * d if abs(d) < half else 0.0
-            sums[FLUX, contact, lane] += weight * excess / 3.0
+            around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
+            sums[FLUX, contact, lane] += (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
 
 
 @kernel
