@@ -71,7 +71,11 @@ def make_loop(study: WorkPrecisionStudy, method: Method, number: int = 0) -> bas
     """Return the loop of a method, with a seed of its own for each number."""
     common = (study.scenes()[method.scene], LOOPS[method.scheme], method.step, study.bins, study.seed + 1000 * number)
     if method.noise == "series":
-        return baselines.SeriesLoop(*common, components=study.components, band=study.band)
+        # Simpson's rule, which Runge-Kutta is for a force, takes the frequency 1/step for a constant one
+        low, high = study.band
+        top = min(high, 0.5 / method.step)
+        lines = round(study.components * (top - low) / (high - low))
+        return baselines.SeriesLoop(*common, components=lines, band=(low, top))
     return baselines.Loop(*common)
 
 
