@@ -35,7 +35,7 @@ class WorkPrecisionStudy(Study):
 
     chain_bodies: int = il.parameter(10, minimum=0)
     exact_flow_steps: tuple[float, ...] = il.parameter((0.003, 0.008, 0.010, 0.012), units="s", above=0.0)
-    plain_kick_steps: tuple[float, ...] = il.parameter((0.002, 0.003, 0.006), units="s", above=0.0)
+    plain_kick_steps: tuple[float, ...] = il.parameter((0.001, 0.002, 0.003, 0.006), units="s", above=0.0)
     baoab_steps: tuple[float, ...] = il.parameter((0.001, 0.002, 0.004), units="s", above=0.0)
     euler_maruyama_steps: tuple[float, ...] = il.parameter((0.00002, 0.00004, 0.00006), units="s", above=0.0)
     runge_kutta_steps: tuple[float, ...] = il.parameter((0.001, 0.002), units="s", above=0.0)
