@@ -53,9 +53,10 @@ def _diagram(results: Results, scene: str) -> Figure:
         one = results.findings(case)
         if np.isfinite(one.rate):
             lines.setdefault(str(results.methods["line"].sel(case=case).values), []).append(one)
+    looks = _looks(list(dict.fromkeys(map(str, results.methods["line"].values))))
     for index, (panel, name) in enumerate(zip(axes.flat, STATISTICS, strict=True)):
-        for (line, found), look in zip(lines.items(), _looks(lines), strict=True):
-            _envelope(panel, found, index, line if index == 0 else None, look)
+        for line, found in lines.items():
+            _envelope(panel, found, index, line if index == 0 else None, looks[line])
         panel.set_title(TITLES[name])
         _scales(panel)
     if scene == PAIR and results.direct is not None:
@@ -69,16 +70,16 @@ def _diagram(results: Results, scene: str) -> Figure:
     return figure
 
 
-def _looks(lines: dict[str, list[Findings]]) -> list[dict[str, object]]:
-    """Colours by line; methods of impactlab are drawn thicker."""
-    return [
-        {
+def _looks(lines: list[str]) -> dict[str, dict[str, object]]:
+    """The same look for a line in all diagrams: impactlab's are solid, the default method's is thick."""
+    return {
+        line: {
             "color": COLORS[number % len(COLORS)],
             "ls": "-" if line.startswith("impactlab") else "--",
             "lw": 2.2 if line == "impactlab: exact flow" else 1.2,
         }
         for number, line in enumerate(lines)
-    ]
+    }
 
 
 def _envelope(panel: Axes, found: list[Findings], index: int, label: str | None, look: dict[str, object]) -> None:
