@@ -17,7 +17,7 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
 
@@ -35,12 +35,14 @@ class BlockResult:
     ----------
     bodies : (batch, phase, row, body, lane) ndarray
     contacts : (batch, row, contact, lane) ndarray
+    products : (batch, row, pair, lane) ndarray
     records : list
         One dictionary of arrays per record.
     """
 
     bodies: np.ndarray
     contacts: np.ndarray
+    products: np.ndarray
     records: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
@@ -130,7 +132,14 @@ class _Block:
         past = [np.zeros((SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
         self.history = History(*past)
         shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
-        self.sums = Sums(np.zeros(shape), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window)
+        self.sums = Sums(
+            np.zeros(shape),
+            np.zeros((CONTACT_ROWS, contacts, lanes)),
+            plan.ends,
+            plan.window,
+            np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
+            plan.pairs,
+        )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.attempts = self._start()
         self.series = self._synthesize()
@@ -253,9 +262,9 @@ class _Block:
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
-                self.module.forces, plan.parameters, plan.indices, plan.coefficients, self._noise(count), self.series,
-                self._forced(count), self.state, self.history, self.sums, snapshots, plan.step, plan.dissipative,
-                sampler is not None, self.now, count, every, phase,
+                self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
+                self.series, self._forced(count), self.state, self.history, self.sums, snapshots, plan.step,
+                plan.dissipative, sampler is not None, self.now, count, every, phase,
             )  # fmt: skip
             self.now += count
             done += count
@@ -320,11 +329,12 @@ class _Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        bodies, contacts = [], []
+        bodies, contacts, products = [], [], []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
             self.sums.bodies[:] = 0.0
             self.sums.contacts[:] = 0.0
+            self.sums.products[:] = 0.0
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
                 for keeper in keepers:
@@ -333,13 +343,16 @@ class _Block:
             self.advance(end - begin, sample)
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
+            products.append(self.sums.products.copy())
             begin = end
-        return BlockResult(np.array(bodies), np.array(contacts), [keeper.result() for keeper in keepers])
+        kept = [keeper.result() for keeper in keepers]
+        return BlockResult(np.array(bodies), np.array(contacts), np.array(products), kept)
 
 
-def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray]:
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
     return (
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),
+        np.concatenate([result.products for result in results], axis=-1),
     )

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.integrators.base import Flows
+from impactlab.integrators.base import Flows, Group
 from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
 from impactlab.plan import Plan
 
 Values = dict[str, np.ndarray]
 
 
-def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray) -> Values:
+def statistics_of(
+    plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray
+) -> Values:
     """Turn sums into statistics.
 
     Parameters
@@ -21,7 +23,7 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
         Sums over the steps of each phase.
     counts : (phase,) ndarray of int
         How many steps these are.
-    contacts : (row, contact, unit) ndarray
+    contacts, products : (row, contact or pair, unit) ndarray
         Mean sums.
 
     Returns
@@ -42,6 +44,12 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
         means = means if seen.all() else np.full(sums.shape, np.nan)
         processed = _processed(plan, plan.flows, means, processed)
         balances = _balances(plan, plan.flows, means)
+        for group in plan.flows.groups:
+            if _closed_flow(plan)[group.slots].all() and group.system.rates.all():
+                of_bodies = means.mean(axis=0)[:, group.slots]
+                for name, values in _of_group(plan, group, of_bodies, products).items():
+                    target = balances if name.startswith("balance_") else processed
+                    target[name][group.slots] = values
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -144,6 +152,72 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     }
 
 
+def _of_group(plan: Plan, group: Group, s: np.ndarray, products: np.ndarray) -> Values:
+    """Moments and balances of bodies whose linear motion is joint: the formulas of one body, with matrices.
+
+    Without the displacements that no spring holds the state is z = R (x, v). Its mean under a
+    force F solves ``L z + R (0, F/m) = 0`` over time, and is ``(I − A)⁻¹ A R (0, g)`` at the
+    kicks. With K of all E[g x] and E[g v], ``D = A (D + K) Aᵀ``; an element of D is a sum over
+    K, of which the weights solve the adjoint equation. A group has one A for all phases.
+    """
+    from scipy.linalg import solve_discrete_lyapunov  # loaded only where there are couplings
+
+    system, slots, count = group.system, group.slots, len(group.slots)
+    law = system.covariance
+    assert law is not None  # all motions are damped
+    increment = _increment(plan)[slots]
+    after, kicks = _second_moments(plan, slots, s, products)
+    before = np.concatenate([s[XX], s[VV] - increment * s[FV] + 0.25 * increment**2 * s[FF]])
+    reduction = system.reduction
+    flow, by_force = reduction @ group.transition @ reduction.T, reduction[:, count:]
+    over_time = -reduction.T @ np.linalg.solve(system.drift, by_force / system.mass)
+    at_kicks = reduction.T @ np.linalg.solve(np.eye(len(flow)) - flow, flow @ by_force) * increment[:, 0]
+    at_kicks[count:] += 0.5 * np.diag(increment[:, 0])  # the velocity is read in the middle of the kick
+    middle, known = [], []
+    for row, unit in zip(group.middle_transition, reduction.T, strict=True):
+        reached = flow.T @ unit
+        middle.append(np.outer(row, row).ravel())
+        known.append((reduction.T @ solve_discrete_lyapunov(flow.T, np.outer(reached, reached)) @ reduction).ravel())
+    mean = np.concatenate([s[X], s[V]]) + _sum((over_time - at_kicks).T, s[F, :, None])
+    offset = s[X] - _sum(at_kicks[:count].T, s[F, :, None])
+    noise = np.diag(group.middle_covariance)[:, None]
+    square = (np.concatenate([s[XX], s[VV]]) + 2.0 * (_sum(np.array(middle).T, after) + noise)) / 3.0
+    off = before - np.diag(law)[:, None] - _sum(np.array(known).T, kicks)
+    free = system.free[:, None]
+    return {
+        "mean_displacement": np.where(free, s[X], mean[:count]),
+        "mean_square_displacement": square[:count],
+        "mean_velocity": mean[count:],
+        "mean_square_velocity": square[count:],
+        "balance_mean_displacement": np.where(free, np.nan, offset),
+        "balance_mean_square_displacement": np.where(free, np.nan, off[:count]),
+        "balance_mean_square_velocity": off[count:],
+    }
+
+
+def _second_moments(
+    plan: Plan, slots: np.ndarray, s: np.ndarray, products: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moments of (x, v) of some bodies after a kick, and what the kick adds, (elements, 1, unit) each."""
+    count, units = len(slots), s.shape[-1]
+    w = np.empty((3, count, 3, count, units))  # E[a b] of displacements, velocities and forces a, b
+    index, own = np.arange(count), np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
+    w[:, index, :, index] = np.moveaxis(s[own], 2, 0)
+    mine = np.isin(plan.pairs[:, 0], slots)
+    first, second = np.searchsorted(slots, plan.pairs[mine]).T
+    of_pairs = np.moveaxis(products[:, mine].reshape(3, 3, -1, units), 2, 0)
+    w[:, first, :, second], w[:, second, :, first] = of_pairs, of_pairs.swapaxes(1, 2)
+    increment = _increment(plan)[slots]
+    w[2] *= increment[:, None, None]  # forces become steps of the velocity
+    w[:, :, 2] *= increment
+    after, kicks = w[:2, :, :2].copy(), np.zeros_like(w[:2, :, :2])
+    after[1] += 0.5 * w[2, :, :2]
+    after[:, :, 1] += 0.5 * w[:2, :, 2]
+    after[1, :, 1] += 0.25 * w[2, :, 2]
+    kicks[0, :, 1], kicks[1, :, 0], kicks[1, :, 1] = w[0, :, 2], w[2, :, 0], w[1, :, 2] + w[2, :, 1]
+    return after.reshape(-1, 1, units), kicks.reshape(-1, 1, units)
+
+
 def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
 
@@ -172,8 +246,8 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
 
 
 def _sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Weighted sum over the phases; term by term, so that it does not depend on the number of units."""
-    total: np.ndarray = (weights[..., None] * moments).sum(axis=0)
+    """Weighted sum over the first axis; term by term, so that it does not depend on the number of units."""
+    total: np.ndarray = sum(weight[..., None] * moment for weight, moment in zip(weights, moments, strict=True))
     return total
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
-from impactlab.integrators.base import Flows, Integrator
+from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.kernels.random import stream
 from impactlab.linear import Lines, hottest, linear_variances, lines_of, relaxation_time
 from impactlab.model import Model
@@ -48,6 +48,8 @@ class Plan:
         Method.
     coefficients : (phase, body, column) ndarray
         The method's numbers.
+    cross : Cross
+        Blocks of the linear motion between bodies.
     flows : Flows or None
         What is between kicks.
     parameters, indices : ndarray
@@ -103,6 +105,7 @@ class Plan:
     text: str
     integrator: Integrator
     coefficients: np.ndarray
+    cross: Cross
     flows: Flows | None
     parameters: np.ndarray
     indices: np.ndarray
@@ -144,6 +147,14 @@ class Plan:
     def blocks(self) -> int:
         """Number of blocks."""
         return -(-self.realizations // self.lanes)
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """Slots of the pairs of bodies of each group of `flows`, (pair, 2)."""
+        groups = self.flows.groups if self.flows is not None else ()
+        pairs = [np.stack(np.triu_indices(len(group.slots), 1), axis=1) for group in groups]
+        none = np.zeros((0, 2), dtype=np.int64)
+        return np.concatenate([none, *(group.slots[pair] for group, pair in zip(groups, pairs, strict=True))])
 
     def seconds(self, workers: int) -> float:
         """Time that the run will take on so many cores, roughly (s)."""
@@ -202,6 +213,7 @@ def make_plan(
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
     stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
@@ -229,6 +241,7 @@ def make_plan(
         text=generate(model),
         integrator=integrator,
         coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        cross=integrator.cross(model, step),
         flows=integrator.flows(model, step),
         parameters=model.parameters,
         indices=model.indices,

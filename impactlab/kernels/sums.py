@@ -19,6 +19,9 @@ bodies near the point of contact, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
 
+PAIR_ROWS = 9
+"""Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
+
 SLOTS = 4
 """Steps that are added together."""
 
@@ -69,6 +72,10 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
                 history.v, history.indentation, history.contact_force, slot, slot + 2, sums.ends, sums.window,
                 sums.contacts,
             )  # fmt: skip
+    if sums.pairs.shape[0]:
+        add_products(history.x, history, sums.pairs, 0, sums.products)
+        add_products(history.v, history, sums.pairs, 3, sums.products)
+        add_products(history.force, history, sums.pairs, 6, sums.products)
 
 
 @kernel
@@ -131,6 +138,22 @@ def add_contacts(v, indentation, force, a, b, ends, window, sums):  # type: igno
             sums[FORCE, contact, lane] += f0 + f1
             sums[FLUX, contact, lane] += flux
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(f0, f1))
+
+
+@kernel
+def add_products(left, history, pairs, row, sums):  # type: ignore[no-untyped-def]
+    """Add a quantity of the first times x, v and f of the second body of each pair, in all slots, from a row on."""
+    x, v, f = history.x, history.v, history.force
+    for pair in range(sums.shape[1]):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        for lane in range(sums.shape[2]):
+            a, b, c, d = left[0, i, lane], left[1, i, lane], left[2, i, lane], left[3, i, lane]
+            of_x = a * x[0, j, lane] + b * x[1, j, lane] + c * x[2, j, lane] + d * x[3, j, lane]
+            of_v = a * v[0, j, lane] + b * v[1, j, lane] + c * v[2, j, lane] + d * v[3, j, lane]
+            of_f = a * f[0, j, lane] + b * f[1, j, lane] + c * f[2, j, lane] + d * f[3, j, lane]
+            sums[row, pair, lane] += of_x
+            sums[row + 1, pair, lane] += of_v
+            sums[row + 2, pair, lane] += of_f
 
 
 @kernel

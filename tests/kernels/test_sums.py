@@ -28,6 +28,7 @@ from impactlab.kernels.sums import (
 BODIES, LANES, STEPS = 3, 11, 4
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
 WINDOW = np.array([0.5, 1.0])
+PAIRS = np.array([[0, 2], [1, 2]])
 
 
 @pytest.fixture
@@ -40,7 +41,9 @@ def states():
 
 
 def empty_sums(phases, rows):
-    return Sums(np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW)
+    return Sums(
+        np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW, np.zeros((9, 2, LANES)), PAIRS
+    )
 
 
 @pytest.mark.parametrize("phases", [1, 2])
