@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.integrators.base import Flows, Group
+from impactlab.integrators.base import Flows
+from impactlab.joint import joint_statistics, weighted_sum
 from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
 from impactlab.plan import Plan
 
@@ -44,12 +45,13 @@ def statistics_of(
         means = means if seen.all() else np.full(sums.shape, np.nan)
         processed = _processed(plan, plan.flows, means, processed)
         balances = _balances(plan, plan.flows, means)
-        for group in plan.flows.groups:
-            if _closed_flow(plan)[group.slots].all() and group.system.rates.all():
-                of_bodies = means.mean(axis=0)[:, group.slots]
-                for name, values in _of_group(plan, group, of_bodies, products).items():
-                    target = balances if name.startswith("balance_") else processed
-                    target[name][group.slots] = values
+        for group in plan.flows.groups if seen.all() else ():
+            if not _closed_flow(plan)[group.slots].all():
+                continue
+            of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
+            for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
+                target = balances if name in balances else processed
+                target[name][group.slots] = values
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -66,7 +68,7 @@ def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Val
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
     flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
     Only the flow of white noise of constant intensity is closed in this way; other bodies keep
-    the moments at the kick.
+    the moments at the kick, and those in groups are left to `joint_statistics`.
     """
     increment = _increment(plan)
     xv = s[:, XV] + 0.5 * increment * s[:, FX]
@@ -74,11 +76,11 @@ def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Val
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
     over_time, of_kicks = _response_to_mean_force(plan, flows)
-    closed = (_closed_flow(plan) & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
+    closed = (_closed_flow(plan) & ~plan.grouped & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
-        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - _sum(of_kicks[:, row].T, s[:, F])
+        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - weighted_sum(of_kicks[:, row].T, s[:, F])
         result[name] = at_kicks[name] + np.where(closed & np.isfinite(shift), shift, 0.0)
         name = f"mean_square_{quantity}"
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
@@ -100,6 +102,8 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     phases = len(a)
     over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
     for body, increment in enumerate(_increment(plan)[:, 0]):
+        if plan.grouped[body]:
+            continue
         if stiffness[body] > 0.0:
             over_time[body] = 1.0 / stiffness[body], 0.0
             at_kicks[body] = _cycle(a[:, body], np.array([[0.0], [increment]]))
@@ -127,10 +131,10 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
     of_kicks = _response_to_mean_force(plan, flows)[1]
     mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
-    for body in np.flatnonzero(_closed_flow(plan)):
+    for body in np.flatnonzero(_closed_flow(plan) & ~plan.grouped):
         a = flows.transition[:, body]
         if stiffness[body] > 0.0:
-            mean[body] = s[:, X, body].mean(axis=0) - _sum(of_kicks[body, 0], s[:, F, body])
+            mean[body] = s[:, X, body].mean(axis=0) - weighted_sum(of_kicks[body, 0], s[:, F, body])
         if damping[body] == 0.0:
             if intensity[body] == 0.0:
                 velocity[body] = of_power[:, body].mean(axis=0)
@@ -138,11 +142,14 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
         heat = np.pi * intensity[body] / (mass[body] * damping[body])
         if stiffness[body] == 0.0:
             gain = _cycle(a[:, 1:, 1:] ** 2, np.array([[2.0]]))[0]
-            velocity[body] = before[:, body].mean(axis=0) - heat - _sum(gain, of_power[:, body])
+            velocity[body] = before[:, body].mean(axis=0) - heat - weighted_sum(gain, of_power[:, body])
             continue
         kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
         gain = _cycle(np.stack([np.kron(item, item) for item in a]), kicks).reshape(4, len(a), 2)
-        known = [_sum(gain[row, :, 0], of_virial[:, body]) + _sum(gain[row, :, 1], of_power[:, body]) for row in (0, 3)]
+        known = [
+            weighted_sum(gain[row, :, 0], of_virial[:, body]) + weighted_sum(gain[row, :, 1], of_power[:, body])
+            for row in (0, 3)
+        ]
         displacement[body] = s[:, XX, body].mean(axis=0) - heat * mass[body] / stiffness[body] - known[0]
         velocity[body] = before[:, body].mean(axis=0) - heat - known[1]
     return {
@@ -150,72 +157,6 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
         "balance_mean_square_displacement": displacement,
         "balance_mean_square_velocity": velocity,
     }
-
-
-def _of_group(plan: Plan, group: Group, s: np.ndarray, products: np.ndarray) -> Values:
-    """Moments and balances of bodies whose linear motion is joint: the formulas of one body, with matrices.
-
-    Without the displacements that no spring holds the state is z = R (x, v). Its mean under a
-    force F solves ``L z + R (0, F/m) = 0`` over time, and is ``(I − A)⁻¹ A R (0, g)`` at the
-    kicks. With K of all E[g x] and E[g v], ``D = A (D + K) Aᵀ``; an element of D is a sum over
-    K, of which the weights solve the adjoint equation. A group has one A for all phases.
-    """
-    from scipy.linalg import solve_discrete_lyapunov  # loaded only where there are couplings
-
-    system, slots, count = group.system, group.slots, len(group.slots)
-    law = system.covariance
-    assert law is not None  # all motions are damped
-    increment = _increment(plan)[slots]
-    after, kicks = _second_moments(plan, slots, s, products)
-    before = np.concatenate([s[XX], s[VV] - increment * s[FV] + 0.25 * increment**2 * s[FF]])
-    reduction = system.reduction
-    flow, by_force = reduction @ group.transition @ reduction.T, reduction[:, count:]
-    over_time = -reduction.T @ np.linalg.solve(system.drift, by_force / system.mass)
-    at_kicks = reduction.T @ np.linalg.solve(np.eye(len(flow)) - flow, flow @ by_force) * increment[:, 0]
-    at_kicks[count:] += 0.5 * np.diag(increment[:, 0])  # the velocity is read in the middle of the kick
-    middle, known = [], []
-    for row, unit in zip(group.middle_transition, reduction.T, strict=True):
-        reached = flow.T @ unit
-        middle.append(np.outer(row, row).ravel())
-        known.append((reduction.T @ solve_discrete_lyapunov(flow.T, np.outer(reached, reached)) @ reduction).ravel())
-    mean = np.concatenate([s[X], s[V]]) + _sum((over_time - at_kicks).T, s[F, :, None])
-    offset = s[X] - _sum(at_kicks[:count].T, s[F, :, None])
-    noise = np.diag(group.middle_covariance)[:, None]
-    square = (np.concatenate([s[XX], s[VV]]) + 2.0 * (_sum(np.array(middle).T, after) + noise)) / 3.0
-    off = before - np.diag(law)[:, None] - _sum(np.array(known).T, kicks)
-    free = system.free[:, None]
-    return {
-        "mean_displacement": np.where(free, s[X], mean[:count]),
-        "mean_square_displacement": square[:count],
-        "mean_velocity": mean[count:],
-        "mean_square_velocity": square[count:],
-        "balance_mean_displacement": np.where(free, np.nan, offset),
-        "balance_mean_square_displacement": np.where(free, np.nan, off[:count]),
-        "balance_mean_square_velocity": off[count:],
-    }
-
-
-def _second_moments(
-    plan: Plan, slots: np.ndarray, s: np.ndarray, products: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moments of (x, v) of some bodies after a kick, and what the kick adds, (elements, 1, unit) each."""
-    count, units = len(slots), s.shape[-1]
-    w = np.empty((3, count, 3, count, units))  # E[a b] of displacements, velocities and forces a, b
-    index, own = np.arange(count), np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
-    w[:, index, :, index] = np.moveaxis(s[own], 2, 0)
-    mine = np.isin(plan.pairs[:, 0], slots)
-    first, second = np.searchsorted(slots, plan.pairs[mine]).T
-    of_pairs = np.moveaxis(products[:, mine].reshape(3, 3, -1, units), 2, 0)
-    w[:, first, :, second], w[:, second, :, first] = of_pairs, of_pairs.swapaxes(1, 2)
-    increment = _increment(plan)[slots]
-    w[2] *= increment[:, None, None]  # forces become steps of the velocity
-    w[:, :, 2] *= increment
-    after, kicks = w[:2, :, :2].copy(), np.zeros_like(w[:2, :, :2])
-    after[1] += 0.5 * w[2, :, :2]
-    after[:, :, 1] += 0.5 * w[:2, :, 2]
-    after[1, :, 1] += 0.25 * w[2, :, 2]
-    kicks[0, :, 1], kicks[1, :, 0], kicks[1, :, 1] = w[0, :, 2], w[2, :, 0], w[1, :, 2] + w[2, :, 1]
-    return after.reshape(-1, 1, units), kicks.reshape(-1, 1, units)
 
 
 def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
@@ -243,12 +184,6 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     solved = np.linalg.solve(system, given)
     mean: np.ndarray = solved.reshape(phases, size, -1).mean(axis=0)
     return mean
-
-
-def _sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Weighted sum over the first axis; term by term, so that it does not depend on the number of units."""
-    total: np.ndarray = sum(weight[..., None] * moment for weight, moment in zip(weights, moments, strict=True))
-    return total
 
 
 def _increment(plan: Plan) -> np.ndarray:

@@ -149,6 +149,15 @@ class Plan:
         return -(-self.realizations // self.lanes)
 
     @property
+    def grouped(self) -> np.ndarray:
+        """Whether each body is in a group of `flows`, (body,) of bool."""
+        groups = self.flows.groups if self.flows is not None else ()
+        result = np.zeros(len(self.bodies), dtype=bool)
+        for group in groups:
+            result[group.slots] = True
+        return result
+
+    @property
     def pairs(self) -> np.ndarray:
         """Slots of the pairs of bodies of each group of `flows`, (pair, 2)."""
         groups = self.flows.groups if self.flows is not None else ()

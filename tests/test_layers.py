@@ -19,7 +19,7 @@ LAYERS = [
     {"linear"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},
-    {"linearized", "rules"},
+    {"linearized", "joint", "rules"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
     {"density", "estimate", "tolerance"},

@@ -63,6 +63,17 @@ def test_powers_of_state_and_kick_by_phase(states, phases, used):
             np.testing.assert_allclose(sums.bodies[phase, row], values[steps].sum(axis=0), rtol=1e-13, atol=1e-14)
 
 
+@pytest.mark.parametrize("used", [slice(0, 4), slice(2, 3)], ids=str)
+def test_products_of_pairs(states, used):
+    """Of x, v, f of the first body and x, v, f of the second, row by row."""
+    sums = empty_sums(2, 9)
+    quantities = [item.copy() for item in states[:3]]
+    empty_slots(states, 0, used.start)
+    close_slot(states, used.stop - 1, True, sums)
+    products = [left[used, PAIRS[:, 0]] * right[used, PAIRS[:, 1]] for left in quantities for right in quantities]
+    np.testing.assert_allclose(sums.products, np.sum(products, axis=1), rtol=1e-13, atol=1e-14)
+
+
 def test_sums_wait_for_the_last_slot(states):
     sums = empty_sums(2, 9)
     for slot in (0, 1, 2):
