@@ -183,12 +183,12 @@ class _Block:
             independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for lines in plan.lines:
+        for lines, (slots, response) in zip(plan.lines, plan.responses, strict=True):
             for column, realization in enumerate(realizations):
                 phase = phases(plan.seed, lines, int(realization), attempt)
-                steady = response_amplitudes(lines, plan.linear[:, lines.body], phase).real.sum(axis=1)
-                x[lines.body, column] += steady[0]
-                v[lines.body, column] += steady[1]
+                steady = response_amplitudes(lines, response, phase).real.sum(axis=1)
+                x[slots, column] += steady[0::2]
+                v[slots, column] += steady[1::2]
         return x, v
 
     def _closed(self, lanes: np.ndarray) -> np.ndarray:
@@ -201,27 +201,26 @@ class _Block:
     def _synthesize(self) -> Series:
         """Sample the series of all realizations, for the whole run."""
         plan, method = self.plan, self.plan.integrator
-        rows = len(plan.lines) * (2 if method.takes_response else 1)
-        if not rows:
+        if not plan.lines:
             return Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
         counts = {sample_count(lines.frequencies, interval, needed) for lines in plan.lines}
         kept = max(counts) if len(counts) == 1 else max(needed, *counts)  # different periods: the whole run
-        samples = np.empty((kept, rows, len(self.realizations)))
-        width = rows // len(plan.lines)
-        for row, lines in enumerate(plan.lines):
+        ends = (2 if method.takes_response else 1) * np.cumsum([len(slots) for slots, _ in plan.responses])
+        samples = np.empty((kept, ends[-1], len(self.realizations)))
+        for lines, (_, response), end in zip(plan.lines, plan.responses, ends, strict=True):
             for lane, realization in enumerate(self.realizations):
                 self.tick(0)
                 phase = phases(plan.seed, lines, int(realization), int(self.attempts[lane]))
                 if method.takes_response:
-                    amplitudes = response_amplitudes(lines, plan.linear[:, lines.body], phase)
+                    amplitudes = response_amplitudes(lines, response, phase)
                 else:
                     amplitudes = force_amplitudes(lines, phase)
                 series = synthesize(lines.frequencies, amplitudes, interval, kept)
-                repeated = np.resize(series, (kept, width)) if len(series) < kept else series
-                samples[:, row * width : (row + 1) * width, lane] = repeated
-        return Series(np.array([lines.body for lines in plan.lines]), samples)
+                repeated = np.resize(series, (kept, len(amplitudes))) if len(series) < kept else series
+                samples[:, end - len(amplitudes) : end, lane] = repeated
+        return Series(np.concatenate([slots for slots, _ in plan.responses]), samples)
 
     def _half_kick(self) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there."""

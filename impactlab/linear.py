@@ -185,19 +185,35 @@ def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
 def line_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
-    coupled = {slot: pair for pair in coupled_systems(model) for slot in pair[0].tolist()}
-    for item in lines_of(model):
-        slot, slots = item.body, np.array([item.body])
-        if slot in coupled:
-            slots, system = coupled[slot]
-            response = system.receptance(slots.tolist().index(slot), item.frequencies)
-        else:
-            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
-            response = response[:, None]
+    for item, (slots, response) in zip(lines_of(model), responses(model, coupled_systems(model)), strict=True):
         gain = np.abs(response) * item.amplitudes[:, None]
         result[0, slots] += 0.5 * (gain**2).sum(axis=0)
         result[1, slots] += 0.5 * ((item.frequencies[:, None] * gain) ** 2).sum(axis=0)
     return result
+
+
+def responses(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return what each sum of cosines moves, alone or in some systems of bodies.
+
+    Returns
+    -------
+    tuple of pairs
+        Slots, and complex displacements by unit force, (line, body) (m N-1).
+    """
+    joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
+    result = []
+    for item in lines_of(model):
+        slot, slots = item.body, np.array([item.body])
+        if slot in joint:
+            slots, system = joint[slot]
+            response = system.receptance(slots.tolist().index(slot), item.frequencies)
+        else:
+            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
+            response = response[:, None]
+        result.append((slots, response))
+    return tuple(result)
 
 
 def relaxation_time(model: Model) -> float:

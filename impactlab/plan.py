@@ -14,7 +14,15 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.kernels.random import stream
-from impactlab.linear import Lines, hottest, linear_variances, lines_of, relaxation_time
+from impactlab.linear import (
+    Lines,
+    flowing_systems,
+    hottest,
+    linear_variances,
+    lines_of,
+    relaxation_time,
+    responses,
+)
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
@@ -75,6 +83,8 @@ class Plan:
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
     lines : tuple of Lines
+    responses : tuple
+        What each of `lines` moves; see `impactlab.linear.responses`.
     forced : (row,) ndarray of int
         Slots of the bodies under given forces.
     start : str or (2, body) ndarray
@@ -124,6 +134,7 @@ class Plan:
     seed: tuple[int, int]
     intensity: np.ndarray
     lines: tuple[Lines, ...]
+    responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
     start: str | np.ndarray
     deviations: np.ndarray
@@ -240,7 +251,8 @@ def make_plan(
     boundaries = [*sorted({end for end in boundaries if 0 < end < steps}), steps]
     spin_up_steps = math.ceil(spin_up / step * (1.0 - 1e-12))
     lines = lines_of(model)
-    rows = len(lines) * (2 if integrator.takes_response else 1)
+    moved = responses(model, flowing_systems(model))
+    rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     lanes, steps_per_call = block_shape(
         model, realizations, workers, 8 * rows * integrator.samples_per_step * (spin_up_steps + steps)
     )
@@ -269,6 +281,7 @@ def make_plan(
         seed=seed,
         intensity=model.reference_intensities()[white],
         lines=lines,
+        responses=moved,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=_start_deviations(model, stiffening),

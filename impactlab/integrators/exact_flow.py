@@ -76,7 +76,7 @@ class ExactFlow(Integrator):
         parts = [
             linear & np.asarray(np.isin(model.coupled, slots).any(axis=1))
             for slots, _ in coupled_systems(model)
-            if len(slots) <= MOST_COUPLED and not model.time_varying and not np.isin(model.lines, slots).any()
+            if len(slots) <= MOST_COUPLED and not model.time_varying
         ]
 
         def flowing(chosen: list[np.ndarray]) -> Model:

@@ -136,6 +136,34 @@ def test_a_constant_given_force_on_one_body_moves_all_exactly():
         np.testing.assert_allclose(result.displacement[0, index], expected[:3], atol=1e-12)
 
 
+@pytest.mark.parametrize("part", ["contact", "no contact"])
+def test_cosines_on_one_body_move_all(part):
+    """Amplitudes and phases of all bodies are those of the response matrix; also beside a contact that stays open."""
+
+    class TwoLines(il.Excitation):
+        def lines(self):
+            return np.array([1.0, 11.0]), np.array([2.0, 5.0])
+
+    network = trio(0.4, excitations={"a": None, "b": TwoLines(), "c": None})
+    if part == "contact":
+        network = network.replace(contacts={"gap": il.Contact("a", il.WALL, il.HertzContact(1.0), clearance=99.0)})
+    assert len(flowing(network)) == 4
+    record = [il.Trajectory(interval=0.1)]
+    result = il.simulate(network, 20.0, step=0.1, realizations=70, record=record, rng=2)
+    time = result.time.values
+    waves = np.concatenate([np.exp(1j * np.outer([1.0, 11.0], time)), np.exp(-1j * np.outer([1.0, 11.0], time))])
+    for quantity, power in (("displacement", 0), ("velocity", 1)):
+        path = result[quantity].values[5]
+        amplitudes = np.linalg.lstsq(waves.T, path, rcond=None)[0]
+        np.testing.assert_allclose(amplitudes.T @ waves, path.T, atol=1e-10)
+        for line, (omega, force) in enumerate([(1.0, 2.0), (11.0, 5.0)]):
+            dynamic = STIFFNESS - omega**2 * np.diag(MASS) + 1j * omega * (np.diag(OWN) + 0.4 * DAMPER)
+            expected = (1j * omega) ** power * np.linalg.inv(dynamic)[:, 1] * force / 2.0
+            ratio = amplitudes[line] / expected
+            np.testing.assert_allclose(ratio, ratio[0], rtol=1e-9)
+            assert abs(ratio[0]) == pytest.approx(1.0)
+
+
 def test_covariance_after_one_step_from_rest():
     """Of all bodies with all others; one of them has no noise of its own."""
     hot, count, step = (4.0, 1.0, 0.0), 60_000, 0.4
