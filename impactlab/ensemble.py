@@ -137,6 +137,7 @@ class _Block:
             np.zeros((CONTACT_ROWS, contacts, lanes)),
             plan.ends,
             plan.window,
+            plan.half_kick,
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
         )

@@ -27,9 +27,9 @@ from impactlab.model import HEADER, LEADING, Kind, Model
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
-    "at", "body", "clearance", "contact_force", "extension", "first", "force", "gap", "indentation", "index", "indices",
-    "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result", "row", "second", "slot", "times",
-    "total", "v", "x",
+    "at", "body", "clear", "clearance", "contact_force", "extension", "first", "force", "gap", "gather",
+    "indentation", "index", "indices", "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result",
+    "row", "second", "slot", "times", "total", "v", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -41,9 +41,6 @@ def forces(x, v, parameters, indices, indentation, contact_force, total):
     indentation, contact_force: of every contact [contact, lane]; positive when closed.
     total: force on every body [body, lane].
     """
-    for body in range(total.shape[0]):
-        for lane in range(total.shape[1]):
-            total[body, lane] = 0.0
 '''
 
 _TIMETABLE = '''
@@ -85,6 +82,8 @@ def generate(model: Model) -> str:
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts.append("\n" + _FORCES)
     for role in _LOOPS:
+        if role == "coupling":  # after the contacts
+            parts.append(_gathering(model))
         parts += [_LOOPS[role](index, kind, names[kind]) for index, kind in enumerate(model.kinds) if kind.role == role]
     for role, what in _TIMETABLES.items():
         if (role == "forcing" and model.of_role(role)) or (role == "intensity" and model.time_varying):
@@ -120,6 +119,7 @@ def _header(model: Model, kernels: dict[str, str]) -> str:
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
+        f"from impactlab.kernels.kick import {'gather' if len(model.ends) else 'clear'}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -166,11 +166,14 @@ def _contact_loop(index: int, kind: Kind, name: str) -> str:
         f"            force = {call}\n"
         "            indentation[slot, lane] = gap\n"
         "            contact_force[slot, lane] = force if gap > 0.0 else 0.0\n"
-        "        for lane in range(total.shape[1]):\n"
-        "            total[first, lane] -= contact_force[slot, lane]\n"
-        "        for lane in range(total.shape[1]):\n"
-        "            total[second, lane] += contact_force[slot, lane]\n"
     )
+
+
+def _gathering(model: Model) -> str:
+    """Begin the total force with that of the contacts."""
+    if len(model.ends):
+        return f"    gather(indices, {HEADER * len(model.kinds)}, contact_force, total)\n"
+    return "    clear(total)\n"
 
 
 def _coupling_loop(index: int, kind: Kind, name: str) -> str:

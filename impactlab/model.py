@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -90,7 +91,8 @@ class Model:
     parameters : ndarray
         Parameters of all kinds, row by row.
     indices : ndarray of int
-        A header of three entries per kind, then the rows of leading indices.
+        A header of three entries per kind and one for the contacts of each body, then the rows of
+        leading indices, then the contacts of each body as `impactlab.kernels.kick.gather` reads them.
     white, lines, forced : tuple of int
         Slots of the bodies under white noise, under lines, and under a given force.
     """
@@ -148,7 +150,7 @@ class Model:
             item = excited[slot]
             members.setdefault(Kind("intensity", type(item), "intensity"), []).append((item, (row,), ()))
         kinds = tuple(sorted(members, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
-        parameters, indices = _packed(kinds, members)
+        parameters, indices = _packed(kinds, members, _incidence(ends, len(bodies)))
         return cls(
             network=network,
             bodies=tuple(network.oscillators),
@@ -289,19 +291,38 @@ def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.n
 _EXCITATIONS = ("intensity", "lines", "force")
 
 
+def _incidence(ends: list[tuple[int, int]], bodies: int) -> list[int]:
+    """Return the contacts of each body: where each body's begin, and then the end; contact and sign of each.
+
+    Nothing if there are no contacts. The order is that of the contacts, in which forces are added.
+    """
+    of_body: list[list[int]] = [[] for _ in range(bodies + 1)]
+    for contact, (first, second) in enumerate(ends):
+        of_body[first] += [contact, -1]
+        of_body[second] += [contact, 1]
+    pairs = of_body[:bodies]  # the wall does not move
+    begins = list(itertools.accumulate((len(item) // 2 for item in pairs), initial=0))
+    return [*begins, *itertools.chain.from_iterable(pairs)] if ends else []
+
+
 def _packed(
-    kinds: Iterable[Kind], members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]]
+    kinds: Iterable[Kind],
+    members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]],
+    incidence: list[int],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lay out the rows of all kinds in one array of numbers and one of indices."""
     header: list[int] = []
     rows: list[int] = []
     parameters: list[float] = []
-    start = HEADER * len(members)
+    start = HEADER * len(members) + bool(incidence)
     for kind in kinds:
         header += [len(members[kind]), start + len(rows), len(parameters)]
         for component, leading, extra in members[kind]:
             rows += leading
             parameters += [*extra, *(_number(component, field) for field in kind.fields)]
+    if incidence:
+        header.append(start + len(rows))
+        rows += incidence
     return np.array(parameters, dtype=np.float64), np.array([*header, *rows], dtype=np.int64)
 
 

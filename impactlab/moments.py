@@ -55,7 +55,7 @@ def statistics_of(
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": contacts[FLUX] / (2.0 * plan.window[:, None]),
+        "contact_rate": 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None],
         "mean_contact_force": contacts[FORCE],
         **balances,
     }

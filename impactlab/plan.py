@@ -68,6 +68,9 @@ class Plan:
         Of the contacts: slots of the bodies, clearance (m), half width for the rate (m).
     links : (link, 2) ndarray of int
         Slots of the bodies of each contact, then of each coupling.
+    half_kick : ndarray
+        Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
+        body feels another force than that of one contact.
     dissipative, time_varying : bool
         Whether forces depend on velocities, and white noise on time.
     white : (white,) ndarray of int
@@ -123,6 +126,7 @@ class Plan:
     ends: np.ndarray
     clearance: np.ndarray
     window: np.ndarray
+    half_kick: np.ndarray
     links: np.ndarray
     dissipative: bool
     time_varying: bool
@@ -269,7 +273,8 @@ def make_plan(
         linear=np.stack([model.mass, model.damping, model.stiffness]),
         ends=model.ends,
         clearance=model.clearance,
-        window=0.1 * gap_scale(model, stiffening.penetration),
+        window=0.2 * gap_scale(model, stiffening.penetration),
+        half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
         dissipative=model.dissipative,
         time_varying=model.time_varying,
@@ -334,6 +339,14 @@ def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
     first = [index == 0 or names[index - 1] != name for index, name in enumerate(names)]
     rows = [stream(seed, name, "noise" if new else "noise 2") for name, new in zip(names, first, strict=True)]
     return np.array(rows, dtype=np.uint64).reshape(-1, 3)
+
+
+def _half_kick(model: Model, step: float) -> np.ndarray:
+    touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
+    residual = [body.has_kernel("residual") for body in model.network.oscillators.values()]
+    alone = (touching <= 1) & ~np.array(residual)
+    of_contacts = np.unique(model.ends[model.ends < model.wall])
+    return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 
 
 def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:

@@ -130,7 +130,7 @@ def test_walls_need_no_code(base_case):
 def test_linear_bodies_with_constant_noise_need_no_loop():
     text = text_of(BODY, il.WhiteNoise(1.0), il.ShinozukaNoise(1.0))
     assert loops(text) == []
-    assert names(text) <= {"pointer", "FORCES", "forces", "body", "lane", "total", "range"}
+    assert names(text) <= {"pointer", "FORCES", "forces", "clear", "total"}
     assert "math" not in text
 
 

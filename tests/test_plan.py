@@ -9,7 +9,7 @@ from scenes import base, linear
 import impactlab as il
 from impactlab.model import Model
 from impactlab.plan import make_plan
-from impactlab.rules import batch_count, block_shape, fit_step, seed_of
+from impactlab.rules import LANES, batch_count, block_shape, fit_step, seed_of
 
 
 def plan_of(network, duration=10.0, records=(), **changes):
@@ -112,7 +112,7 @@ def test_batches(realizations, duration, relaxation, expected):
 @pytest.mark.parametrize("workers", [1, 2, 64])
 def test_blocks_hold_every_realization_once(realizations, workers):
     lanes, calls = block_shape(Model.of(base()), realizations, workers, 0)
-    assert 1 <= lanes <= 256
+    assert 1 <= lanes <= LANES
     assert calls >= 1
     plan = plan_of(base(), realizations=realizations, workers=workers)
     held = np.concatenate([plan.realizations_of(block) for block in range(plan.blocks)])

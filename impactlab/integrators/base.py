@@ -83,7 +83,8 @@ class Sums(NamedTuple):
     bodies: np.ndarray  # (phase, row, body, lane)
     contacts: np.ndarray  # (4, contact, lane)
     ends: np.ndarray  # (contact, 2)
-    window: np.ndarray  # (contact,)
+    window: np.ndarray  # (contact,) half width for the rate (m)
+    half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
 
@@ -105,7 +106,7 @@ ADVANCE = void(
     _typeof(Forced(_INTEGERS, _MATRIX)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
     _typeof(History(*[_CUBE] * 5)),
-    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _CUBE, _INTEGERS.reshape(1, 1))),
+    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _MATRIX[0], _CUBE, _INTEGERS.reshape(1, 1))),
     f8[:, :, ::1],
     f8,
     b1,

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
-from impactlab.kernels.jit import loop
+from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
@@ -34,6 +34,9 @@ def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
+    noise, series, forced = borrow(noise), borrow(series), borrow(forced)
+    state, history, sums = borrow(state), borrow(history), borrow(sums)
+    coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
     x, v, total = state.x, state.v, state.total
     indentation, contact_force, external = state.indentation, state.contact_force, state.external
     empty_slots(history, 0, first % SLOTS)
@@ -42,10 +45,10 @@ def _advance(  # type: ignore[no-untyped-def]
         slot = now % SLOTS
         clear(external)
         if noise.bodies.shape[0]:
-            if index == 0 or slot == 0:
-                fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
+            if index == 0 or now % 4 == 0:
+                fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
             sample = index if noise.scale.shape[0] > 1 else 0
-            add_held_noise(noise, sample, state.normals, slot, external)
+            add_held_noise(noise, sample, state.normals, now % 4, external)
         if series.bodies.shape[0]:
             add_series(series.samples, now, series.bodies, external)
         if forced.bodies.shape[0]:

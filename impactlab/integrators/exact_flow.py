@@ -23,7 +23,7 @@ from impactlab.kernels.flow import (
     system_transition,
     transition,
 )
-from impactlab.kernels.jit import loop
+from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
@@ -219,6 +219,9 @@ def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
+    cross, noise, series, forced = borrow(cross), borrow(noise), borrow(series), borrow(forced)
+    state, history, sums = borrow(state), borrow(history), borrow(sums)
+    coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
     x, v, y, push, before = state.x, state.v, state.reading, state.external, state.slope_v
     rows = np.full(coefficients.shape[1], -1)
     for row in range(noise.bodies.shape[0] - 1, -1, -1):
@@ -233,14 +236,14 @@ def _advance(  # type: ignore[no-untyped-def]
             copy(x, y)
             x = y
             add_response(series.samples, now, -1.0, series.bodies, x, v)
-        if noise.bodies.shape[0] and (index == 0 or slot == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
+        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
+            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
         sample = index if noise.scale.shape[0] > 1 else 0
         if cross.bodies.shape[0]:
             copy(v, before)
-        flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, slot, x, v, after)
+        flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, now % 4, x, v, after)
         if cross.bodies.shape[0]:
-            flow_between(cross, rows, state.normals, slot, x, before, after, v)
+            flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after
         if forced.bodies.shape[0]:
             clear(push)

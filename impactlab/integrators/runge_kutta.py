@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
-from impactlab.kernels.jit import loop
+from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
@@ -37,6 +37,9 @@ def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
+    noise, series, forced = borrow(noise), borrow(series), borrow(forced)
+    state, history, sums = borrow(state), borrow(history), borrow(sums)
+    coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
     x, v, total = state.x, state.v, state.total
     stage_x, stage_v = state.reading, state.velocity
     indentation, contact_force = state.indentation, state.contact_force
@@ -45,8 +48,8 @@ def _advance(  # type: ignore[no-untyped-def]
     for index in range(count):
         now = first + index
         slot = now % SLOTS
-        if noise.bodies.shape[0] and (index == 0 or slot == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // SLOTS), state.normals)
+        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
+            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
         combine(x, 0.0, x, stage_x)
         combine(v, 0.0, v, stage_v)
         clear(slope_x)
@@ -57,7 +60,7 @@ def _advance(  # type: ignore[no-untyped-def]
                 clear(external)
                 if noise.bodies.shape[0]:
                     sample = index if noise.scale.shape[0] > 1 else 0
-                    add_held_noise(noise, sample, state.normals, slot, external)
+                    add_held_noise(noise, sample, state.normals, now % 4, external)
                 if series.bodies.shape[0]:
                     add_series(series.samples, 2 * now + offset, series.bodies, external)
                 if forced.bodies.shape[0]:

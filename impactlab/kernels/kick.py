@@ -6,6 +6,47 @@ from impactlab.kernels.jit import kernel
 
 
 @kernel
+def gather(indices, place, contact_force, total):  # type: ignore[no-untyped-def]
+    """Write the sum of its contacts' forces on every body to `total`, in the order of the contacts.
+
+    Parameters
+    ----------
+    indices : ndarray of int
+        `Model.indices`.
+    place : int
+        Where in `indices` the place of the contacts of each body stands: first where those of
+        each body begin, counted in pairs, then pairs of a contact and a sign.
+    contact_force : [contact, lane]
+        Forces of the contacts.
+    total : [body, lane]
+        Result; 0 for the wall, which is the last body.
+    """
+    begins = indices[place]
+    bodies = total.shape[0] - 1
+    pairs = begins + bodies + 1
+    for body in range(bodies):
+        at, end = pairs + 2 * indices[begins + body], pairs + 2 * indices[begins + body + 1]
+        if at == end:
+            for lane in range(total.shape[1]):
+                total[body, lane] = 0.0
+            continue
+        one, sign = indices[at], float(indices[at + 1])
+        if at + 2 == end:
+            for lane in range(total.shape[1]):
+                total[body, lane] = sign * contact_force[one, lane]
+            continue
+        two, other = indices[at + 2], float(indices[at + 3])
+        for lane in range(total.shape[1]):
+            total[body, lane] = sign * contact_force[one, lane] + other * contact_force[two, lane]
+        for further in range(at + 4, end, 2):
+            one, sign = indices[further], float(indices[further + 1])
+            for lane in range(total.shape[1]):
+                total[body, lane] += sign * contact_force[one, lane]
+    for lane in range(total.shape[1]):
+        total[bodies, lane] = 0.0
+
+
+@kernel
 def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-def]
     """Write ``a + coefficient b`` of every body to `result`; the coefficients are a column."""
     for body in range(coefficients.shape[1]):

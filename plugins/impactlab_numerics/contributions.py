@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+import impactlab as il
 from impactlab.kernels.jit import kernel
-from impactlab.kernels.random import fill_normals, stream
+from impactlab.kernels.random import normals_of
+from impactlab.model import Model
+from impactlab.rules import LANES
 from impactlab_numerics.methods import Findings, Method, seconds_to
 from impactlab_numerics.work_precision import PAIR
 
 if TYPE_CHECKING:
     from impactlab_numerics.work_precision import WorkPrecisionStudy
 
-NORMALS_PER_STEP = 2
-"""Normals that the default method takes for a body in a step."""
-
-NORMALS = 1_000_000
+NORMALS = 2**20
 """Normals that a generator makes when it is timed."""
 
 
@@ -30,9 +31,9 @@ def contributions(study: WorkPrecisionStudy, table: dict[Method, Findings], spee
     another; where it does, the best of the steps that were measured.
     """
     accuracy, start = study.accuracies[-1], (PAIR, "impactlab")
-    flow, plain, euler = (
+    flow, plain, two, euler = (
         {method: found for method, found in table.items() if method == Method(*start, scheme, "white", method.step)}
-        for scheme in ("exact flow", "exact flow, plain kick", "Euler–Maruyama")
+        for scheme in ("exact flow", "exact flow, plain kick", "exact flow, two normals", "Euler–Maruyama")
     )
     usual = next(found for method, found in flow.items() if not method.step)
     rows: list[tuple[str, str, float, str]] = []
@@ -42,15 +43,18 @@ def contributions(study: WorkPrecisionStudy, table: dict[Method, Findings], spee
         measured = f"{fewer:.3g} instead of {lanes:.3g} steps of a body per second"
         rows.append(("lanes", f"blocks of {count} instead of 256 realizations", lanes / fewer, measured))
     own, other = _generators(study.rounds)
-    ratio = 1.0 + lanes * NORMALS_PER_STEP * (other - own)
+    network = study.scenes()[PAIR]
+    drawn = len(il.ExactFlow().noise(Model.of(network), usual.step)[0]) / len(network.oscillators)
+    ratio = 1.0 + lanes * drawn * (other - own)
     measured = (
         f"{1e9 * other:.2f} instead of {1e9 * own:.2f} ns a normal, "
-        f"{NORMALS_PER_STEP} in {1e9 / lanes:.1f} ns for a step of a body"
+        f"{drawn:g} in {1e9 / lanes:.1f} ns for a step of a body"
     )
     rows.append(("generator", "NumPy's generator, one normal at a time", ratio, measured))
     for name, instead, others, base, direct in (
         ("exact flow", "Euler–Maruyama", euler, flow, True),
         ("shifted kick", "a kick where the body is", plain, flow, False),
+        ("one normal in a step", "exact friction and noise, two normals", two, flow, False),
     ):
         (step, best), (other_step, most) = (_best(group, accuracy, direct) for group in (base, others))
         measured = f"{most:.3g} s at a step of {1e3 * other_step:g} ms instead of {best:.3g} s at {1e3 * step:.3g} ms"
@@ -85,15 +89,11 @@ def _best(group: dict[Method, Findings], accuracy: float, direct: bool) -> tuple
 
 def _generators(rounds: int) -> tuple[float, float]:
     """Return the seconds that a normal takes: from impactlab's streams, from NumPy's generator in a loop."""
-    addresses = np.array([stream((1, 2), "body", "noise")], dtype=np.uint64)
-    lanes, normals = np.arange(256, dtype=np.uint64), np.empty((1, 4, 256))
     generator = np.random.default_rng(1)
-
-    def own() -> None:
-        for block in range(NORMALS // normals.size):
-            fill_normals(addresses, lanes, np.uint64(block), normals)
-
-    calls: dict[str, Any] = {"own": own, "numpy": lambda: sum_of_normals(generator, NORMALS)}
+    calls: dict[str, Callable[[], Any]] = {
+        "own": lambda: normals_of((1, 2), "body", "noise", np.arange(LANES), 0, NORMALS // (4 * LANES)),
+        "numpy": lambda: sum_of_normals(generator, NORMALS),
+    }
     times: dict[str, list[float]] = {name: [] for name in calls}
     for number in range(rounds + 1):
         for name, call in calls.items():

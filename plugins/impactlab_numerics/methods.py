@@ -99,9 +99,10 @@ class Findings:
     rates: list[float] = field(default_factory=list)
 
 
-def unknown(step: float, scatter: np.ndarray, note: str) -> Findings:
+def unknown(step: float, note: str, scatter: np.ndarray | None = None) -> Findings:
     """Return findings of a method whose bias is not known; 0 is assumed, in its favour."""
     nothing = np.full(len(STATISTICS), np.nan)
+    scatter = nothing if scatter is None else scatter
     return Findings(nothing, nothing, scatter, scatter, step, note=note)
 
 
@@ -172,20 +173,15 @@ def seconds_to(accuracy: Any, found: Findings, *, direct: bool = False, deviatio
     return np.where(room > 0.0, needed, np.inf)
 
 
-def plain_kick() -> il.Integrator:
-    """Return the exact flow with the kick read where the body is, to show what the shift does."""
-    from impactlab_numerics.plain_kick import PlainKick
-
-    return PlainKick()
-
-
 def integrator(scheme: str) -> il.Integrator:
     """Return the integrator of a scheme of impactlab."""
-    makers: dict[str, Any] = {
-        "exact flow": lambda: il.ExactFlow(),
-        "exact flow, plain kick": plain_kick,
-        "Runge–Kutta": lambda: il.RungeKutta4(),
-        "Euler–Maruyama": lambda: il.EulerMaruyama(),
+    from impactlab_numerics.variants import PlainKick, TwoNormals
+
+    kinds: dict[str, type[il.Integrator]] = {
+        "exact flow": il.ExactFlow,
+        "exact flow, plain kick": PlainKick,
+        "exact flow, two normals": TwoNormals,
+        "Runge–Kutta": il.RungeKutta4,
+        "Euler–Maruyama": il.EulerMaruyama,
     }
-    made: il.Integrator = makers[scheme]()
-    return made
+    return kinds[scheme]()

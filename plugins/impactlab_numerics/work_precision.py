@@ -95,6 +95,7 @@ class WorkPrecisionStudy(Study):
         white = {
             "exact flow": (0.0, *self.exact_flow_steps),
             "exact flow, plain kick": self.plain_kick_steps,
+            "exact flow, two normals": (0.006,),
             "Runge–Kutta": self.runge_kutta_steps,
             "Euler–Maruyama": self.euler_maruyama_steps,
         }

@@ -16,6 +16,7 @@ from impactlab.ensemble import cores
 from impactlab_numerics import baselines
 from impactlab_numerics.contributions import contributions
 from impactlab_numerics.methods import Findings, Method, of_batches, of_dataset, seconds_to, unknown
+from impactlab_numerics.peers import LONG_RUN, SEGMENT, Peer, peers
 from impactlab_numerics.scenes import STATISTICS, Law
 from impactlab_numerics.timing import Ensemble, Measurement, Whole, in_rounds
 from impactlab_numerics.work_precision import PAIR
@@ -39,14 +40,21 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
     is worth), ``direct`` (the default method run to the highest accuracy, with its real time).
     """
     table: Table = {}
+    others: dict[Method, Peer] = {}
     for scene, network in study.scenes().items():
         law = Law.of(network, study.bins)
         table |= {method: of_dataset(results[method.key], law) for method in study.methods(scene)}
         table |= {method: _long_run(study, method, law) for method in study.baselines(scene)}
         table |= _solvers(study, scene, table)
+        if study.peers and scene == PAIR:
+            others = {Method(PAIR, peer.name, peer.scheme, "white", peer.step): peer for peer in peers()}
+            table |= {method: _peer(study, peer, law) for method, peer in others.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", il.AccuracyWarning)  # runs that are timed are short
         timers = _timers(study, table)
+        for method, peer in others.items():
+            if peer.installed:
+                timers[method] = Whole(peer.run, peer.batch, study.timing_seconds, time.process_time)
         found = in_rounds({**timers, **_speed_timers(study, table)}, study.rounds)
     for method in timers:
         rates, startups = np.array(found[method]).T
@@ -80,9 +88,17 @@ def _solvers(study: WorkPrecisionStudy, scene: str, table: Table) -> Table:
     """Return what is run shortly and extrapolated: bias unknown, scatter that of the same noise."""
     method = Method(scene, "scipy", "solve_ivp", "series", 0.001)
     like = table[Method(scene, "numba", "Runge–Kutta", "series", study.paper_step)]
-    found = unknown(0.001, like.scatter, "extrapolated; bias not measured, taken as 0")
+    found = unknown(0.001, "extrapolated; bias not measured, taken as 0", like.scatter)
     found.rate = baselines.solve_ivp_rate(study.scenes()[scene], 2.0 * study.timing_seconds, study.seed)
     return {method: found}
+
+
+def _peer(study: WorkPrecisionStudy, peer: Peer, law: Law) -> Findings:
+    """Return the bias of another library, from a run that is not so long."""
+    if not peer.installed:
+        return unknown(peer.step, "not installed")
+    peer.start(study.scenes()[PAIR], law.edges, study.seed)
+    return of_batches(peer.run(LONG_RUN), LONG_RUN * SEGMENT, law, peer.step)
 
 
 def _timers(study: WorkPrecisionStudy, table: Table) -> Timers:

@@ -64,7 +64,9 @@ class Results:
 
 def time_text(seconds: float) -> str:
     """Return a time with two digits in a unit that suits it."""
-    if not np.isfinite(seconds):
+    if np.isnan(seconds):
+        return "unknown"
+    if np.isinf(seconds):
         return "never"
     for limit, unit, size in ((1.0, "ms", 1e-3), (120.0, "s", 1.0), (7200.0, "min", 60.0), (172800.0, "h", 3600.0)):
         if seconds < limit:

@@ -13,6 +13,7 @@ from impactlab.kernels.sums import (
     FV,
     FX,
     PEAK,
+    SLOTS,
     VV,
     XV,
     XX,
@@ -25,7 +26,7 @@ from impactlab.kernels.sums import (
     write_snapshot,
 )
 
-BODIES, LANES, STEPS = 3, 11, 4
+BODIES, LANES, STEPS = 3, 11, SLOTS
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
 WINDOW = np.array([0.5, 1.0])
 PAIRS = np.array([[0, 2], [1, 2]])
@@ -40,14 +41,17 @@ def states():
     return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def empty_sums(phases, rows):
-    return Sums(
-        np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW, np.zeros((9, 2, LANES)), PAIRS
+def empty_sums(phases, rows, half_kick=()):
+    bodies, contacts, products = (
+        np.zeros((phases, rows, BODIES, LANES)),
+        np.zeros((4, 2, LANES)),
+        np.zeros((9, 2, LANES)),
     )
+    return Sums(bodies, contacts, ENDS, WINDOW, np.array(half_kick), products, PAIRS)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
-@pytest.mark.parametrize("used", [slice(0, 4), slice(1, 4), slice(0, 3), slice(2, 3)], ids=str)
+@pytest.mark.parametrize("used", [slice(0, 8), slice(1, 8), slice(0, 3), slice(2, 3), slice(3, 7)], ids=str)
 def test_powers_of_state_and_kick_by_phase(states, phases, used):
     """A full group of steps, and one in which a call began or ended."""
     sums = empty_sums(phases, 9)
@@ -76,18 +80,18 @@ def test_products_of_pairs(states, used):
 
 def test_sums_wait_for_the_last_slot(states):
     sums = empty_sums(2, 9)
-    for slot in (0, 1, 2):
+    for slot in range(SLOTS - 1):
         close_slot(states, slot, False, sums)
         assert not sums.bodies.any()
         assert not sums.contacts.any()
-    close_slot(states, 3, False, sums)
+    close_slot(states, SLOTS - 1, False, sums)
     assert sums.bodies.all()
 
 
 def test_methods_that_do_not_kick_have_no_forces(states):
     sums, nine = empty_sums(1, 5), empty_sums(1, 9)
-    close_slot(states, 3, False, sums)
-    close_slot(states, 3, False, nine)
+    close_slot(states, SLOTS - 1, False, sums)
+    close_slot(states, SLOTS - 1, False, nine)
     np.testing.assert_array_equal(sums.bodies, nine.bodies[:, :5])
 
 
@@ -97,19 +101,25 @@ def test_a_state_is_kept_in_its_slot(states):
     keep(kept, 1, states.x[3], states.v[3], states.indentation[3], states.contact_force[3])
     for index in (0, 1, 3, 4):
         np.testing.assert_array_equal(kept[index][1], expected[index])
-        assert not kept[index][[0, 2, 3]].any()
+        assert not kept[index][[0, *range(2, SLOTS)]].any()
 
 
-def test_contacts(states):
-    sums = empty_sums(2, 9)
+@pytest.mark.parametrize("half_kick", [(), (0.1, 0.2, 0.3, 0.0)], ids=["alone", "other forces"])
+def test_contacts(states, half_kick):
+    sums = empty_sums(2, 9, half_kick)
     closing = states.v[:, [0, 2]] - states.v[:, [1, 3]]
-    near = np.abs(states.indentation) < WINDOW[:, None]
-    close_slot(states, 3, False, sums)
+    readings = [closing]
+    if half_kick:
+        kicks = states.force * np.array(half_kick)[:, None]
+        kick = kicks[:, [0, 2]] - kicks[:, [1, 3]]
+        readings = [closing - kick, closing, closing + kick]
+    weight = 1.0 - 5.0 / 3.0 * (states.indentation / WINDOW[:, None]) ** 2
+    weight *= np.abs(states.indentation) < WINDOW[:, None]
+    flux = weight * np.mean([np.maximum(reading, 0.0) for reading in readings], axis=0)
+    close_slot(states, SLOTS - 1, False, sums)
     np.testing.assert_array_equal(sums.contacts[CLOSED], (states.indentation > 0.0).sum(axis=0))
     np.testing.assert_allclose(sums.contacts[FORCE], states.contact_force.sum(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(
-        sums.contacts[FLUX], (np.maximum(closing, 0.0) * near).sum(axis=0), rtol=1e-13, atol=1e-15
-    )
+    np.testing.assert_allclose(sums.contacts[FLUX], flux.sum(axis=0), rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(sums.contacts[PEAK], states.contact_force.max(axis=0))
 
 

@@ -131,6 +131,17 @@ def test_all_cases_are_in_the_result(outcome):
     assert (methods["seconds_to"] > methods["startup"]).all()
 
 
+def test_a_library_that_is_not_installed_is_a_row_that_says_so(outcome, monkeypatch):
+    """The time that it would take is unknown, and nothing is judged by it."""
+    from impactlab_numerics import work_precision_collect
+    from impactlab_numerics.peers import Peer
+
+    absent = Peer("absent_library", "method", 0.002, 8, None)
+    found = work_precision_collect._peer(outcome.study, absent, Law.of(scene(2), 10))
+    assert found.note == "not installed"
+    assert np.isnan(seconds_to(0.01, found)).all()
+
+
 def test_the_checks_see_a_wrong_method(outcome):
     spoiled = outcome.tree.copy(deep=True)
     spoiled["methods"]["bias"][:, 1] += 0.2
