@@ -35,7 +35,7 @@ _SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS +
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
 
-STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 8
+STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
 """A coupling kicks up to ``h² k (1/m₁ + 1/m₂)`` and ``h c (1/m₁ + 1/m₂)``, and in groups of more bodies."""
 
 
@@ -57,7 +57,7 @@ class ExactFlow(Integrator):
     kinetic energy varies like a parabola around its true value, which it has at these
     nodes: friction and noise that act there (and not, as usual, in the middle) feel the
     right temperature. Bodies without contacts, and those with friction over a step of more
-    than 1/8, have the exact Gaussian transition. So have groups of up to 8 bodies on linear
+    than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
     couplings of which one is stiff or strongly damped; other couplings kick.
     """
 

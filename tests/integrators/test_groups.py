@@ -196,10 +196,17 @@ def test_stiff_and_damped_couplings_flow_part_by_part():
 
 
 def test_what_kicks_in_any_case():
-    many = {f"b{k}": il.LinearOscillator(stiffness=9.0, damping=1.0) for k in range(9)}
-    links = {f"c{k}": spring(f"b{k}", f"b{k + 1}", 900.0) for k in range(8)}
-    assert flowing(il.Network(many, couplings=links)) == []
-    assert len(flowing(il.Network(many, couplings={**links, "c7": spring("b7", il.WALL, 900.0)}))) == 8
+    """Groups of more than six bodies, noise that varies in time, and what is not known to be linear."""
+    bodies = {f"b{k}": il.LinearOscillator(stiffness=9.0, damping=1.0) for k in range(7)}
+    links = {f"c{k}": spring(f"b{k}", f"b{k + 1}", 900.0) for k in range(6)}
+    assert flowing(il.Network(bodies, couplings=links)) == []
+    assert flowing(il.Network(bodies, couplings={**links, "c5": spring("b5", il.WALL, 900.0)})) == list(links)
+
+    class Fading(il.Excitation):
+        def intensity(time):
+            return 1.0 / (1.0 + time)
+
+    assert flowing(trio(excitations={"a": Fading()})) == []
     own = {"s": il.Coupling("one", "two", OwnSpring(600.0))}
     assert flowing(base(couplings=own)) == []
 
