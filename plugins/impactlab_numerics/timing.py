@@ -34,7 +34,7 @@ class Ensemble:
     spin_up : float
         Spin-up that belongs to the seconds before the statistics begin (s).
     seconds : float
-        Time that the longer run should take (s).
+        Least time between the two runs (s).
     threads : int
     """
 
@@ -49,9 +49,9 @@ class Ensemble:
         self.pool = ThreadPoolExecutor(self.threads)
         self.short = SHORT * self.step
         self.run(self.short)  # compiles
-        short, longer = self.run(self.short), self.run(5.0 * self.short)
-        share = max(longer - short, 1e-6) / (4.0 * self.short)
-        self.long = max(5.0 * self.short, self.seconds / share)
+        spent, self.long = self.run(self.short), 4.0 * self.short
+        while self.run(self.long) < self.seconds + spent:
+            self.long *= 2.0
 
     def run(self, duration: float) -> float:
         """Return the seconds of one run."""
@@ -82,7 +82,7 @@ class Whole:
     batch : float
         Seconds that a batch simulates.
     seconds : float
-        Time that a measurement should take (s).
+        Least time of a measurement (s).
     clock : callable
         `time.process_time` where a library uses more cores than it is told to: the time of all
         cores is as good as that of one.
@@ -95,7 +95,9 @@ class Whole:
 
     def __post_init__(self) -> None:
         self.call(1)
-        self.batches = max(1, round(self.seconds / max(self._seconds(1), 1e-6)))
+        self.batches = 1
+        while self._seconds(self.batches) < self.seconds:
+            self.batches *= 2
 
     def _seconds(self, batches: int) -> float:
         begin = self.clock()

@@ -45,7 +45,7 @@ def _verdict(holds: bool, known: bool = True) -> str:
 
 
 def _against_baoab(results: Results) -> Claim:
-    own = results.body_steps(f"{PAIR}, impactlab, 256 realizations, 1 thread")
+    own = results.body_steps(f"{PAIR}, impactlab, full blocks, 1 thread")
     runs = [str(run) for run in results.speed["run"].values if f"{PAIR}, numba, BAOAB" in str(run)]
     other = max(results.body_steps(run) for run in runs)
     return Claim(
@@ -57,9 +57,7 @@ def _against_baoab(results: Results) -> Claim:
 
 
 def _threads(results: Results) -> Claim:
-    one, two = (
-        results.body_steps(f"{PAIR}, impactlab, 512 realizations, {text}") for text in ("1 thread", "2 threads")
-    )
+    one, two = (results.body_steps(f"{PAIR}, impactlab, full blocks, {text}") for text in ("1 thread", "2 threads"))
     return Claim(
         "speed",
         f"Two threads make at least {THREADS:g} times the steps of one.",

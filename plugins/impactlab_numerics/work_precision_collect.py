@@ -13,6 +13,7 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.ensemble import cores
+from impactlab.rules import LANES
 from impactlab_numerics import baselines
 from impactlab_numerics.contributions import contributions
 from impactlab_numerics.methods import Findings, Method, of_batches, of_dataset, seconds_to, unknown
@@ -28,7 +29,7 @@ Table = dict[Method, Findings]
 Timers = dict[Any, Callable[[], Measurement]]
 
 LOOPS = {"BAOAB": "baoab", "Euler–Maruyama": "euler_maruyama", "Runge–Kutta": "runge_kutta"}
-LANES = (1, 8, 64, 256)
+BLOCKS = (1, 8, 64, LANES)
 SERIES_REALIZATIONS = 8  # each takes about 10 ms
 
 
@@ -71,7 +72,11 @@ def make_loop(study: WorkPrecisionStudy, method: Method, number: int = 0) -> bas
     """Return the loop of a method, with a seed of its own for each number."""
     common = (study.scenes()[method.scene], LOOPS[method.scheme], method.step, study.bins, study.seed + 1000 * number)
     if method.noise == "series":
-        return baselines.SeriesLoop(*common, components=study.components, band=study.band)
+        # Simpson's rule, which Runge-Kutta is for a force, takes the frequency 1/step for a constant one
+        low, high = study.band
+        top = min(high, 0.5 / method.step)
+        lines = round(study.components * (top - low) / (high - low))
+        return baselines.SeriesLoop(*common, components=lines, band=(low, top))
     return baselines.Loop(*common)
 
 
@@ -107,7 +112,7 @@ def _timers(study: WorkPrecisionStudy, table: Table) -> Timers:
     for method, known in table.items():
         network, seconds = study.network(method), study.timing_seconds
         if method.tool == "impactlab" and method.noise == "white":
-            options = {**study.options(method), "realizations": 256}
+            options = {**study.options(method), "realizations": in_blocks_of(LANES)}
             del options["record"]  # samples every 40 steps or so, which does not show
             timers[method] = Ensemble(network, options, known.step, known.spin_up, seconds)
         elif method.tool == "impactlab":
@@ -132,13 +137,18 @@ def _series_timer(study: WorkPrecisionStudy, method: Method) -> Whole:
 
 def _speed_timers(study: WorkPrecisionStudy, table: Table) -> Timers:
     """Return what times the default method with default statistics: threads, and lanes."""
-    runs = [(scene, 512, threads) for scene in study.scenes() for threads in (1, 2)]
+    runs = [(scene, LANES, threads) for scene in study.scenes() for threads in (1, 2)]
     timers: Timers = {}
-    for scene, realizations, threads in [*runs, *((PAIR, lanes, 1) for lanes in LANES)]:
+    for scene, lanes, threads in dict.fromkeys([*runs, *((PAIR, lanes, 1) for lanes in BLOCKS)]):
         network, step = study.scenes()[scene], table[default(scene)].step
-        options = {"realizations": realizations, "step": step}
-        timers[scene, realizations, threads] = Ensemble(network, options, step, 0.0, study.timing_seconds, threads)
+        options = {"realizations": max(2, cores()) * lanes if lanes == LANES else in_blocks_of(lanes), "step": step}
+        timers[scene, lanes, threads] = Ensemble(network, options, step, 0.0, study.timing_seconds, threads)
     return timers
+
+
+def in_blocks_of(lanes: int) -> int:
+    """Return how many realizations make blocks of a width: one for each core; less than 8 are one block."""
+    return lanes * cores() if lanes >= 8 else lanes
 
 
 def _speed(study: WorkPrecisionStudy, table: Table, found: Mapping[Any, list[Measurement]]) -> xr.Dataset:
@@ -146,11 +156,10 @@ def _speed(study: WorkPrecisionStudy, table: Table, found: Mapping[Any, list[Mea
     rows: dict[str, tuple[float, list[float]]] = {}
     for scene, network in study.scenes().items():
         bodies = len(network.oscillators)
-        for lanes, threads in ((512, 1), (512, 2), *((lanes, 1) for lanes in LANES)):
+        for lanes, threads in ((LANES, 1), (LANES, 2), *((lanes, 1) for lanes in BLOCKS)):
             if (scene, lanes, threads) in found:
-                name = f"{scene}, impactlab, {lanes} realizations, {threads} thread{'s' if threads > 1 else ''}"
                 rates = [rate for rate, _ in found[scene, lanes, threads]]
-                rows[name] = bodies / table[default(scene)].step, rates
+                rows[run_name(scene, lanes, threads)] = bodies / table[default(scene)].step, rates
         for method in study.baselines(scene):
             rows[method.key] = bodies / method.step, table[method].rates
     per_second = {name: [factor / rate for rate in rates] for name, (factor, rates) in rows.items()}
@@ -162,8 +171,14 @@ def _speed(study: WorkPrecisionStudy, table: Table, found: Mapping[Any, list[Mea
             "body_steps_per_second_by_round": (("run", "round"), values, attributes),
         },
         {"run": list(per_second)},
-        {"cores": cores()},
+        {"cores": cores(), "lanes": LANES},
     )
+
+
+def run_name(scene: str, lanes: int, threads: int = 1) -> str:
+    """Return the name of a run of the default method that was timed."""
+    width = "full blocks" if lanes == LANES else f"blocks of {lanes}"
+    return f"{scene}, impactlab, {width}, {threads} thread{'s' if threads > 1 else ''}"
 
 
 def default(scene: str) -> Method:
@@ -177,7 +192,7 @@ def _direct(study: WorkPrecisionStudy, found: Findings) -> xr.Dataset:
     The run is as long as |bias| and its standard error leave room for; its own standard error
     tells whether it got there.
     """
-    accuracy, network, lanes = study.accuracies[-1], study.scenes()[PAIR], 256
+    accuracy, network, lanes = study.accuracies[-1], study.scenes()[PAIR], in_blocks_of(LANES)
     bias = abs(found.bias[0]) + found.bias_error[0]
     allowed = max(accuracy - bias, 0.1 * accuracy) / 3.0
     duration = 1.1 * found.scatter[0] / allowed**2 / lanes

@@ -1,4 +1,8 @@
-"""Work-precision diagrams: run time against error, one line per method."""
+"""Work-precision diagrams: run time against error, one line per method.
+
+A line is pale where the error is below two standard errors of the measured bias: nothing is known
+of the bias there, and the time is a lower bound.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, NullLocator
 
 from impactlab.plot import COLORS, style
-from impactlab_numerics.methods import Findings, seconds_to
+from impactlab_numerics.methods import SEEN, Findings, seconds_to
 from impactlab_numerics.scenes import STATISTICS
 from impactlab_numerics.work_precision import PAIR
-from impactlab_numerics.work_precision_results import Results, time_text
+from impactlab_numerics.work_precision_results import Results
 
 if TYPE_CHECKING:
     from impactlab_numerics.work_precision import WorkPrecisionStudy
@@ -27,7 +31,10 @@ TITLES = {
     "density": "density of the last body's x",
 }
 _ERRORS = np.geomspace(0.1, 2e-4, 241)
-_LINES = ["-", "--", "-.", ":"]
+_TIMES = {
+    "1 ms": 1e-3, "10 ms": 1e-2, "0.1 s": 0.1, "1 s": 1.0, "10 s": 10.0, "1 min": 60.0, "10 min": 600.0,
+    "1 h": 3600.0, "1 d": 86400.0, "10 d": 864000.0, "100 d": 8640000.0, "1000 d": 86400000.0,
+}  # fmt: skip
 
 
 def draw(study: WorkPrecisionStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
@@ -43,7 +50,9 @@ def _diagram(results: Results, scene: str) -> Figure:
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     lines: dict[str, list[Findings]] = {}
     for case in results.cases(scene):
-        lines.setdefault(str(results.methods["line"].sel(case=case).values), []).append(results.findings(case))
+        one = results.findings(case)
+        if np.isfinite(one.rate):
+            lines.setdefault(str(results.methods["line"].sel(case=case).values), []).append(one)
     for index, (panel, name) in enumerate(zip(axes.flat, STATISTICS, strict=True)):
         for (line, found), look in zip(lines.items(), _looks(lines), strict=True):
             _envelope(panel, found, index, line if index == 0 else None, look)
@@ -75,14 +84,17 @@ def _looks(lines: dict[str, list[Findings]]) -> list[dict[str, object]]:
 def _envelope(panel: Axes, found: list[Findings], index: int, label: str | None, look: dict[str, object]) -> None:
     """Draw the shortest time of all steps to each error."""
     times = np.array([[seconds_to(error, item)[index] for error in _ERRORS] for item in found])
-    best = times.min(axis=0)
-    panel.plot(_ERRORS, np.where(np.isfinite(best), best, np.nan), label=label, **look)  # type: ignore[arg-type]
+    best, which = times.min(axis=0), times.argmin(axis=0)
+    known = np.array([SEEN * item.bias_error[index] for item in found])[which] <= _ERRORS
+    best[np.isinf(best)] = np.nan
+    panel.plot(_ERRORS, best, alpha=0.3, **look)  # type: ignore[arg-type]
+    panel.plot(_ERRORS, np.where(known, best, np.nan), label=label, **look)  # type: ignore[arg-type]
 
 
 def _scales(panel: Axes) -> None:
     panel.set(xscale="log", yscale="log", xlim=(_ERRORS[0], _ERRORS[-1]))
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g} %"))
-    panel.yaxis.set_major_locator(LogLocator(numticks=12))
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: time_text(value)))
-    panel.yaxis.set_minor_formatter(NullFormatter())
+    panel.yaxis.set_major_locator(FixedLocator(list(_TIMES.values())))
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.yaxis.set_major_formatter(FixedFormatter(list(_TIMES)))
     panel.grid(color="#DDDDDD", lw=0.5)

@@ -151,9 +151,10 @@ def test_the_checks_see_a_wrong_method(outcome):
 
 def test_the_diagrams_and_tables_show_every_method(outcome):
     assert set(outcome.figures) == {"work_precision_base_case", "work_precision_chain"}
-    figure = outcome.figures["work_precision_chain"]
+    figure = outcome.figures["work_precision_base_case"]
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert labels == {str(line) for line in outcome.tree["methods"]["line"].values}
+    methods = outcome.tree["methods"].to_dataset()
+    assert labels == {str(line) for line in methods["line"].values[methods["scene"].values == PAIR]}
     tables = dict(outcome.study.tables(outcome.tree))
     cases = outcome.tree["methods"].to_dataset().sizes["case"]
     assert sum(len(rows) for title, rows in tables.items() if title.startswith("E[x²]")) == cases
