@@ -288,7 +288,7 @@ class _Block:
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
             scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale)
+        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

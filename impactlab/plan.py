@@ -113,6 +113,8 @@ class Plan:
         Whether there are enough independent realizations or batches for standard errors.
     relaxation : float
         Relaxation time of the slowest body (s), 0 if nothing is damped.
+    coarse : bool
+        Whether a step takes the noise that a run at half the step has in two.
     """
 
     text: str
@@ -157,6 +159,7 @@ class Plan:
     steps_per_call: int
     trusted: bool
     relaxation: float
+    coarse: bool
 
     @property
     def blocks(self) -> int:
@@ -209,10 +212,12 @@ def make_plan(
     records: Sequence[Record],
     seed: tuple[int, int],
     workers: int,
+    coarse: bool = False,
 ) -> Plan:
     """Decide everything about a simulation before it runs.
 
-    Parameters are those of `simulate`; `workers` is the number of blocks that run at once.
+    Parameters are those of `simulate`; `workers` is the number of blocks that run at once, and a
+    coarse run has the noise of one at half the step.
 
     Raises
     ------
@@ -307,6 +312,7 @@ def make_plan(
         steps_per_call=steps_per_call,
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
+        coarse=coarse,
     )
 
 

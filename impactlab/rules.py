@@ -28,6 +28,9 @@ BATCHES, BATCH_TIMES = 64, 20.0
 SERIES_BYTES = 40e6
 """Memory that the series of a block may take."""
 
+KINK_HEATING = 5e-4
+"""Largest part of their temperature by which kinks of contact forces may heat bodies."""
+
 CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 """Length of a compiled call and the cost it is planned with: short, so that interrupts are answered."""
 
@@ -62,9 +65,44 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
             )
         return given
     step = integrator.recommended_step(model, *stiffness)
+    if integrator.kicks:
+        step = min(step, kink_step(model, stiffening))
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step
+
+
+def kink_step(model: Model, stiffening: Stiffening) -> float:
+    """Return the step at which the kinks of contact forces heat no body by more than `KINK_HEATING` (s).
+
+    A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
+    little whenever it opens or closes: measured, by ``0.016 r² (h Ω)⁴`` of their temperature or less, Ω
+    being the frequency of the closed contact and r the part of its stiffness that is there at a
+    tenth of the thermal penetration (1 for a linear law, 0.2 for Hertz contact). Friction takes
+    it away; a body with little of it, or a contact that closes often, needs a smaller step.
+    """
+    result = math.inf
+    inverse_mass = np.append(1.0 / model.mass, 0.0)
+    friction = np.append(model.damping / model.mass**2, 0.0)
+    with np.errstate(divide="ignore"):
+        inverse_stiffness = np.append(1.0 / model.stiffness, 0.0)
+    for contact, ends, depth, tangent in zip(
+        model.network.contacts.values(), model.ends, stiffening.penetration, stiffening.contacts, strict=True
+    ):
+        mobility, compliance = inverse_mass[ends].sum(), inverse_stiffness[ends].sum()
+        decay = friction[ends].sum() / mobility
+        if not decay > 0.0 or not tangent > 0.0:
+            continue
+        early = float(contact.law.evaluate(0.1 * depth)) / (0.1 * depth * tangent)
+        # how often the gap crosses the point of contact, by Rice's formula
+        spring = 1.0 / compliance + (tangent if contact.clearance < 0.0 else 0.0)
+        spread = float(stiffening.energy[ends.min()]) * compliance
+        often = math.exp(-0.5 * max(contact.clearance, 0.0) ** 2 / spread) if 0.0 < spread < math.inf else 1.0
+        rate = math.sqrt(mobility * spring) / (2.0 * math.pi) * often
+        if rate > 0.0 and early > 0.0:
+            power = KINK_HEATING * decay / (0.016 * early**2 * rate)
+            result = min(result, power**0.25 / math.sqrt(tangent * mobility))
+    return result
 
 
 def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) -> tuple[float, int]:

@@ -26,7 +26,7 @@ from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PerRealization, Record
 from impactlab.rules import check_integrator, positive, seed_of
-from impactlab.tolerance import DRIFT, checked, reach
+from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
 
 
@@ -110,13 +110,17 @@ def simulate(
     longest = math.inf if duration is None else positive("duration", duration)
     length = min(longest, LENGTH * relaxation_time(model))
 
+    records = _records(record)
+    asked = any(isinstance(item, PerRealization) for item in records)
+    kept = records if asked else [*records, PerRealization()]
+
     def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
-        own = (seed[0] ^ coarse, seed[1])
         return _simulate(
-            network, length, count, chosen, method, spin_up, initial, record, own, executor, progress, seconds
+            network, length, count, chosen, method, spin_up, initial, kept, seed, executor, progress, seconds, coarse
         )
 
-    return reach(attempt, tolerances, positive("max_seconds", max_seconds), realizations, step)
+    result = reach(attempt, tolerances, positive("max_seconds", max_seconds), realizations, step)
+    return result if asked else without_realizations(result)
 
 
 def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
@@ -155,18 +159,16 @@ def _simulate(
     network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
     spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
     executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
+    coarse: bool = False,
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
     check_integrator(integrator)
-    records: list[Any] = [record] if isinstance(record, Record | str) else list(record or ())
-    for item in records:
-        if not isinstance(item, Record):
-            raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
+    records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
     plan = make_plan(
         network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
-        initial=initial, records=records, seed=seed, workers=cores(),
+        initial=initial, records=records, seed=seed, workers=cores(), coarse=coarse,
     )  # fmt: skip
     if plan.seconds(cores()) > seconds:
         raise InvalidInput(
@@ -192,6 +194,14 @@ def _simulate(
         "text": digest(plan.text),
     }  # fmt: skip
     return _labelled(plan, estimates, results, configuration)
+
+
+def _records(record: Any) -> list[Record]:
+    records: list[Any] = [record] if isinstance(record, Record | str) else list(record or ())
+    for item in records:
+        if not isinstance(item, Record):
+            raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
+    return records
 
 
 def _network(network: Any) -> Network:

@@ -78,17 +78,19 @@ def reach(
 ) -> xr.Dataset:
     """Repeat a simulation with more realizations or a smaller step until it is good enough.
 
-    Every attempt runs at a step h and at 2h. The bias of the step is estimated as a third of
-    the difference, which is right for a method of second order and too much for a higher
-    one. A result is good enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for
-    every label; where the value is 0 by symmetry, its standard deviation takes its place.
+    Every attempt runs at a step h and, with the same noise, at 2h. The bias of the step is estimated
+    as a third of the difference, which is right for a method of second order and too much for a
+    higher one. Both runs follow nearly the same paths, so that their difference says little of
+    the scatter of either: a run is not accepted because it happens to be off. A result is good
+    enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for every label; where the value
+    is 0 by symmetry, its standard deviation takes its place.
 
     Parameters
     ----------
     attempt : callable
         ``attempt(realizations, step, coarse, seconds)`` returns a dataset; with step None the
-        step is chosen, coarse runs have noise of their own, and a run that would take longer
-        than some seconds is refused.
+        step is chosen, coarse runs have the noise of those at half the step, and a run that
+        would take longer than some seconds is refused.
     tolerance : dict of str to float
         Relative tolerances by the name of the statistic.
     max_seconds : float
@@ -123,14 +125,14 @@ def reach(
                 f"After a spin-up of {fine.attrs['spin_up']:g} s the network is not stationary, so a tolerance has no "
                 "meaning yet. Give a longer spin_up= and duration=."
             )
-        excess, biased = _judge(fine, coarse, tolerance)
+        excess, scatter, biased = _judge(fine, coarse, tolerance)
         if excess <= 1.0:
             return _labelled(fine, coarse, tolerance, attempts, time.monotonic() - begin)
         if biased:
             halvings += 1
             step = 0.5 * fine.attrs["step"]
         growth = 1.0 if biased else (excess / SAFETY) ** 2
-        needed = took * growth * (2.0 if biased else 1.0)
+        needed = took * max(growth, (scatter / SAFETY) ** 2) * (2.0 if biased else 1.0)
         if halvings > HALVINGS or time.monotonic() - begin + needed > max_seconds:
             times = f"{needed:.2g} s more" if math.isfinite(needed) else "more time than can be foreseen"
             raise InvalidInput(
@@ -140,27 +142,49 @@ def reach(
         realizations = math.ceil(realizations * growth)
 
 
-def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) -> tuple[float, bool]:
-    """Return the largest error over its tolerance, and whether more realizations cannot help.
+def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) -> tuple[float, float, bool]:
+    """Return the largest error over its tolerance, that without the bias, and whether more realizations cannot help.
 
     A contact that was never closed counts as not known at all; a body that never moves is known.
     """
-    excess, biased = 0.0, False
+    excess, without, biased = 0.0, 0.0, False
     for name, relative in tolerance.items():
         if name not in fine:
             raise InvalidInput(f"tolerance: this network has no {name}.")
         allowed = relative * _scale(fine, name)
         error = fine[f"{name}_standard_error"].values
-        bias = (coarse[name].values - fine[name].values) / 3.0
-        uncertainty = np.hypot(coarse[f"{name}_standard_error"].values, error) / 3.0
+        bias, uncertainty = _bias(fine, coarse, name)
         for one in zip(allowed, np.abs(bias), error, uncertainty, strict=True):
             most, off, scatter, doubt = map(float, one)
             if most == 0.0 and scatter == 0.0 and "oscillator" in fine[name].dims:
                 continue
             spent = off + 2.0 * scatter
-            excess = max(excess, spent / most if most > 0.0 and math.isfinite(spent) else math.inf)
+            known = most > 0.0 and math.isfinite(spent)
+            excess = max(excess, spent / most if known else math.inf)
+            without = max(without, 2.0 * scatter / most if known else math.inf)
             biased |= off - 2.0 * doubt > 0.5 * most
-    return excess, biased
+    return excess, without, biased
+
+
+def _bias(fine: xr.Dataset, coarse: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bias of the step and its standard error.
+
+    Of the difference of the two values and the mean difference of pairs of realizations, the better known.
+    """
+    both = (coarse[name].values - fine[name].values) / 3.0
+    of_both = np.hypot(coarse[f"{name}_standard_error"].values, fine[f"{name}_standard_error"].values) / 3.0
+    pairs = (coarse[f"{name}_by_realization"].values - fine[f"{name}_by_realization"].values) / 3.0
+    of_pairs = pairs.std(axis=0, ddof=1) / math.sqrt(len(pairs))
+    better = of_pairs < of_both
+    return np.where(better, pairs.mean(axis=0), both), np.where(better, of_pairs, of_both)
+
+
+def without_realizations(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a dataset without what each realization gave."""
+    names = [name for name in dataset.data_vars if str(name).endswith("_by_realization")]
+    dataset = dataset.drop_vars(names)
+    unused = "realization" not in {dim for item in dataset.data_vars.values() for dim in item.dims}
+    return dataset.drop_dims("realization") if unused and "realization" in dataset.dims else dataset
 
 
 def _scale(dataset: xr.Dataset, name: str) -> np.ndarray:
@@ -179,6 +203,6 @@ def _labelled(
     for name in tolerance:
         attrs = {**fine[name].attrs, "long_name": f"estimated bias of the step in {fine[name].attrs['long_name']}"}
         attrs.pop("ancillary_variables", None)
-        fine[f"{name}_bias"] = (fine[name].dims, (coarse[name].values - fine[name].values) / 3.0, attrs)
+        fine[f"{name}_bias"] = (fine[name].dims, _bias(fine, coarse, name)[0], attrs)
     tolerances = ", ".join(f"{name}: {value:g}" for name, value in tolerance.items())
     return fine.assign_attrs(tolerance=tolerances, attempts=attempts, seconds_spent=seconds)

@@ -268,3 +268,37 @@ def test_an_integrator_refuses_noise_that_it_does_not_handle():
 
     with pytest.raises(il.InvalidInput, match=r"does not handle the excitation of 'a' \(WhiteNoise.*handles force"):
         il.simulate(linear(), 1.0, integrator=SmoothOnly())
+
+
+def test_kinks_of_weakly_damped_contacts_shorten_the_step():
+    """Rules of the theory page: only kinks count, and their step follows the fourth root of the friction."""
+
+    def step(law, ratio, clearance=-0.05):
+        body = il.LinearOscillator.from_frequency(20.0, ratio)
+        network = il.Network(
+            {"a": body}, {"w": il.Contact("a", il.WALL, law, clearance=clearance)},
+            {"a": il.WhiteNoise(body.damping / math.pi)},
+        )  # fmt: skip
+        return network.check().dataset.attrs["step"]
+
+    linear_law = il.LinearContact(4e4)
+    assert step(linear_law, 1e-3) == pytest.approx(10.0**-0.25 * step(linear_law, 1e-2), rel=1e-12)
+    assert step(linear_law, 0.5, clearance=0.05) == pytest.approx(0.5 / 200.0, rel=0.02)
+    assert step(il.PowerLawContact(4e6, exponent=2.0), 1e-2) == pytest.approx(
+        step(il.PowerLawContact(4e6, exponent=2.0), 1e-1), rel=1e-9
+    )
+    assert step(linear_law, 1e-3, clearance=0.2) > step(linear_law, 1e-3, clearance=0.0)
+
+
+def test_a_weakly_damped_preload_keeps_its_temperature():
+    """With the step of the other rules it is 1.2 ± 0.02 % too hot."""
+    body = il.LinearOscillator.from_frequency(20.0, 0.024)
+    network = il.Network(
+        {"a": body}, {"w": il.Contact("a", il.WALL, il.LinearContact(4e4), clearance=-0.05)},
+        {"a": il.WhiteNoise(body.damping / math.pi)},
+    )  # fmt: skip
+    ds = il.simulate(network, 300.0, realizations=512, rng=1)
+    exact = float(il.exact(network).statistics().mean_square_velocity[0])
+    error = float(ds.mean_square_velocity_standard_error[0]) / exact
+    assert error < 5e-4
+    assert abs(float(ds.mean_square_velocity[0]) / exact - 1.0) < 1e-3 + 3.0 * error

@@ -25,6 +25,7 @@ class Noise(NamedTuple):
     streams: np.ndarray  # (row, 3) addresses of the streams
     realizations: np.ndarray  # (lane,) indices
     scale: np.ndarray  # (1 or step, row) factor of the amplitude
+    coarse: bool  # whether a step takes the noise of two steps of half the length
 
 
 class Cross(NamedTuple):
@@ -101,7 +102,7 @@ ADVANCE = void(
     i8[::1],
     f8[:, :, ::1],
     _typeof(Cross(_INTEGERS.reshape(1, 1), _MATRIX, _MATRIX, _MATRIX)),
-    _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX)),
+    _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX, True)),
     _typeof(Series(_INTEGERS, _CUBE)),
     _typeof(Forced(_INTEGERS, _MATRIX)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),

@@ -25,7 +25,7 @@ from impactlab.kernels.flow import (
 )
 from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
-from impactlab.kernels.random import fill_normals
+from impactlab.kernels.random import fill_steps
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model
@@ -237,7 +237,7 @@ def _advance(  # type: ignore[no-untyped-def]
             x = y
             add_response(series.samples, now, -1.0, series.bodies, x, v)
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
+            fill_steps(noise, now // 4, state.normals)
         sample = index if noise.scale.shape[0] > 1 else 0
         if cross.bodies.shape[0]:
             copy(v, before)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-import numpy as np
-
 from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
 from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
-from impactlab.kernels.random import fill_normals
+from impactlab.kernels.random import fill_steps
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
 
@@ -49,7 +47,7 @@ def _advance(  # type: ignore[no-untyped-def]
         now = first + index
         slot = now % SLOTS
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
-            fill_normals(noise.streams, noise.realizations, np.uint64(now // 4), state.normals)
+            fill_steps(noise, now // 4, state.normals)
         combine(x, 0.0, x, stage_x)
         combine(v, 0.0, v, stage_v)
         clear(slope_x)

@@ -90,9 +90,11 @@ def _unmanaged(typing_context, value):  # type: ignore[no-untyped-def]
             array = context.make_array(kind)(context, builder, item)
             array.meminfo = array.meminfo.type(None)
             return array._getvalue()
-        for index, part in enumerate(kind):
-            stripped = strip(context, builder, part, builder.extract_value(item, index))
-            item = builder.insert_value(item, stripped, index)
+        if isinstance(kind, types.BaseTuple):
+            parts: Any = kind
+            for index, part in enumerate(parts):
+                stripped = strip(context, builder, part, builder.extract_value(item, index))
+                item = builder.insert_value(item, stripped, index)
         return item
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

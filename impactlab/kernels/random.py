@@ -32,6 +32,7 @@ _10, _22, _23, _I23 = np.uint32(10), np.uint32(22), np.uint32(23), np.int32(23)
 _BIT8, _BIT9 = np.uint32(1 << 8), np.uint32(1 << 9)
 _SQRT_HALF = np.int32(0x3F3504F3)  # the bits of sqrt(1/2)
 _HALF, _ONE, _LN2 = np.float32(0.5), np.float32(1.0), np.float32(np.log(2.0))
+_SQRT_HALF_NUMBER = np.float32(np.sqrt(0.5))
 _RADIUS_UNIT = np.float32(2.0**-32)
 _ANGLE_UNIT, _ANGLE_MIDDLE = np.float32(np.pi / 2.0**23), np.float32(2.0**21 - 0.5)
 _LOGARITHM = tuple(
@@ -141,6 +142,26 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
                 first, second = normal_pair(a, b)
                 normals[row, half, lane] = first
                 normals[row, half + 1, lane] = second
+
+
+@kernel
+def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
+    """Write the normals of steps 4 group … 4 group + 3 for every row of noise.
+
+    They are those of one block or, if the noise is coarse, sums of two steps each, over √2: the
+    noise that a run at half the step has, so that both follow nearly the same paths.
+    """
+    if not noise.coarse:
+        fill_normals(noise.streams, noise.realizations, np.uint64(group), normals)
+        return
+    fine = np.empty_like(normals)
+    for half in (0, 1):
+        fill_normals(noise.streams, noise.realizations, np.uint64(2 * group + half), fine)
+        for row in range(normals.shape[0]):
+            for pair in (0, 1):
+                for lane in range(normals.shape[2]):
+                    both = fine[row, 2 * pair, lane] + fine[row, 2 * pair + 1, lane]
+                    normals[row, 2 * half + pair, lane] = _SQRT_HALF_NUMBER * both
 
 
 @kernel

@@ -233,7 +233,9 @@ def test_kernel_applies_the_transition_and_leaves_the_wall(column):
     rng = np.random.default_rng(1)
     x, v = rng.normal(size=(2, len(a) + 1, 5))
     scale, normals = rng.uniform(size=(2, 4)), rng.normal(size=(4, 4, 5)).astype(np.float32)
-    noise = Noise(np.array([1, 3, 3, 4]), amplitude, np.zeros((4, 3), np.uint64), np.arange(5, dtype=np.uint32), scale)
+    noise = Noise(
+        np.array([1, 3, 3, 4]), amplitude, np.zeros((4, 3), np.uint64), np.arange(5, dtype=np.uint32), scale, False
+    )
     rows = np.full(len(a), -1)
     rows[[1, 3, 4]] = 0, 1, 3
     before = np.stack([x, v], axis=1).copy()

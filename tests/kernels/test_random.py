@@ -8,7 +8,16 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import chi2, kstest, norm
 
-from impactlab.kernels.random import fill_normals, fill_uniforms, normal_pair, normals_of, philox_words, stream
+from impactlab.integrators.base import Noise
+from impactlab.kernels.random import (
+    fill_normals,
+    fill_steps,
+    fill_uniforms,
+    normal_pair,
+    normals_of,
+    philox_words,
+    stream,
+)
 
 SEED = (1, 2)
 SIGMAS = 4.5  # a two-sided chance of 7e-6 for each number that is tested
@@ -320,3 +329,16 @@ def test_every_bit_of_the_counter_counts():
     assert len(np.unique(rows[:, 0, 0])) == len(blocks)
     lanes = np.array([0, *(1 << bit for bit in range(32))])
     assert len(np.unique(normals_of(SEED, "body", "noise", lanes, 0, 1)[0])) == len(lanes)
+
+
+def test_a_coarse_step_has_the_noise_of_two():
+    """Sums of two steps each, over √2, in their order; and the same blocks where the noise is not coarse."""
+    streams = np.array([stream(SEED, name, "noise") for name in ("a", "b")], dtype=np.uint64)
+    lanes = np.arange(5, dtype=np.uint32)
+    fine = np.stack([normals_of(SEED, name, "noise", lanes, 6, 2) for name in ("a", "b")])
+    for coarse in (False, True):
+        noise = Noise(np.arange(2), np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse)
+        normals = np.empty((2, 4, 5), dtype=np.float32)
+        fill_steps(noise, 3 if coarse else 6, normals)
+        expected = (fine[:, 0::2] + fine[:, 1::2]) / math.sqrt(2.0) if coarse else fine[:, :4]
+        np.testing.assert_allclose(normals, expected, rtol=1e-6, atol=1e-7)
