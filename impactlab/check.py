@@ -88,8 +88,8 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
         step = rows[type(method).__name__][1]
     else:
         method.check(model)
-        step = choose_step(model, method, stiffening, positive("step", step))
-    modes, note = _modes(model, stiffening, method, step, known)
+        step = choose_step(_arranged(model, method, stiffening), method, stiffening, positive("step", step))
+    modes, note = _modes(_arranged(model, method, stiffening), stiffening, method, step, known)
     data = xr.Dataset(
         {
             "natural_frequency": ("oscillator", model.natural_frequencies),
@@ -142,10 +142,15 @@ def _steps(model: Model, integrator: Integrator, stiffening: Stiffening) -> tupl
     """Return largest and recommended step, or the reason why there is none."""
     try:
         integrator.check(model)
+        model = _arranged(model, integrator, stiffening)
         recommended = choose_step(model, integrator, stiffening, None)
     except InvalidInput as error:
         return np.nan, np.nan, str(error)
     return integrator.largest_step(model, stiffening.links, stiffening.bodies), recommended, ""
+
+
+def _arranged(model: Model, integrator: Integrator, stiffening: Stiffening) -> Model:
+    return integrator.arrange(model, stiffening.links, stiffening.bodies)
 
 
 def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:

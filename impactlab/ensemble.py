@@ -17,7 +17,7 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
 
@@ -35,12 +35,14 @@ class BlockResult:
     ----------
     bodies : (batch, phase, row, body, lane) ndarray
     contacts : (batch, row, contact, lane) ndarray
+    products : (batch, row, pair, lane) ndarray
     records : list
         One dictionary of arrays per record.
     """
 
     bodies: np.ndarray
     contacts: np.ndarray
+    products: np.ndarray
     records: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
@@ -131,7 +133,13 @@ class _Block:
         self.history = History(*past)
         shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
         self.sums = Sums(
-            np.zeros(shape), np.zeros((CONTACT_ROWS, contacts, lanes)), plan.ends, plan.window, plan.half_kick
+            np.zeros(shape),
+            np.zeros((CONTACT_ROWS, contacts, lanes)),
+            plan.ends,
+            plan.window,
+            plan.half_kick,
+            np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
+            plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.attempts = self._start()
@@ -176,12 +184,12 @@ class _Block:
             independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for lines in plan.lines:
+        for lines, (slots, response) in zip(plan.lines, plan.responses, strict=True):
             for column, realization in enumerate(realizations):
                 phase = phases(plan.seed, lines, int(realization), attempt)
-                steady = response_amplitudes(lines, plan.linear[:, lines.body], phase).real.sum(axis=1)
-                x[lines.body, column] += steady[0]
-                v[lines.body, column] += steady[1]
+                steady = response_amplitudes(lines, response, phase).real.sum(axis=1)
+                x[slots, column] += steady[0::2]
+                v[slots, column] += steady[1::2]
         return x, v
 
     def _closed(self, lanes: np.ndarray) -> np.ndarray:
@@ -194,27 +202,26 @@ class _Block:
     def _synthesize(self) -> Series:
         """Sample the series of all realizations, for the whole run."""
         plan, method = self.plan, self.plan.integrator
-        rows = len(plan.lines) * (2 if method.takes_response else 1)
-        if not rows:
+        if not plan.lines:
             return Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
         counts = {sample_count(lines.frequencies, interval, needed) for lines in plan.lines}
         kept = max(counts) if len(counts) == 1 else max(needed, *counts)  # different periods: the whole run
-        samples = np.empty((kept, rows, len(self.realizations)))
-        width = rows // len(plan.lines)
-        for row, lines in enumerate(plan.lines):
+        ends = (2 if method.takes_response else 1) * np.cumsum([len(slots) for slots, _ in plan.responses])
+        samples = np.empty((kept, ends[-1], len(self.realizations)))
+        for lines, (_, response), end in zip(plan.lines, plan.responses, ends, strict=True):
             for lane, realization in enumerate(self.realizations):
                 self.tick(0)
                 phase = phases(plan.seed, lines, int(realization), int(self.attempts[lane]))
                 if method.takes_response:
-                    amplitudes = response_amplitudes(lines, plan.linear[:, lines.body], phase)
+                    amplitudes = response_amplitudes(lines, response, phase)
                 else:
                     amplitudes = force_amplitudes(lines, phase)
                 series = synthesize(lines.frequencies, amplitudes, interval, kept)
-                repeated = np.resize(series, (kept, width)) if len(series) < kept else series
-                samples[:, row * width : (row + 1) * width, lane] = repeated
-        return Series(np.array([lines.body for lines in plan.lines]), samples)
+                repeated = np.resize(series, (kept, len(amplitudes))) if len(series) < kept else series
+                samples[:, end - len(amplitudes) : end, lane] = repeated
+        return Series(np.concatenate([slots for slots, _ in plan.responses]), samples)
 
     def _half_kick(self) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there."""
@@ -255,9 +262,9 @@ class _Block:
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
-                self.module.forces, plan.parameters, plan.indices, plan.coefficients, self._noise(count), self.series,
-                self._forced(count), self.state, self.history, self.sums, snapshots, plan.step, plan.dissipative,
-                sampler is not None, self.now, count, every, phase,
+                self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
+                self.series, self._forced(count), self.state, self.history, self.sums, snapshots, plan.step,
+                plan.dissipative, sampler is not None, self.now, count, every, phase,
             )  # fmt: skip
             self.now += count
             done += count
@@ -322,11 +329,12 @@ class _Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        bodies, contacts = [], []
+        bodies, contacts, products = [], [], []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
             self.sums.bodies[:] = 0.0
             self.sums.contacts[:] = 0.0
+            self.sums.products[:] = 0.0
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
                 for keeper in keepers:
@@ -335,13 +343,16 @@ class _Block:
             self.advance(end - begin, sample)
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
+            products.append(self.sums.products.copy())
             begin = end
-        return BlockResult(np.array(bodies), np.array(contacts), [keeper.result() for keeper in keepers])
+        kept = [keeper.result() for keeper in keepers]
+        return BlockResult(np.array(bodies), np.array(contacts), np.array(products), kept)
 
 
-def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray]:
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
     return (
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),
+        np.concatenate([result.products for result in results], axis=-1),
     )

@@ -54,7 +54,7 @@ class Estimates:
     drift: float
 
 
-def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
+def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
     """Estimate all default statistics.
 
     Parameters
@@ -63,6 +63,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
     bodies : (batch, phase, row, body, realization) ndarray
         Sums over the steps of each batch.
     contacts : (batch, row, contact, realization) ndarray
+    products : (batch, row, pair, realization) ndarray
 
     Returns
     -------
@@ -72,12 +73,14 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray) -> Estimates:
     counts = np.array([plan.counts(*pair) for pair in pairwise((0, *plan.boundaries))])
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
-    whole = statistics_of(plan, bodies.sum(axis=0), counts.sum(axis=0), contacts.sum(axis=0) / plan.steps)
+    whole = statistics_of(
+        plan, bodies.sum(axis=0), counts.sum(axis=0), *(part.sum(axis=0) / plan.steps for part in (contacts, products))
+    )
     if enough_alone:
         units, weights = whole, np.ones(realizations)
     else:
-        means = contacts / steps[:, None, None, None]
-        per_batch = [statistics_of(plan, *batch) for batch in zip(bodies, counts, means, strict=True)]
+        means = (part / steps[:, None, None, None] for part in (contacts, products))
+        per_batch = [statistics_of(plan, *batch) for batch in zip(bodies, counts, *means, strict=True)]
         units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
         weights = np.repeat(steps, realizations)
     if not plan.trusted and (len(plan.white) or plan.lines):

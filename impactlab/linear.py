@@ -40,7 +40,7 @@ class LinearSystem:
     intensity: np.ndarray
 
     @cached_property
-    def _directions(self) -> tuple[np.ndarray, np.ndarray]:
+    def directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the directions that springs hold, and the free ones, as columns."""
         stiffness, directions = np.linalg.eigh(self.stiffness)
         held = stiffness > ZERO * stiffness[-1]
@@ -49,14 +49,32 @@ class LinearSystem:
     @property
     def free(self) -> np.ndarray:
         """Whether no spring holds each body, (body,) of bool."""
-        return np.asarray((np.abs(self._directions[1]) > 1e-6).any(axis=1))
+        return np.asarray((np.abs(self.directions[1]) > 1e-6).any(axis=1))
 
     @cached_property
     def drift(self) -> np.ndarray:
         """Return the matrix L of ``(z, v)' = L (z, v)``; z are the displacements in the held directions."""
-        held, inverse = self._directions[0], 1.0 / self.mass[:, None]
+        held, inverse = self.directions[0], 1.0 / self.mass[:, None]
         none = np.zeros((held.shape[1], held.shape[1]))
         return np.block([[none, held.T], [-inverse * (self.stiffness @ held), -inverse * self.damping]])
+
+    @cached_property
+    def reduction(self) -> np.ndarray:
+        """Return the matrix, of orthonormal rows, that takes (x, v) to (z, v)."""
+        held = self.directions[0]
+        count, kept = held.shape
+        result = np.zeros((kept + count, 2 * count))
+        result[:kept, :count], result[kept:, count:] = held.T, np.eye(count)
+        return result
+
+    @cached_property
+    def scales(self) -> tuple[float, float]:
+        """Return the largest undamped frequency, and the largest rate of the dampers alone (s-1)."""
+        root = 1.0 / np.sqrt(self.mass)
+        largest = [
+            float(np.linalg.eigvalsh(root[:, None] * part * root)[-1]) for part in (self.stiffness, self.damping)
+        ]
+        return math.sqrt(max(largest[0], 0.0)), max(largest[1], 0.0)
 
     @cached_property
     def rates(self) -> np.ndarray:
@@ -76,13 +94,10 @@ class LinearSystem:
             return np.zeros((2 * len(self.mass), 2 * len(self.mass)))
         if not self.rates.all():
             return None
-        drift, held = self.drift, self._directions[0]
-        growth = np.concatenate([np.zeros(held.shape[1]), 2.0 * np.pi * self.intensity / self.mass**2])
-        reduced = solve_continuous_lyapunov(drift, -np.diag(growth))
-        back = np.zeros((2 * len(self.mass), len(drift)))
-        back[: len(self.mass), : held.shape[1]] = held
-        back[len(self.mass) :, held.shape[1] :] = np.eye(len(self.mass))
-        return np.asarray(back @ reduced @ back.T)
+        held = self.directions[0].shape[1]
+        growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
+        reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        return np.asarray(self.reduction.T @ reduced @ self.reduction)
 
     def thermal_covariance(self, temperature: float) -> np.ndarray:
         """Return the covariance of (x, v) at one temperature (J), ``T K⁻¹`` and ``T M⁻¹``."""
@@ -139,6 +154,12 @@ def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
     )
 
 
+def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+    """Return those of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
+    flowing = model.coupled[model.flowing]
+    return tuple(pair for pair in coupled_systems(model) if np.isin(pair[0], flowing).any())
+
+
 def linear_variances(model: Model) -> np.ndarray:
     """Return the linear mean squares of displacement and velocity without contacts, (2, body).
 
@@ -164,19 +185,35 @@ def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
 def line_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
-    coupled = {slot: pair for pair in coupled_systems(model) for slot in pair[0].tolist()}
-    for item in lines_of(model):
-        slot, slots = item.body, np.array([item.body])
-        if slot in coupled:
-            slots, system = coupled[slot]
-            response = system.receptance(slots.tolist().index(slot), item.frequencies)
-        else:
-            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
-            response = response[:, None]
+    for item, (slots, response) in zip(lines_of(model), responses(model, coupled_systems(model)), strict=True):
         gain = np.abs(response) * item.amplitudes[:, None]
         result[0, slots] += 0.5 * (gain**2).sum(axis=0)
         result[1, slots] += 0.5 * ((item.frequencies[:, None] * gain) ** 2).sum(axis=0)
     return result
+
+
+def responses(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return what each sum of cosines moves, alone or in some systems of bodies.
+
+    Returns
+    -------
+    tuple of pairs
+        Slots, and complex displacements by unit force, (line, body) (m N-1).
+    """
+    joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
+    result = []
+    for item in lines_of(model):
+        slot, slots = item.body, np.array([item.body])
+        if slot in joint:
+            slots, system = joint[slot]
+            response = system.receptance(slots.tolist().index(slot), item.frequencies)
+        else:
+            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
+            response = response[:, None]
+        result.append((slots, response))
+    return tuple(result)
 
 
 def relaxation_time(model: Model) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,12 +23,17 @@ class LinearizedNetwork:
     Attributes
     ----------
     model : Model
+    held, braked : (body, body) ndarray
+        Matrices of the linear motion: stiffness and damping of bodies, and of couplings
+        that flow (N m-1, N s m-1).
     added, damping : (body, body) ndarray
         Matrices of what acts in the kick: stiffness of contacts, couplings and residual
         forces (N m-1), damping of couplings (N s m-1).
     """
 
     model: Model
+    held: np.ndarray
+    braked: np.ndarray
     added: np.ndarray
     damping: np.ndarray
 
@@ -35,18 +41,24 @@ class LinearizedNetwork:
     def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
         """Linearize a network where its bodies have the energies of `stiffening`."""
         dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
-        return cls(model, model.of_links(stiffening.links) + np.diag(stiffening.bodies), model.of_links(dampers))
+        kicking = model.kicking
+        return cls(
+            model,
+            np.diag(model.stiffness) + model.of_links(stiffening.links * ~kicking),
+            np.diag(model.damping) + model.of_links(dampers * ~kicking),
+            model.of_links(stiffening.links * kicking) + np.diag(stiffening.bodies),
+            model.of_links(dampers * kicking),
+        )
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""
-        squares, shapes = eigh(np.diag(self.model.stiffness) + self.added, np.diag(self.model.mass))
+        squares, shapes = eigh(self.held + self.added, np.diag(self.model.mass))
         return np.sqrt(np.maximum(squares, 0.0)), shapes
 
     def drift(self) -> np.ndarray:
         """Return the matrix L of ``(x, v)' = L (x, v)``, (2 body, 2 body)."""
         count, inverse = len(self.model.mass), 1.0 / self.model.mass
-        stiffness = np.diag(self.model.stiffness) + self.added
-        damping = np.diag(self.model.damping) + self.damping
+        stiffness, damping = self.held + self.added, self.braked + self.damping
         motion = [np.zeros((count, count)), np.eye(count)]
         return np.block([motion, [-inverse[:, None] * stiffness, -inverse[:, None] * damping]])
 
@@ -58,8 +70,7 @@ class LinearizedNetwork:
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
         model = self.model
-        damping, stiffness = np.diag(model.damping) + self.damping, np.diag(model.stiffness) + self.added
-        system = LinearSystem(model.mass, damping, stiffness, model.intensities())
+        system = LinearSystem(model.mass, self.braked + self.damping, self.held + self.added, model.intensities())
         return None if system.free.any() else system.covariance
 
     def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
@@ -91,7 +102,10 @@ class LinearizedNetwork:
         by_x = -step * second_pass @ (inverse * self.added) @ (unit - step**2 / 12.0 * inverse * self.added)
         by_v = -step * second_pass @ (inverse * self.damping)
         kick, half_kick = (np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, 0.5))
-        a, q, middle_a, middle_q = (_joined(part) for part in integrator.flows(self.model, step))
+        flows = integrator.flows(self.model, step)
+        joints = zip(*(group[2:] for group in flows.groups), strict=True) if flows.groups else [()] * 4
+        slots = [group.slots for group in flows.groups]
+        a, q, middle_a, middle_q = (_joined(*parts, slots) for parts in zip(flows[:4], joints, strict=True))
         cycle, noise = np.eye(len(kick)), np.zeros_like(kick)
         for growth, covariance in zip(a, q, strict=True):
             cycle, noise = kick @ growth @ cycle, kick @ (growth @ noise @ growth.T + covariance) @ kick.T
@@ -107,13 +121,17 @@ class LinearizedNetwork:
         return total / len(a)
 
 
-def _joined(parts: np.ndarray) -> np.ndarray:
-    """Turn (phase, body, 2, 2) into matrices of (x, v) of all bodies, (phase, 2 body, 2 body)."""
-    phases, count = parts.shape[:2]
+def _joined(alone: np.ndarray, joints: Sequence[np.ndarray], slots: Sequence[np.ndarray]) -> np.ndarray:
+    """Turn (phase, body, 2, 2) and the matrices of groups into those of all bodies, (phase, 2 body, 2 body)."""
+    phases, count = alone.shape[:2]
     result = np.zeros((phases, 2, count, 2, count))
     index = np.arange(count)
-    result[:, :, index, :, index] = np.moveaxis(parts, 1, 0)
-    return result.reshape(phases, 2 * count, 2 * count)
+    result[:, :, index, :, index] = np.moveaxis(alone, 1, 0)
+    matrices = result.reshape(phases, 2 * count, 2 * count)
+    for joint, group in zip(joints, slots, strict=True):
+        both = np.concatenate([group, count + group])
+        matrices[:, both[:, None], both] = joint
+    return matrices
 
 
 def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:

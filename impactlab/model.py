@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,8 @@ class Model:
         Where the model comes from.
     bodies, contacts : tuple of str
         Names by slot.
+    couplings : tuple of str
+        Names of the couplings.
     mass, damping, stiffness : (body,) ndarray
         Linear part (kg, N s m-1, N m-1).
     ends : (contact, 2) ndarray of int
@@ -82,6 +84,8 @@ class Model:
         Slots of the first and second body of each coupling.
     coupling : (2, coupling) ndarray
         Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
+    flowing : (coupling,) ndarray of bool
+        Which of them an integrator treats as a part of the bodies' linear motion.
     kinds : tuple of Kind
         Kinds of non-linear members, in canonical order.
     parameters : ndarray
@@ -96,6 +100,7 @@ class Model:
     network: Network
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
+    couplings: tuple[str, ...]
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
@@ -103,6 +108,7 @@ class Model:
     clearance: np.ndarray
     coupled: np.ndarray
     coupling: np.ndarray
+    flowing: np.ndarray
     kinds: tuple[Kind, ...]
     parameters: np.ndarray
     indices: np.ndarray
@@ -111,8 +117,8 @@ class Model:
     forced: tuple[int, ...]
 
     @classmethod
-    def of(cls, network: Network) -> Model:
-        """Make the model of a network."""
+    def of(cls, network: Network, flowing: Collection[str] = ()) -> Model:
+        """Make the model of a network, with some linear couplings in the linear motion."""
         slots = {name: slot for slot, name in enumerate(network.oscillators)}
         bodies = list(network.oscillators.values())
         excited = {slots[name]: item for name, item in network.excitations.items()}
@@ -129,8 +135,11 @@ class Model:
         for slot, (contact, pair) in enumerate(zip(network.contacts.values(), ends, strict=True)):
             kind = Kind("force", type(contact.law), "force")
             members.setdefault(kind, []).append((contact.law, (slot, *pair), (contact.clearance,)))
-        for coupling, pair in zip(network.couplings.values(), coupled, strict=True):
-            members.setdefault(Kind("coupling", type(coupling.law), "force"), []).append((coupling.law, pair, ()))
+        for (name, coupling), pair in zip(network.couplings.items(), coupled, strict=True):
+            kind = Kind("coupling", type(coupling.law), "force")
+            members.setdefault(kind, [])  # also without a row: the text does not depend on what flows
+            if name not in flowing:
+                members[kind].append((coupling.law, pair, ()))
         for slot, body in enumerate(bodies):
             if body.has_kernel("residual"):
                 members.setdefault(Kind("residual", type(body), "residual"), []).append((body, (slot,), ()))
@@ -146,6 +155,7 @@ class Model:
             network=network,
             bodies=tuple(network.oscillators),
             contacts=tuple(network.contacts),
+            couplings=tuple(network.couplings),
             mass=np.array([body.mass for body in bodies]),
             damping=np.array([body.damping for body in bodies]),
             stiffness=np.array([body.stiffness for body in bodies]),
@@ -153,6 +163,7 @@ class Model:
             clearance=np.array([contact.clearance for contact in network.contacts.values()]),
             coupled=np.array(coupled, dtype=np.int64).reshape(-1, 2),
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
+            flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
             kinds=kinds,
             parameters=parameters,
             indices=indices,
@@ -183,6 +194,11 @@ class Model:
         """Slots of the first and second body of each contact, then of each coupling, (link, 2)."""
         return np.concatenate([self.ends, self.coupled])
 
+    @property
+    def kicking(self) -> np.ndarray:
+        """Whether each link is a force of its own, not a part of the linear motion, (link,) of bool."""
+        return np.concatenate([np.ones(len(self.ends), dtype=bool), ~self.flowing])
+
     def of_links(self, strength: np.ndarray) -> np.ndarray:
         """Return the matrix of springs of some strengths in the places of the links, (body, body)."""
         return _springs(self.links, strength, np.arange(self.wall))
@@ -193,10 +209,12 @@ class Model:
 
     @property
     def dissipative(self) -> bool:
-        """Whether a force of a contact, a coupling or a residual depends on velocities."""
+        """Whether a force of a contact, a coupling or a residual depends on velocities, except those that flow."""
         kinds = self.of_role("force", "residual")
         return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
-            item.law.dissipative for item in self.network.couplings.values()
+            item.law.dissipative
+            for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
+            if not flows
         )
 
     @property
@@ -206,9 +224,9 @@ class Model:
 
     @property
     def nonlinear_bodies(self) -> np.ndarray:
-        """Whether each body has contacts, couplings or a residual force, (body,) of bool."""
+        """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.links.ravel()] = True
+        result[self.links[self.kicking].ravel()] = True
         for slot, body in enumerate(self.network.oscillators.values()):
             result[slot] |= body.has_kernel("residual")
         return result[: len(self.bodies)]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Flows
+from impactlab.joint import joint_statistics, weighted_sum
 from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
 from impactlab.plan import Plan
 
 Values = dict[str, np.ndarray]
 
 
-def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray) -> Values:
+def statistics_of(
+    plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray
+) -> Values:
     """Turn sums into statistics.
 
     Parameters
@@ -21,7 +24,7 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
         Sums over the steps of each phase.
     counts : (phase,) ndarray of int
         How many steps these are.
-    contacts : (row, contact, unit) ndarray
+    contacts, products : (row, contact or pair, unit) ndarray
         Mean sums.
 
     Returns
@@ -42,6 +45,13 @@ def statistics_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np
         means = means if seen.all() else np.full(sums.shape, np.nan)
         processed = _processed(plan, plan.flows, means, processed)
         balances = _balances(plan, plan.flows, means)
+        for group in plan.flows.groups if seen.all() else ():
+            if not _closed_flow(plan)[group.slots].all():
+                continue
+            of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
+            for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
+                target = balances if name in balances else processed
+                target[name][group.slots] = values
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -58,7 +68,7 @@ def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Val
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
     flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
     Only the flow of white noise of constant intensity is closed in this way; other bodies keep
-    the moments at the kick.
+    the moments at the kick, and those in groups are left to `joint_statistics`.
     """
     increment = _increment(plan)
     xv = s[:, XV] + 0.5 * increment * s[:, FX]
@@ -66,11 +76,11 @@ def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Val
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
     over_time, of_kicks = _response_to_mean_force(plan, flows)
-    closed = (_closed_flow(plan) & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
+    closed = (_closed_flow(plan) & ~plan.grouped & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
-        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - _sum(of_kicks[:, row].T, s[:, F])
+        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - weighted_sum(of_kicks[:, row].T, s[:, F])
         result[name] = at_kicks[name] + np.where(closed & np.isfinite(shift), shift, 0.0)
         name = f"mean_square_{quantity}"
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
@@ -92,6 +102,8 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     phases = len(a)
     over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
     for body, increment in enumerate(_increment(plan)[:, 0]):
+        if plan.grouped[body]:
+            continue
         if stiffness[body] > 0.0:
             over_time[body] = 1.0 / stiffness[body], 0.0
             at_kicks[body] = _cycle(a[:, body], np.array([[0.0], [increment]]))
@@ -119,10 +131,10 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
     of_kicks = _response_to_mean_force(plan, flows)[1]
     mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
-    for body in np.flatnonzero(_closed_flow(plan)):
+    for body in np.flatnonzero(_closed_flow(plan) & ~plan.grouped):
         a = flows.transition[:, body]
         if stiffness[body] > 0.0:
-            mean[body] = s[:, X, body].mean(axis=0) - _sum(of_kicks[body, 0], s[:, F, body])
+            mean[body] = s[:, X, body].mean(axis=0) - weighted_sum(of_kicks[body, 0], s[:, F, body])
         if damping[body] == 0.0:
             if intensity[body] == 0.0:
                 velocity[body] = of_power[:, body].mean(axis=0)
@@ -130,11 +142,14 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
         heat = np.pi * intensity[body] / (mass[body] * damping[body])
         if stiffness[body] == 0.0:
             gain = _cycle(a[:, 1:, 1:] ** 2, np.array([[2.0]]))[0]
-            velocity[body] = before[:, body].mean(axis=0) - heat - _sum(gain, of_power[:, body])
+            velocity[body] = before[:, body].mean(axis=0) - heat - weighted_sum(gain, of_power[:, body])
             continue
         kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
         gain = _cycle(np.stack([np.kron(item, item) for item in a]), kicks).reshape(4, len(a), 2)
-        known = [_sum(gain[row, :, 0], of_virial[:, body]) + _sum(gain[row, :, 1], of_power[:, body]) for row in (0, 3)]
+        known = [
+            weighted_sum(gain[row, :, 0], of_virial[:, body]) + weighted_sum(gain[row, :, 1], of_power[:, body])
+            for row in (0, 3)
+        ]
         displacement[body] = s[:, XX, body].mean(axis=0) - heat * mass[body] / stiffness[body] - known[0]
         velocity[body] = before[:, body].mean(axis=0) - heat - known[1]
     return {
@@ -169,12 +184,6 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     solved = np.linalg.solve(system, given)
     mean: np.ndarray = solved.reshape(phases, size, -1).mean(axis=0)
     return mean
-
-
-def _sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Weighted sum over the phases; term by term, so that it does not depend on the number of units."""
-    total: np.ndarray = (weights[..., None] * moments).sum(axis=0)
-    return total
 
 
 def _increment(plan: Plan) -> np.ndarray:

@@ -12,9 +12,17 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
-from impactlab.integrators.base import Flows, Integrator
+from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.kernels.random import stream
-from impactlab.linear import Lines, hottest, linear_variances, lines_of, relaxation_time
+from impactlab.linear import (
+    Lines,
+    flowing_systems,
+    hottest,
+    linear_variances,
+    lines_of,
+    relaxation_time,
+    responses,
+)
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
@@ -48,6 +56,8 @@ class Plan:
         Method.
     coefficients : (phase, body, column) ndarray
         The method's numbers.
+    cross : Cross
+        Blocks of the linear motion between bodies.
     flows : Flows or None
         What is between kicks.
     parameters, indices : ndarray
@@ -76,6 +86,8 @@ class Plan:
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
     lines : tuple of Lines
+    responses : tuple
+        What each of `lines` moves; see `impactlab.linear.responses`.
     forced : (row,) ndarray of int
         Slots of the bodies under given forces.
     start : str or (2, body) ndarray
@@ -108,6 +120,7 @@ class Plan:
     text: str
     integrator: Integrator
     coefficients: np.ndarray
+    cross: Cross
     flows: Flows | None
     parameters: np.ndarray
     indices: np.ndarray
@@ -127,6 +140,7 @@ class Plan:
     seed: tuple[int, int]
     intensity: np.ndarray
     lines: tuple[Lines, ...]
+    responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
     start: str | np.ndarray
     deviations: np.ndarray
@@ -151,6 +165,23 @@ class Plan:
     def blocks(self) -> int:
         """Number of blocks."""
         return -(-self.realizations // self.lanes)
+
+    @property
+    def grouped(self) -> np.ndarray:
+        """Whether each body is in a group of `flows`, (body,) of bool."""
+        groups = self.flows.groups if self.flows is not None else ()
+        result = np.zeros(len(self.bodies), dtype=bool)
+        for group in groups:
+            result[group.slots] = True
+        return result
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """Slots of the pairs of bodies of each group of `flows`, (pair, 2)."""
+        groups = self.flows.groups if self.flows is not None else ()
+        pairs = [np.stack(np.triu_indices(len(group.slots), 1), axis=1) for group in groups]
+        none = np.zeros((0, 2), dtype=np.int64)
+        return np.concatenate([none, *(group.slots[pair] for group, pair in zip(groups, pairs, strict=True))])
 
     def seconds(self, workers: int) -> float:
         """Time that the run will take on so many cores, roughly (s)."""
@@ -211,6 +242,7 @@ def make_plan(
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
     stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
@@ -228,7 +260,8 @@ def make_plan(
     boundaries = [*sorted({end for end in boundaries if 0 < end < steps}), steps]
     spin_up_steps = math.ceil(spin_up / step * (1.0 - 1e-12))
     lines = lines_of(model)
-    rows = len(lines) * (2 if integrator.takes_response else 1)
+    moved = responses(model, flowing_systems(model))
+    rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     lanes, steps_per_call = block_shape(
         model, realizations, workers, 8 * rows * integrator.samples_per_step * (spin_up_steps + steps)
     )
@@ -238,6 +271,7 @@ def make_plan(
         text=generate(model),
         integrator=integrator,
         coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        cross=integrator.cross(model, step),
         flows=integrator.flows(model, step),
         parameters=model.parameters,
         indices=model.indices,
@@ -257,6 +291,7 @@ def make_plan(
         seed=seed,
         intensity=model.reference_intensities()[white],
         lines=lines,
+        responses=moved,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=_start_deviations(model, stiffening),
@@ -313,7 +348,7 @@ def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:
-    touching = np.bincount(model.links.ravel(), minlength=model.wall + 1)[:-1]
+    touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
     residual = [body.has_kernel("residual") for body in model.network.oscillators.values()]
     alone = (touching <= 1) & ~np.array(residual)
     of_contacts = np.unique(model.ends[model.ends < model.wall])

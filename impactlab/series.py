@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.random import fill_uniforms, stream
-from impactlab.linear import Lines, receptance_of, regular_lines
+from impactlab.linear import Lines, regular_lines
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
 
@@ -22,12 +22,14 @@ def phases(seed: tuple[int, int], lines: Lines, realization: int, attempt: int) 
     return 2.0 * np.pi * uniforms[: len(lines.frequencies)]
 
 
-def response_amplitudes(lines: Lines, linear: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Return complex amplitudes of the steady displacement and velocity, (2, line)."""
-    mass, damping, stiffness = linear
-    gain = receptance_of(mass, damping, stiffness, lines.frequencies)
-    displacement = lines.amplitudes * np.exp(1j * phase) * gain
-    return np.stack([displacement, 1j * lines.frequencies * displacement])
+def response_amplitudes(lines: Lines, response: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Return complex amplitudes of steady displacements and velocities, body by body, (2 body, line).
+
+    `response` are the displacements by unit force, (line, body).
+    """
+    displacement = lines.amplitudes * np.exp(1j * phase) * response.T
+    both: np.ndarray = np.stack([displacement, 1j * lines.frequencies * displacement], axis=1)
+    return both.reshape(-1, len(phase))
 
 
 def force_amplitudes(lines: Lines, phase: np.ndarray) -> np.ndarray:

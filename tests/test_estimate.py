@@ -149,7 +149,7 @@ def raw_velocity(network, step):
         network, duration=100.0, realizations=512, step=step, integrator=il.ExactFlow(), spin_up=None, initial=None,
         records=(), seed=seed_of(1), workers=2,
     )  # fmt: skip
-    bodies, _ = merged(run(plan, None, lambda part: None))
+    bodies, *_ = merged(run(plan, None, lambda part: None))
     return bodies[:, :, VV, 0].sum(axis=(0, 1)).mean() / plan.steps
 
 

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.stats import kstest
 
 import impactlab as il
-from impactlab.linear import Lines, linear_variances, lines_of
+from impactlab.linear import Lines, linear_variances, lines_of, receptance_of
 from impactlab.model import Model
 from impactlab.rules import seed_of
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
@@ -18,6 +18,11 @@ SEED = (1, 2)
 
 def lines_with(noise):
     return Lines(0, "a", *noise.lines())
+
+
+def alone(lines, mass, damping, stiffness):
+    """Displacements of one body by unit force."""
+    return receptance_of(mass, damping, stiffness, lines.frequencies)[:, None]
 
 
 def direct(frequencies, amplitudes, times):
@@ -41,7 +46,7 @@ def test_synthesis_is_the_direct_sum(band, components, interval):
     lines = lines_with(il.ShinozukaNoise(1.0, band=band, components=components))
     phase = phases(SEED, lines, 3, 0)
     amplitudes = np.concatenate(
-        [force_amplitudes(lines, phase), response_amplitudes(lines, np.array([1.0, 2.0, 400.0]), phase)]
+        [force_amplitudes(lines, phase), response_amplitudes(lines, alone(lines, 1.0, 2.0, 400.0), phase)]
     )
     wanted = 1500
     count = sample_count(lines.frequencies, interval, wanted)
@@ -107,7 +112,7 @@ def test_response_solves_the_equation_of_motion(linear_part):
     lines = lines_with(il.ShinozukaNoise(1.0, band=(1.0, 6.0), components=20))
     phase = phases(SEED, lines, 0, 0)
     force = force_amplitudes(lines, phase)
-    response = response_amplitudes(lines, np.array(linear_part), phase)
+    response = response_amplitudes(lines, alone(lines, *linear_part), phase)
 
     def rhs(t, y):
         f = (force[0] * np.exp(1j * lines.frequencies * t)).sum().real
@@ -161,7 +166,7 @@ def test_exact_flow_follows_bounded_noise_exactly_at_any_step(step):
     phase = phases(seed_of(5), item, 0, 0)
     body = network.oscillators["a"]
     drift = np.array([[0.0, 1.0], [-body.stiffness, -body.damping]])
-    amplitudes = response_amplitudes(item, np.array([1.0, body.damping, body.stiffness]), phase)
+    amplitudes = response_amplitudes(item, alone(item, 1.0, body.damping, body.stiffness), phase)
     steady = direct(item.frequencies, amplitudes, ds.time.values)
     transient = np.array([expm(drift * t) @ -steady[0] for t in ds.time.values])
     np.testing.assert_allclose(ds.displacement[0, :, 0], (steady + transient)[:, 0], rtol=0.0, atol=1e-11)

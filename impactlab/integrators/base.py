@@ -13,6 +13,7 @@ from numba import b1, f8, i8, void
 from impactlab.component import Component
 from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import FORCES
+from impactlab.linear import LinearSystem
 from impactlab.model import Model
 
 
@@ -25,6 +26,15 @@ class Noise(NamedTuple):
     realizations: np.ndarray  # (lane,) indices
     scale: np.ndarray  # (1 or step, row) factor of the amplitude
     coarse: bool  # whether a step takes the noise of two steps of half the length
+
+
+class Cross(NamedTuple):
+    """Blocks of the linear motion that carry one body to another."""
+
+    bodies: np.ndarray  # (block, 2) slots of the body that is reached and of the other
+    flow: np.ndarray  # (block, 4) a_xx, a_xv, a_vx, a_vv
+    noise: np.ndarray  # (block, 4) by the first and the second normal of the other: x, x, v, v
+    push: np.ndarray  # (block, 2) x and v by a unit force on the other during a step
 
 
 class Series(NamedTuple):
@@ -76,6 +86,8 @@ class Sums(NamedTuple):
     ends: np.ndarray  # (contact, 2)
     window: np.ndarray  # (contact,) half width for the rate (m)
     half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
+    products: np.ndarray  # (9, pair, lane)
+    pairs: np.ndarray  # (pair, 2) slots of bodies
 
 
 _MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
@@ -89,12 +101,13 @@ ADVANCE = void(
     f8[::1],
     i8[::1],
     f8[:, :, ::1],
+    _typeof(Cross(_INTEGERS.reshape(1, 1), _MATRIX, _MATRIX, _MATRIX)),
     _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX, True)),
     _typeof(Series(_INTEGERS, _CUBE)),
     _typeof(Forced(_INTEGERS, _MATRIX)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
     _typeof(History(*[_CUBE] * 5)),
-    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _MATRIX[0])),
+    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _MATRIX[0], _CUBE, _INTEGERS.reshape(1, 1))),
     f8[:, :, ::1],
     f8,
     b1,
@@ -104,7 +117,7 @@ ADVANCE = void(
     i8,
     i8,
 )
-"""Signature of an integrator's loop: (forces, parameters, indices, coefficients, noise, series,
+"""Signature of an integrator's loop: (forces, parameters, indices, coefficients, cross, noise, series,
 forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
 
 It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
@@ -113,13 +126,28 @@ on velocities. If `summing`, every step adds to the sums. After every `every`-th
 bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
 
 
+class Group(NamedTuple):
+    """Linear motion of bodies that couplings connect, (2 body, 2 body) matrices of all x, then all v; see `Flows`."""
+
+    slots: np.ndarray  # (body,)
+    system: LinearSystem
+    transition: np.ndarray
+    covariance: np.ndarray
+    middle_transition: np.ndarray
+    middle_covariance: np.ndarray
+
+
 class Flows(NamedTuple):
-    """Linear motion between kicks: ``z → A z`` plus normal numbers of covariance Q, (phase, body, 2, 2) each."""
+    """Linear motion between kicks: ``z → A z`` plus normal numbers of covariance Q, (phase, body, 2, 2) each.
+
+    For bodies in groups they are the blocks of their own.
+    """
 
     transition: np.ndarray  # A from one kick to the next
     covariance: np.ndarray  # Q
     middle_transition: np.ndarray  # A from a kick to the middle of the flow
     middle_covariance: np.ndarray
+    groups: tuple[Group, ...]
 
 
 class Integrator(Component):
@@ -153,6 +181,17 @@ class Integrator(Component):
     def loop() -> Callable[..., None]:
         """Return the compiled loop."""
         raise NotImplementedError
+
+    def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
+        """Return the model with those couplings in the linear motion that the method wants there.
+
+        Parameters are those of `largest_step`; all other functions take what this one returns.
+        """
+        return model
+
+    def cross(self, model: Model, step: float) -> Cross:
+        """Return the linear motion between bodies; nothing where they move by themselves."""
+        return Cross(np.zeros((0, 2), np.int64), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2)))
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         """Return the numbers per body that the loop takes, (phase, body, column)."""
@@ -220,8 +259,8 @@ def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
 
 
 def coupling_rate(model: Model) -> float:
-    """Largest rate at which the dampers of linear couplings, alone, would slow the bodies down (s-1)."""
-    dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
+    """Largest rate at which the dampers of couplings that kick, alone, would slow the bodies down (s-1)."""
+    dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1] * ~model.flowing])
     return float(frequencies(replace(model, stiffness=np.zeros_like(model.stiffness)), dampers)[-1] ** 2)
 
 

@@ -8,27 +8,35 @@ from typing import ClassVar
 
 import numpy as np
 
-from impactlab.integrators.base import ADVANCE, Flows, Integrator, coupling_rate, frequencies
+from impactlab.integrators.base import ADVANCE, Cross, Flows, Group, Integrator, coupling_rate, frequencies
 from impactlab.kernels.flow import (
     COEFFICIENTS,
     GAUSS,
     flow,
+    flow_between,
     noise_columns,
+    noise_root,
+    push_between,
     response_to_force,
     split_transition,
+    system_response,
+    system_transition,
     transition,
 )
 from impactlab.kernels.jit import borrow, loop
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
+from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model
 
 _SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
 
-
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
+
+STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
+"""A coupling kicks up to ``h² k (1/m₁ + 1/m₂)`` and ``h c (1/m₁ + 1/m₂)``, and in groups of more bodies."""
 
 
 class ExactFlow(Integrator):
@@ -49,7 +57,8 @@ class ExactFlow(Integrator):
     kinetic energy varies like a parabola around its true value, which it has at these
     nodes: friction and noise that act there (and not, as usual, in the middle) feel the
     right temperature. Bodies without contacts, and those with friction over a step of more
-    than 1/8, have the exact Gaussian transition.
+    than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
+    couplings of which one is stiff or strongly damped; other couplings kick.
     """
 
     order: ClassVar[float] = 2.0
@@ -62,22 +71,52 @@ class ExactFlow(Integrator):
     def loop() -> Callable[..., None]:
         return loop(ADVANCE, _advance)
 
+    def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
+        linear, names = model.coupling.any(axis=0), np.array(model.couplings)
+        parts = [
+            linear & np.asarray(np.isin(model.coupled, slots).any(axis=1))
+            for slots, _ in coupled_systems(model)
+            if len(slots) <= MOST_COUPLED and not model.time_varying
+        ]
+
+        def flowing(chosen: list[np.ndarray]) -> Model:
+            return Model.of(model.network, set(names[np.any(chosen, axis=0)].tolist())) if chosen else model
+
+        step = self.recommended_step(flowing(parts), tangent, residual)
+        inverse = np.append(1.0 / model.mass, 0.0)[model.coupled].sum(axis=1)  # a wall does not move
+        with np.errstate(invalid="ignore"):  # an infinite step
+            stiff = (step**2 * model.coupling[0] * inverse > STIFF) | (step * model.coupling[1] * inverse > DAMPED)
+        return flowing([part for part in parts if (part & stiff).any()])
+
+    def cross(self, model: Model, step: float) -> Cross:
+        rows = [super().cross(model, step)]
+        for group in self.flows(model, step).groups:
+            body, other = np.nonzero(~np.eye(len(group.slots), dtype=bool))
+            flow, noise = (
+                _blocks(part)[body, other].reshape(-1, 4) for part in (group.transition, noise_root(group.covariance))
+            )
+            push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]
+            rows.append(Cross(np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
+        return Cross(*(np.ascontiguousarray(np.concatenate(part)) for part in zip(*rows, strict=True)))
+
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         a = self.flows(model, step).transition
+        response = response_to_force(model.mass, model.damping, model.stiffness, step)
+        for slots, system in flowing_systems(model):
+            response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
         constant = np.column_stack(
-            [
-                step**2 / 12.0 / model.mass,
-                step / model.mass,
-                0.5 * step / model.mass,
-                *response_to_force(model.mass, model.damping, model.stiffness, step).T,
-            ]
+            [step**2 / 12.0 / model.mass, step / model.mass, 0.5 * step / model.mass, *response.T]
         )
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
     def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
-        split = self._split(model, step)
-        columns = np.stack([noise_columns(q) for q in self.flows(model, step).covariance])  # (phase, 2, body, 2)
-        rows = [(slot, k) for slot in model.white for k in ((0,) if split[slot] else (0, 1))]
+        split, flows = self._split(model, step), self.flows(model, step)
+        columns = np.stack([noise_columns(q) for q in flows.covariance])  # (phase, 2, body, 2)
+        noisy = set(model.white)
+        for group in flows.groups:  # two normals for each body, as soon as there is noise on one
+            columns[:, :, group.slots] = _own(noise_root(group.covariance)).transpose(2, 0, 1)
+            noisy |= set(group.slots.tolist()) if group.system.intensity.any() else set()
+        rows = [(slot, k) for slot in sorted(noisy) for k in ((0,) if split[slot] else (0, 1))]
         slots, which = np.ascontiguousarray(np.array(rows, dtype=np.int64).reshape(-1, 2).T)
         return slots, columns[:, which, slots]
 
@@ -89,13 +128,21 @@ class ExactFlow(Integrator):
         for place in GAUSS:
             parts = *split_transition(*linear, step, place), *split_transition(*linear, step, place, until=0.5)
             phases.append([np.where(split, *pair) for pair in zip(parts, exact, strict=True)])
-        return Flows(*(np.stack(part) for part in zip(*phases, strict=True)))
+        groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
+        joined = [np.stack(part) for part in zip(*phases, strict=True)]
+        for group in groups:
+            for alone, joint in zip(joined, group[2:], strict=True):
+                alone[:, group.slots] = _own(joint)
+        a, q, middle_a, middle_q = joined
+        return Flows(a, q, middle_a, middle_q, groups)
 
     def _split(self, model: Model, step: float) -> np.ndarray:
         """Whether friction and noise of each body act at one moment of the step, (body,) of bool."""
-        noisy = np.zeros(len(model.mass), dtype=bool)
-        noisy[list(model.white)] = True
-        split: np.ndarray = noisy & model.nonlinear_bodies & (model.damping * step <= SPLIT_FRICTION * model.mass)
+        alone = np.zeros(len(model.mass), dtype=bool)
+        alone[list(model.white)] = True
+        for slots, _ in flowing_systems(model):
+            alone[slots] = False
+        split: np.ndarray = alone & model.nonlinear_bodies & (model.damping * step <= SPLIT_FRICTION * model.mass)
         return split
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
@@ -103,7 +150,8 @@ class ExactFlow(Integrator):
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         if not model.nonlinear_bodies.any():  # every step is exact: a few samples per period
-            return min(_over(1.0, model.natural_frequencies.max()), _over(1.0, (model.damping / model.mass).max()))
+            frequency, rate, _ = _motion(model)
+            return min(_over(1.0, frequency.max()), _over(1.0, rate.max()))
         return self._step(model, tangent, residual, 0.5, 1.0, 0.05)
 
     def _step(
@@ -116,15 +164,51 @@ class ExactFlow(Integrator):
         of_dampers: float,
     ) -> float:
         """Limit the step by the frequency of the forces that kick and of the bodies they act on, and by dampers."""
-        kicked = model.nonlinear_bodies
+        frequency, _, kicked = _motion(model)
         if not kicked.any():
             return float("inf")
         by_kicks = replace(model, stiffness=np.zeros_like(model.stiffness) + residual)
         return min(
-            _over(of_kicks, frequencies(by_kicks, tangent)[-1]),
-            _over(of_flow, model.natural_frequencies[kicked].max()),
+            _over(of_kicks, frequencies(by_kicks, tangent * model.kicking)[-1]),
+            _over(of_flow, frequency[kicked].max()),
             _over(of_dampers, coupling_rate(model)),
         )
+
+
+def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frequency and rate of friction of each body's linear motion, and whether kicks act on it, (body,) each.
+
+    For a body in a group they are the largest of the group.
+    """
+    frequency, rate, kicked = model.natural_frequencies, model.damping / model.mass, model.nonlinear_bodies
+    for slots, system in flowing_systems(model):
+        frequency[slots], rate[slots] = system.scales
+        kicked[slots] = kicked[slots].any()
+    return frequency, rate, kicked
+
+
+def _group(slots: np.ndarray, system: LinearSystem, step: float) -> Group:
+    parts = system.mass, system.damping, system.stiffness, system.intensity
+    rate = sum(system.scales)
+    return Group(slots, system, *system_transition(*parts, step, rate), *system_transition(*parts, 0.5 * step, rate))
+
+
+def _response(system: LinearSystem, step: float) -> np.ndarray:
+    """Displacements and velocities of a group after a step from rest, by the body that is pushed, (2, n, n)."""
+    response = system_response(system.mass, system.damping, system.stiffness, step, sum(system.scales))
+    return response.reshape(2, len(system.mass), -1)
+
+
+def _blocks(joint: np.ndarray) -> np.ndarray:
+    """Turn a matrix of all x, then all v, into (body, other, 2, 2)."""
+    count = len(joint) // 2
+    return joint.reshape(2, count, 2, count).transpose(1, 3, 0, 2)
+
+
+def _own(joint: np.ndarray) -> np.ndarray:
+    """Return the blocks of each body with itself, (body, 2, 2)."""
+    index = np.arange(len(joint) // 2)
+    return _blocks(joint)[index, index]
 
 
 def _over(number: float, frequency: float) -> float:
@@ -132,13 +216,13 @@ def _over(number: float, frequency: float) -> float:
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, noise, series, forced, state, history, sums, snapshots,
+    forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
-    noise, series, forced = borrow(noise), borrow(series), borrow(forced)
+    cross, noise, series, forced = borrow(cross), borrow(noise), borrow(series), borrow(forced)
     state, history, sums = borrow(state), borrow(history), borrow(sums)
     coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
-    x, v, y, push = state.x, state.v, state.reading, state.external
+    x, v, y, push, before = state.x, state.v, state.reading, state.external, state.slope_v
     rows = np.full(coefficients.shape[1], -1)
     for row in range(noise.bodies.shape[0] - 1, -1, -1):
         rows[noise.bodies[row]] = row
@@ -155,13 +239,18 @@ def _advance(  # type: ignore[no-untyped-def]
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
             fill_steps(noise, now // 4, state.normals)
         sample = index if noise.scale.shape[0] > 1 else 0
+        if cross.bodies.shape[0]:
+            copy(v, before)
         flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, now % 4, x, v, after)
+        if cross.bodies.shape[0]:
+            flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after
         if forced.bodies.shape[0]:
             clear(push)
             add_forced(forced.force, index, forced.bodies, push)
             scaled_sum(x, coefficients, _PUSH_X, push, x)
             scaled_sum(v, coefficients, _PUSH_V, push, v)
+            push_between(cross, push, x, v)
         if series.bodies.shape[0]:
             add_response(series.samples, now + 1, 1.0, series.bodies, x, v)
         # the conservative force at x says where the kick is read

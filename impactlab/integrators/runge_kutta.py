@@ -32,7 +32,7 @@ class RungeKutta4(ExplicitIntegrator):
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, noise, series, forced, state, history, sums, snapshots,
+    forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
     step, dissipative, summing, first, count, every, phase,
 ):  # fmt: skip
     noise, series, forced = borrow(noise), borrow(series), borrow(forced)

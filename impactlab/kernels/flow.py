@@ -42,19 +42,50 @@ def transition(
     bodies = np.stack([mass, damping, stiffness], axis=1)
     unique, which = np.unique(bodies, axis=0, return_inverse=True)
     which = which.reshape(-1)
-    drift = _drift(unique)
-    halvings = _halvings(unique, step)
-    unit = np.zeros_like(drift)
+    unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
-    block = np.block([[-drift, unit], [np.zeros_like(drift), drift.transpose(0, 2, 1)]])
+    a, q = _gaussian(_drift(unique), unit, step, _rate(unique))
+    return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+
+
+def system_transition(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact Gaussian transition of bodies that springs and dampers connect.
+
+    Parameters
+    ----------
+    mass, intensity : (n,) ndarray
+        As in `transition`.
+    damping, stiffness : (n, n) ndarray
+        Matrices C and K (N s m-1, N m-1).
+    step : float
+        Step (s).
+    rate : float
+        At least the magnitude of the largest eigenvalue of the motion (s-1).
+
+    Returns
+    -------
+    A, Q : (2 n, 2 n) ndarray
+        Of all displacements, then all velocities.
+    """
+    growth = np.diag(np.concatenate([np.zeros_like(mass), 2.0 * np.pi * intensity / mass**2]))
+    a, q = _gaussian(_system_drift(mass, damping, stiffness)[None], growth[None], step, rate)
+    return a[0], q[0]
+
+
+def _gaussian(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
+    size = drift.shape[-1]
+    halvings = _halvings(rate, step)
+    block = np.block([[-drift, growth], [np.zeros_like(drift), drift.transpose(0, 2, 1)]])
     exponential = _taylor(block * (step / 2.0**halvings))
-    a = exponential[:, 2:, 2:].transpose(0, 2, 1)
-    q = a @ exponential[:, :2, 2:]
+    a = exponential[:, size:, size:].transpose(0, 2, 1)
+    q = a @ exponential[:, :size, size:]
     for _ in range(halvings):
         q = q + a @ q @ a.transpose(0, 2, 1)
         a = a @ a
-    q = 0.5 * (q + q.transpose(0, 2, 1))
-    return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+    return a, 0.5 * (q + q.transpose(0, 2, 1))
 
 
 def split_transition(
@@ -104,14 +135,30 @@ def split_transition(
 def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
     """Return displacement and velocity after a step from rest under a unit force, (n, 2) (m, m s-1)."""
     bodies = np.stack([mass, damping, stiffness], axis=1)
-    extended = np.zeros((len(bodies), 3, 3))  # the state (x, v, f) with a constant force f
-    extended[:, :2, :2] = _drift(bodies)
-    extended[:, 1, 2] = 1.0 / mass
-    halvings = _halvings(bodies, step)
+    return _response(
+        _drift(bodies), np.stack([np.zeros_like(mass), 1.0 / mass], axis=1)[..., None], step, _rate(bodies)
+    )[..., 0]
+
+
+def system_response(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float, rate: float
+) -> np.ndarray:
+    """Return what unit forces on each body give after a step from rest, (2 n, n); see `system_transition`."""
+    acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
+    response: np.ndarray = _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[0]
+    return response
+
+
+def _response(drift: np.ndarray, acceleration: np.ndarray, step: float, rate: float) -> np.ndarray:
+    """Return the state after a step from rest of ``z' = drift z + acceleration f`` under constant f, (n, d, forces)."""
+    count, size, forces = acceleration.shape
+    extended = np.zeros((count, size + forces, size + forces))  # the state (z, f)
+    extended[:, :size, :size], extended[:, :size, size:] = drift, acceleration
+    halvings = _halvings(rate, step)
     exponential = _taylor(extended * (step / 2.0**halvings))
     for _ in range(halvings):
         exponential = exponential @ exponential
-    return exponential[:, :2, 2]
+    return exponential[:, :size, size:]
 
 
 def _drift(bodies: np.ndarray) -> np.ndarray:
@@ -124,10 +171,20 @@ def _drift(bodies: np.ndarray) -> np.ndarray:
     return drift
 
 
-def _halvings(bodies: np.ndarray, step: float) -> int:
-    """How often to halve a step until it is short for every body."""
+def _system_drift(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Matrix of (x, v)' of connected bodies, (2 n, 2 n)."""
+    none, inverse = np.zeros_like(stiffness), 1.0 / mass[:, None]
+    return np.block([[none, np.eye(len(mass))], [-inverse * stiffness, -inverse * damping]])
+
+
+def _rate(bodies: np.ndarray) -> float:
+    """Bound of the eigenvalues of the motion of bodies (mass, damping, stiffness)."""
     m, c, k = bodies.T
-    rate = float(np.max(np.sqrt(k / m) + c / m, initial=0.0))
+    return float(np.max(np.sqrt(k / m) + c / m, initial=0.0))
+
+
+def _halvings(rate: float, step: float) -> int:
+    """How often to halve a step until it is short at some rate."""
     return max(0, int(np.ceil(np.log2(max(step * rate, 1e-300)))))
 
 
@@ -157,6 +214,15 @@ def noise_columns(q: np.ndarray) -> np.ndarray:
     l_vx = np.where(singular, np.copysign(np.sqrt(q[:, 1, 1]), q[:, 0, 1]), l_vx)
     l_vv = np.where(singular, 0.0, np.sqrt(rest))
     return np.stack([np.column_stack([l_xx, l_vx]), np.column_stack([np.zeros_like(l_vv), l_vv])])
+
+
+def noise_root(q: np.ndarray) -> np.ndarray:
+    """Return the symmetric root of a covariance, scaled to that of its correlations; there is only one."""
+    scale = np.sqrt(np.diag(q))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    squares, directions = np.linalg.eigh(inverse[:, None] * q * inverse)
+    root: np.ndarray = scale[:, None] * (directions * np.sqrt(np.maximum(squares, 0.0))) @ directions.T
+    return root
 
 
 @kernel
@@ -209,3 +275,46 @@ def flow(coefficients, phase, rows, noise, sample, normals, column, x, v, result
                 result[body, lane] += l_x * normals[second, column, lane]
             for lane in range(result.shape[1]):
                 v[body, lane] += l_v * normals[second, column, lane]
+
+
+@kernel
+def flow_between(cross, rows, normals, column, x, v, result, after):  # type: ignore[no-untyped-def]
+    """Add what the flow of connected bodies carries from one to another.
+
+    Parameters
+    ----------
+    cross : Cross
+        Blocks of the flow between bodies.
+    rows, normals, column
+        As in `flow`; a body that is named has two rows or none.
+    x, v : [body, lane]
+        State before the step.
+    result, after : [body, lane]
+        Displacements and velocities after it.
+    """
+    for block in range(cross.bodies.shape[0]):
+        body, other = cross.bodies[block, 0], cross.bodies[block, 1]
+        a_xx, a_xv, a_vx, a_vv = cross.flow[block]
+        for lane in range(result.shape[1]):
+            displacement, velocity = x[other, lane], v[other, lane]
+            result[body, lane] += a_xx * displacement + a_xv * velocity
+            after[body, lane] += a_vx * displacement + a_vv * velocity
+        row = rows[other]
+        if row < 0:
+            continue
+        l_xx, l_xv, l_vx, l_vv = cross.noise[block]
+        for lane in range(result.shape[1]):
+            first, second = normals[row, column, lane], normals[row + 1, column, lane]
+            result[body, lane] += l_xx * first + l_xv * second
+            after[body, lane] += l_vx * first + l_vv * second
+
+
+@kernel
+def push_between(cross, push, x, v):  # type: ignore[no-untyped-def]
+    """Add the response of connected bodies to the given force on another."""
+    for block in range(cross.bodies.shape[0]):
+        body, other = cross.bodies[block, 0], cross.bodies[block, 1]
+        of_x, of_v = cross.push[block]
+        for lane in range(x.shape[1]):
+            x[body, lane] += of_x * push[other, lane]
+            v[body, lane] += of_v * push[other, lane]

@@ -19,6 +19,9 @@ point of contact, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
 
+PAIR_ROWS = 9
+"""Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
+
 SLOTS = 8
 """Steps that are added together."""
 
@@ -66,6 +69,10 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
         if sums.ends.shape[0]:
             add_contacts(history, slots, sums)
+        if sums.pairs.shape[0]:
+            add_products(history.x, history, slots, sums.pairs, 0, sums.products)
+            add_products(history.v, history, slots, sums.pairs, 3, sums.products)
+            add_products(history.force, history, slots, sums.pairs, 6, sums.products)
 
 
 @kernel
@@ -159,6 +166,23 @@ def add_flux_around_kicks(history, slots, contact, curvature, target):  # type: 
             kick = of_first * f[slot, first, lane] - of_second * f[slot, second, lane]
             around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
             sums[FLUX, contact, lane] += (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
+
+
+@kernel
+def add_products(left, history, slots, pairs, row, sums):  # type: ignore[no-untyped-def]
+    """Add a quantity of the first times x, v and f of the second body of each pair, in four slots, from a row on."""
+    a, b, c, d = slots
+    x, v, f = history.x, history.v, history.force
+    for pair in range(sums.shape[1]):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        for lane in range(sums.shape[2]):
+            q0, q1, q2, q3 = left[a, i, lane], left[b, i, lane], left[c, i, lane], left[d, i, lane]
+            of_x = (q0 * x[a, j, lane] + q1 * x[b, j, lane]) + (q2 * x[c, j, lane] + q3 * x[d, j, lane])
+            of_v = (q0 * v[a, j, lane] + q1 * v[b, j, lane]) + (q2 * v[c, j, lane] + q3 * v[d, j, lane])
+            of_f = (q0 * f[a, j, lane] + q1 * f[b, j, lane]) + (q2 * f[c, j, lane] + q3 * f[d, j, lane])
+            sums[row, pair, lane] += of_x
+            sums[row + 1, pair, lane] += of_v
+            sums[row + 2, pair, lane] += of_f
 
 
 @kernel

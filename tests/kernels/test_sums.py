@@ -29,6 +29,7 @@ from impactlab.kernels.sums import (
 BODIES, LANES, STEPS = 3, 11, SLOTS
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
 WINDOW = np.array([0.5, 1.0])
+PAIRS = np.array([[0, 2], [1, 2]])
 
 
 @pytest.fixture
@@ -41,7 +42,12 @@ def states():
 
 
 def empty_sums(phases, rows, half_kick=()):
-    return Sums(np.zeros((phases, rows, BODIES, LANES)), np.zeros((4, 2, LANES)), ENDS, WINDOW, np.array(half_kick))
+    bodies, contacts, products = (
+        np.zeros((phases, rows, BODIES, LANES)),
+        np.zeros((4, 2, LANES)),
+        np.zeros((9, 2, LANES)),
+    )
+    return Sums(bodies, contacts, ENDS, WINDOW, np.array(half_kick), products, PAIRS)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -59,6 +65,17 @@ def test_powers_of_state_and_kick_by_phase(states, phases, used):
         for phase in range(phases):
             steps = [step for step in range(used.start, used.stop) if step % phases == phase]
             np.testing.assert_allclose(sums.bodies[phase, row], values[steps].sum(axis=0), rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("used", [slice(0, 4), slice(2, 3)], ids=str)
+def test_products_of_pairs(states, used):
+    """Of x, v, f of the first body and x, v, f of the second, row by row."""
+    sums = empty_sums(2, 9)
+    quantities = [item.copy() for item in states[:3]]
+    empty_slots(states, 0, used.start)
+    close_slot(states, used.stop - 1, True, sums)
+    products = [left[used, PAIRS[:, 0]] * right[used, PAIRS[:, 1]] for left in quantities for right in quantities]
+    np.testing.assert_allclose(sums.products, np.sum(products, axis=1), rtol=1e-13, atol=1e-14)
 
 
 def test_sums_wait_for_the_last_slot(states):
