@@ -252,7 +252,7 @@ def make_plan(
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
-    strides = [record.stride(model, step) for record in records]
+    strides = [min(record.stride(model, step), steps) for record in records]  # in a short run one sample at its end
     every = math.gcd(*strides)
     batches = batch_count(realizations, duration, relaxation)
     unit = max(every, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -40,8 +41,8 @@ def process(*arguments):
 def test_list(capsys):
     assert main(["list"]) == DONE
     shown = capsys.readouterr()
-    assert "example     A body that a wall stops <example>\n" in shown.out
-    assert "two-system  " in shown.out
+    assert re.search(r"^example +A body that a wall stops <example>$", shown.out, re.MULTILINE)
+    assert re.search(r"^two-system +Two ", shown.out, re.MULTILINE)
     assert shown.err == ""
 
 

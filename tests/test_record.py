@@ -181,3 +181,9 @@ def test_realizations_average_to_the_statistics():
         np.testing.assert_allclose(ds[name].mean("realization"), ds[plain], rtol=1e-12, atol=1e-13, err_msg=name)
         error = ds[name].std("realization", ddof=1) / 8.0
         np.testing.assert_allclose(error, ds[f"{plain}_standard_error"], rtol=1e-10, atol=1e-15, err_msg=name)
+
+
+def test_a_density_of_a_short_run_has_its_last_samples():
+    ds = il.simulate(linear(), 0.05, realizations=64, step=1e-3, spin_up=0.0, record=il.Density(), rng=1)
+    width = ds.displacement_edges.diff("displacement_edge").values
+    assert float((ds.density_displacement.values * width).sum()) == pytest.approx(1.0)

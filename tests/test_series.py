@@ -189,3 +189,18 @@ def test_series_of_different_periods_repeat_each_after_its_own(integrator):
         np.testing.assert_allclose(
             both.displacement.sel(oscillator=name), alone.displacement.sel(oscillator=name), rtol=0.0, atol=1e-12
         )
+
+
+@pytest.mark.parametrize("method", [il.RungeKutta4(), il.EulerMaruyama()])
+def test_a_line_near_the_inverse_of_the_step_is_not_taken_for_a_slow_one(method):
+    """The step is chosen below, and refused above, what tells the lines of a series apart."""
+    body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)
+    network = il.Network({"a": body}, excitations={"a": il.ShinozukaNoise(1.0, band=(0.0, 100.0), components=4000)})
+    with pytest.raises(il.InvalidInput, match="too large"):
+        il.simulate(network, 10.0, step=1.01 / 101.0, integrator=method, rng=1)
+    ds = il.simulate(network, 10.0, realizations=64, spin_up=10.0, integrator=il.RungeKutta4(), rng=1)
+    assert ds.step <= 0.5 / 101.0 * (1.0 + 1e-9)
+    white = np.pi / (body.damping * body.stiffness)
+    assert (
+        abs(ds.mean_square_displacement[0] / white - 1.0) < 3.5 * ds.mean_square_displacement_standard_error[0] / white
+    )

@@ -13,7 +13,7 @@ from numba import b1, f8, i8, void
 from impactlab.component import Component
 from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import FORCES
-from impactlab.linear import LinearSystem
+from impactlab.linear import LinearSystem, lines_of
 from impactlab.model import Model
 
 
@@ -315,8 +315,21 @@ class ExplicitIntegrator(Integrator):
         return rows, np.stack([np.zeros_like(force), force], axis=1)[None]
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        stiff = replace(model, stiffness=model.stiffness + residual)
-        return stable_step(self.stability_polynomial, stiff, tangent)
+        return min(self._stable(model, tangent, residual), _sampled_step(model))
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return self.fraction * self.largest_step(model, tangent, residual)
+        return min(self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model))
+
+    def _stable(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float) -> float:
+        return stable_step(self.stability_polynomial, replace(model, stiffness=model.stiffness + residual), tangent)
+
+
+def _sampled_step(model: Model) -> float:
+    """Largest step at which no line of a series is taken for one near the natural frequency of its body (s).
+
+    A line of frequency 1/h looks constant to a method that samples it once in a step, and to
+    Runge-Kutta methods too, whose weights of the samples in between do not cancel it.
+    """
+    natural = model.natural_frequencies
+    highest = max((float(item.frequencies.max() + natural[item.body]) for item in lines_of(model)), default=0.0)
+    return 2.0 * np.pi / highest if highest > 0.0 else float("inf")
