@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import re
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import matplotlib
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
@@ -54,6 +56,18 @@ def style() -> Iterator[None]:
     """Draw in the style of impactlab's figures while this context is active."""
     with matplotlib.rc_context(_STYLE):
         yield
+
+
+def png(figure: Figure, dpi: float) -> bytes:
+    """Return a figure as PNG, drawn once: `savefig` would draw all of it twice, first for the layout alone."""
+    buffer, canvas, before = io.BytesIO(), figure.canvas, figure.dpi
+    try:
+        figure.dpi = dpi
+        FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
+    finally:
+        figure.dpi = before
+        figure.set_canvas(canvas)
+    return buffer.getvalue()
 
 
 def units_text(units: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 import shlex
 import time
 from collections import Counter
@@ -69,14 +68,12 @@ def republish(folder: Folder) -> StudyResult:
 
 def _pictures(result: StudyResult) -> dict[str, bytes]:
     """Return the figures as PNG."""
-    from impactlab.plot import style
+    from impactlab.plot import png, style
 
     pictures = {}
     for name, figure in result.figures.items():
-        buffer = io.BytesIO()
         with style():
-            figure.savefig(buffer, format="png", dpi=DPI)
-        pictures[name] = buffer.getvalue()
+            pictures[name] = png(figure, DPI)
     return pictures
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+import threading
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
 import impactlab
-from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
 from impactlab.folder import plain
 
 if TYPE_CHECKING:
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
     from impactlab.folder import Folder
     from impactlab.study import Item, Study
+
+AT_ONCE = 2
+"""Items that run at a time: what one does on a single core fills the gaps of the other."""
 
 
 def checked_items(study: Study) -> list[Item]:
@@ -43,13 +47,15 @@ def checked_workers(workers: int | None) -> None:
 
 
 def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
-    """Simulate, one after another, what is not in the folder yet; each simulation uses all workers.
+    """Simulate what is not in the folder yet, two items at a time, with threads that they share.
+
+    An item with a tolerance may spend a time on it: then each has the cores for itself.
 
     Parameters
     ----------
     items : list of Item
     folder : Folder, optional
-        Where each result is kept as soon as it is there.
+        Where each result is kept as soon as it and all before it are there.
     workers : int, optional
         Number of threads; by default one per core.
     progress : bool
@@ -60,33 +66,63 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     dict of str to Dataset
         Results by key, in the order of the items.
     """
+    from impactlab.ensemble import cores
+
     results: dict[str, xr.Dataset] = {}
-    told: dict[tuple[type[Warning], str], list[str]] = {}
-    pool = None if workers is None else ThreadPoolExecutor(workers)
+    heard: dict[tuple[type[Warning], str], set[str]] = {}
+    parts = dict.fromkeys((item.key for item in items), 0.0)
+    running: dict[int, str] = {}  # key by thread
+    stop = threading.Event()
+    threads = cores() if workers is None else workers
+    at_once = 1 if any("tolerance" in item.options for item in items) else min(AT_ONCE, threads)
+    pool, turns = ThreadPoolExecutor(threads), ThreadPoolExecutor(at_once)
+
+    def simulated(item: Item) -> xr.Dataset:
+        def note(part: float) -> None:
+            if stop.is_set():
+                raise Interrupted("The study was stopped.")
+            parts[item.key] = part
+
+        note(0.0)
+        running[threading.get_ident()] = item.key
+        return impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
+
+    def hear(message: Warning | str, category: type[Warning], *_: object) -> None:
+        heard.setdefault((category, str(message)), set()).add(running.get(threading.get_ident(), key))
+
     try:
-        for number, (key, network, options) in enumerate(items, start=1):
-            show = _reporter(f"[{number}/{len(items)}] {key}", progress)
-            saved = None if folder is None else folder.load_item(items[number - 1])
-            if saved is None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.showwarning = hear  # type: ignore[assignment]  # the rest of its arguments is not needed
+            key = items[0].key if items else ""
+            kept = {item.key: folder.load_item(item) for item in items} if folder is not None else {}
+            futures = {item.key: turns.submit(simulated, item) for item in items if kept.get(item.key) is None}
+            for number, item in enumerate(items, start=1):
+                key = item.key
+                show = _reporter(f"[{number}/{len(items)}] {key}", progress)
+                saved = kept.get(key)
+                if saved is not None:
+                    results[key] = saved
+                    continue
+                future = futures.pop(key)
+                while not wait([future], 0.1).done:
+                    show(parts[key])
                 try:
-                    with warnings.catch_warnings(record=True) as caught:
-                        warnings.simplefilter("always")
-                        saved = impactlab.simulate(network, **options, executor=pool, progress=show)
+                    results[key] = future.result()
                 except ImpactLabError as error:
                     raise type(error)(f"Item {key!r}: {error}") from error
-                for warning in caught:
-                    told.setdefault((warning.category, str(warning.message)), []).append(key)
                 if folder is not None:
-                    folder.save_item(items[number - 1], saved)
-            results[key] = saved
+                    folder.save_item(item, results[key])
     finally:
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
+        stop.set()
+        for executor in (turns, pool):
+            executor.shutdown(cancel_futures=True)
         if progress and sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    for (category, message), keys in told.items():  # once, however many items it concerns
-        others = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
-        warnings.warn(f"Item {keys[0]!r}{others}: {message}", category, stacklevel=4)
+    for (category, message), concerned in heard.items():  # once, however many items it concerns
+        first = next(item.key for item in items if item.key in concerned)
+        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
+        warnings.warn(f"Item {first!r}{others}: {message}", category, stacklevel=4)
     return results
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import sys
+import threading
 import tomllib
 from pathlib import Path
 
@@ -280,6 +281,25 @@ def test_an_error_names_the_item(tmp_path, simulated):
     simulated.stop_at, simulated.stop_with = 1.0, il.Diverged("too wild")
     with pytest.raises(il.Diverged, match="Item 'clearance/1': too wild"):
         il.run_study("example", settings=SHORT, out=tmp_path)
+
+
+def test_an_error_stops_the_item_that_runs_beside(monkeypatch, example):
+    """The second would take hours."""
+    (first, second), begun = example(**SHORT).items(), threading.Event()
+    endless = second._replace(options={**second.options, "duration": 1e8})
+    monkeypatch.setattr(example, "items", lambda _: [first, endless])
+    simulate = il.simulate
+
+    def failing(network, **options):
+        if options["duration"] == 1e8:
+            begun.set()
+            return simulate(network, **options)
+        assert begun.wait(60.0)  # they run at a time
+        raise il.Diverged("too wild")
+
+    monkeypatch.setattr(il, "simulate", failing)
+    with pytest.raises(il.Diverged, match=r"Item 'clearance/0\.5': too wild"):
+        il.run_study(example(), workers=2)
 
 
 def test_a_warning_names_the_items_once(monkeypatch):
