@@ -43,10 +43,12 @@ def statistics_of(
     balances = {}
     if plan.flows is not None:
         means = means if seen.all() else np.full(sums.shape, np.nan)
-        processed = _processed(plan, plan.flows, means, processed)
-        balances = _balances(plan, plan.flows, means)
+        closed = _closed_flow(plan)
+        over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
+        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks)
+        balances = _balances(plan, plan.flows, means, closed, at_kicks)
         for group in plan.flows.groups if seen.all() else ():
-            if not _closed_flow(plan)[group.slots].all():
+            if not closed[group.slots].all():
                 continue
             of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
             for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
@@ -61,7 +63,10 @@ def statistics_of(
     }
 
 
-def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Values:
+def _processed(
+    plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values, closed: np.ndarray, over_time: np.ndarray,
+    of_kicks: np.ndarray,
+) -> Values:  # fmt: skip
     """Moments over the time of a step, without the error of second order that those at the kick have.
 
     Means are shifted by what separates those at the kicks from the mean over time under the
@@ -75,8 +80,7 @@ def _processed(plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values) -> Val
     vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
-    over_time, of_kicks = _response_to_mean_force(plan, flows)
-    closed = (_closed_flow(plan) & ~plan.grouped & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
+    closed = (closed & ~plan.grouped & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
@@ -114,7 +118,7 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     return over_time, at_kicks
 
 
-def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
+def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray) -> Values:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
@@ -129,9 +133,8 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray) -> Values:
     intensity = np.zeros(len(mass))
     intensity[plan.white] = plan.intensity
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
-    of_kicks = _response_to_mean_force(plan, flows)[1]
     mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
-    for body in np.flatnonzero(_closed_flow(plan) & ~plan.grouped):
+    for body in np.flatnonzero(closed & ~plan.grouped):
         a = flows.transition[:, body]
         if stiffness[body] > 0.0:
             mean[body] = s[:, X, body].mean(axis=0) - weighted_sum(of_kicks[body, 0], s[:, F, body])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scenes import base, deviations
 from scipy.integrate import dblquad, solve_ivp
-from scipy.linalg import block_diag, solve_continuous_lyapunov
+from scipy.linalg import block_diag
+from trio import DAMPER, STIFFNESS, law_by_hand, spring, trio
 
 import impactlab as il
 from impactlab.dataset import BALANCES
@@ -39,48 +40,6 @@ class CubicCoupling(il.CouplingLaw):
     @staticmethod
     def force(extension, cubic):
         return cubic * extension**3
-
-
-def spring(first="a", second="b", stiffness=30.0, damping=0.0):
-    return il.Coupling(first, second, il.LinearCoupling(stiffness, damping=damping))
-
-
-def trio(damping=0.0, hot=(1.0, 1.0, 1.0), **changes):
-    """Three unlike bodies in a triangle of couplings, and one coupling to the wall; temperatures in J."""
-    bodies = {
-        "a": il.LinearOscillator(mass=1.0, damping=0.8, stiffness=20.0),
-        "b": il.LinearOscillator(mass=2.0, damping=0.5, stiffness=5.0),
-        "c": il.LinearOscillator(mass=0.7, damping=1.1),
-    }
-    noises = {
-        name: il.WhiteNoise(heat * bodies[name].damping / np.pi) for name, heat in zip("abc", hot, strict=True) if heat
-    }
-    couplings = {
-        "ab": spring("a", "b", 30.0, damping),
-        "bc": spring("b", "c", 50.0),
-        "ca": spring("c", "a", 10.0, 2.0 * damping),
-        "wall": spring("c", il.WALL, 15.0),
-    }
-    return il.Network(bodies, {}, noises, couplings).replace(**changes)
-
-
-STIFFNESS = np.array([[60.0, -30.0, -10.0], [-30.0, 85.0, -50.0], [-10.0, -50.0, 75.0]])
-"""Stiffness matrix of the trio, by hand."""
-
-DAMPER = np.array([[3.0, -1.0, -2.0], [-1.0, 1.0, 0.0], [-2.0, 0.0, 2.0]])
-"""Damping matrix of its couplings for damping 1."""
-
-
-def law_by_hand(hot, damping):
-    """Covariance of (x, v) of the trio by the Lyapunov equation of matrices written by hand."""
-    mass, own = np.array([1.0, 2.0, 0.7]), np.array([0.8, 0.5, 1.1])
-    inverse = 1.0 / mass[:, None]
-    drift = np.block([
-        [np.zeros((3, 3)), np.eye(3)],
-        [-inverse * STIFFNESS, -inverse * (np.diag(own) + damping * DAMPER)],
-    ])  # fmt: skip
-    growth = 2.0 * np.array(hot) * own / mass**2
-    return solve_continuous_lyapunov(drift, -block_diag(np.zeros((3, 3)), np.diag(growth)))
 
 
 def linearized(network):

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
 from impactlab.kernels.jit import borrow, loop
-from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
+from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine, copy
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
@@ -48,8 +48,8 @@ def _advance(  # type: ignore[no-untyped-def]
         slot = now % SLOTS
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
             fill_steps(noise, now // 4, state.normals)
-        combine(x, 0.0, x, stage_x)
-        combine(v, 0.0, v, stage_v)
+        copy(x, stage_x)
+        copy(v, stage_v)
         clear(slope_x)
         clear(slope_v)
         for stage in range(4):

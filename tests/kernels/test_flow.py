@@ -132,6 +132,14 @@ def test_two_steps_are_one(body, first, second):
     np.testing.assert_allclose((q_2 + a_2 @ q_1 @ a_2.T) * size, q * size, rtol=1e-9, atol=1e-10 * largest)
 
 
+def assert_stationary(body, a, q):
+    """The linear law of a body is that after a step, too."""
+    mass, damping, stiffness, density = body
+    law = np.pi * density / damping * np.diag([1.0 / stiffness, 1.0 / mass])
+    scale = np.sqrt(np.outer(np.diag(law), np.diag(law)))
+    np.testing.assert_allclose((a @ law @ a.T + q) / scale, law / scale, rtol=1e-9, atol=1e-9)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     mass=st.floats(0.01, 100.0),
@@ -142,10 +150,7 @@ def test_two_steps_are_one(body, first, second):
 )
 def test_the_linear_law_is_stationary(mass, ratio, frequency, density, step):
     body = (mass, 2.0 * ratio * frequency * mass, mass * frequency**2, density)
-    a, q = one(body, step)
-    law = np.pi * density / body[1] * np.diag([1.0 / body[2], 1.0 / mass])
-    scale = np.sqrt(np.outer(np.diag(law), np.diag(law)))
-    np.testing.assert_allclose((a @ law @ a.T + q) / scale, law / scale, rtol=1e-9, atol=1e-9)
+    assert_stationary(body, *one(body, step))
 
 
 @pytest.mark.parametrize("step", [1e-9, 1e-3, 0.3, 50.0])
@@ -179,10 +184,7 @@ def test_noise_at_one_moment_needs_one_normal(place, step):
 )
 def test_the_linear_law_is_stationary_under_the_split_flow(mass, ratio, frequency, density, step, place):
     body = (mass, 2.0 * ratio * frequency * mass, mass * frequency**2, density)
-    a, q = (part[0] for part in split_transition(*np.array([body]).T, step, place))
-    law = np.pi * density / body[1] * np.diag([1.0 / body[2], 1.0 / mass])
-    scale = np.sqrt(np.outer(np.diag(law), np.diag(law)))
-    np.testing.assert_allclose((a @ law @ a.T + q) / scale, law / scale, rtol=1e-9, atol=1e-9)
+    assert_stationary(body, *(part[0] for part in split_transition(*np.array([body]).T, step, place)))
 
 
 @pytest.mark.parametrize("place", GAUSS)
