@@ -247,10 +247,10 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    on_grid = given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1])
-    if on_grid:
-        intervals.append(period)
-    step, steps = fit_step(chosen, given is not None, intervals, duration, on_grid)
+    periods = [] if given is not None or period is None else [period]
+    if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
+        intervals += periods
+    step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
