@@ -18,6 +18,9 @@ from impactlab.kernels.random import philox
 CHUNK = 512
 """Lines that are worked on together, so that their numbers stay in the cache; a multiple of 4."""
 
+NEAR = 32
+"""Samples that are put side by side for the loops at a time; an even number."""
+
 _LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
 _EIGHTH, _QUARTER, _HALF = np.uint32(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
 _WITHIN, _MIDDLE, _UNIT = np.uint32((1 << 30) - 1), 2.0**29 - 0.5, 2.0 * math.pi * 2.0**-32
@@ -112,28 +115,37 @@ def fold(address, realization, attempt, lowest, frequencies, real, imaginary, fo
     """
     rows, lines = real.shape
     bins = folded.shape[2]
-    words, cosine, sine = np.empty(CHUNK, np.uint32), np.empty(CHUNK), np.empty(CHUNK)
+    words, cosine, sine = np.empty(CHUNK + 8, np.uint32), np.empty(CHUNK + 8), np.empty(CHUNK + 8)
     a, b = np.empty(CHUNK), np.empty(CHUNK)
-    folded[:] = 0.0
     blocks = attempt * ((lines + 3) // 4)
-    for first in range(0, lines, CHUNK):
-        fill_phases(address, realization, blocks + first // 4, words, cosine, sine)
-        count = min(CHUNK, lines - first)
-        for row in range(rows):
-            chunk = slice(first, first + count)
-            _turn(real[row, chunk], imaginary[row, chunk], cosine, sine, a[:count], b[:count])
-            begin = 0
-            while begin < count:
-                low = (lowest + first + begin) % bins
-                end = min(count, begin + bins - low)
-                high = low + end - begin
-                _add(a[begin:end], folded[row, 0, low:high])
-                _add(b[begin:end], folded[row, 1, low:high])
+    for low in range(0, bins, CHUNK):
+        high = min(low + CHUNK, bins)
+        folded[:, :, low:high] = 0.0
+        for first in range((low - lowest) % bins - bins, lines, bins):  # the line of bin `low`
+            begin, end = max(first, 0), min(first + high - low, lines)
+            if begin >= end:
+                continue
+            before, count = begin % 4, end - begin
+            size = before + count
+            fill_phases(
+                address, realization, blocks + begin // 4, words[: (size + 3) // 4 * 4], cosine[:size], sine[:size]
+            )
+            at = low + begin - first
+            omega, until = frequencies[begin:end], at + count
+            for row in range(rows):
+                _turn(
+                    real[row, begin:end],
+                    imaginary[row, begin:end],
+                    cosine[before:],
+                    sine[before:],
+                    a[:count],
+                    b[:count],
+                )
+                _add(a, folded[row, 0, at:until])
+                _add(b, folded[row, 1, at:until])
                 if folded.shape[1] > 2:
-                    omega = frequencies[first + begin : first + end]
-                    _add_product(-1.0, b[begin:end], omega, folded[row, 2, low:high])
-                    _add_product(1.0, a[begin:end], omega, folded[row, 3, low:high])
-                begin = end
+                    _add_product(-1.0, b, omega, folded[row, 2, at:until])
+                    _add_product(1.0, a, omega, folded[row, 3, at:until])
 
 
 @kernel
@@ -163,9 +175,20 @@ def one_sided(folded, spectrum):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def interleave(rows, lane, samples):  # type: ignore[no-untyped-def]
-    """Write series of some lanes, (lane, row, time), to ``samples[time, row, lane …]``."""
-    for time in range(samples.shape[0]):
-        for row in range(samples.shape[1]):
-            for index in range(rows.shape[0]):
-                samples[time, row, lane + index] = rows[index, row, time]
+def bring_near(series, first):  # type: ignore[no-untyped-def]
+    """Write samples first, first + 1, … of all lanes, which are periodic, to `series.near`."""
+    near, samples = series.near, series.samples
+    for row in range(near.shape[1]):
+        done = 0
+        while done < near.shape[0]:
+            begin = (first + done) % samples.shape[2]
+            count = min(8, near.shape[0] - done, samples.shape[2] - begin)  # a line of the cache
+            _transpose(samples[:, row, begin : begin + count], near[done : done + count, row])
+            done += count
+
+
+@kernel
+def _transpose(source, result):  # type: ignore[no-untyped-def]
+    for time in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[time, lane] = source[lane, time]
