@@ -22,7 +22,7 @@ LAYERS = [
     {"linearized", "joint", "rules"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
-    {"density", "estimate", "tolerance"},
+    {"density", "estimate", "tolerance", "together"},
     {"simulation"},
     {"folder", "plugins"},
     {"run"},
