@@ -93,6 +93,19 @@ def run(
     return [future.result() for future in futures]
 
 
+class SharedThreads(concurrent.futures.ThreadPoolExecutor):
+    """Threads on which several simulations run at a time: each needs only its share of them."""
+
+    def __init__(self, threads: int, simulations: int) -> None:
+        super().__init__(threads)
+        self.share = -(-threads // max(simulations, 1))
+
+
+def workers_of(executor: concurrent.futures.Executor | None) -> int:
+    """Number of blocks that a simulation on an executor should run at once."""
+    return executor.share if isinstance(executor, SharedThreads) else cores()
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):

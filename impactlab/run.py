@@ -66,7 +66,7 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     by_key = {item.key: item for item in items}
     numbers = {key: number for number, key in enumerate(by_key, start=1)}
     kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
-    results = {key: kept[key] for key in kept if kept[key] is not None}
+    results = {key: result for key, result in kept.items() if result is not None}
     shown: dict[str, Callable[[float], None]] = {}
 
     def job(item: Item) -> Job:

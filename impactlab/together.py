@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
-from impactlab.ensemble import cores
+from impactlab.ensemble import SharedThreads, cores
 from impactlab.errors import ImpactLabError, Interrupted, warn
 
 if TYPE_CHECKING:
@@ -58,8 +58,9 @@ def run_together(
     running: dict[int, str] = {}  # key by thread
     waiting_for = next(iter(jobs), "")
     stop = threading.Event()
-    pool = executor or ThreadPoolExecutor(threads)
-    turns = ThreadPoolExecutor(1 if alone else threads if executor is None else FOREIGN)
+    at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
+    pool = executor or SharedThreads(threads, at_once)
+    turns = ThreadPoolExecutor(at_once)
 
     def outcome(key: str) -> xr.Dataset | ImpactLabError:
         def note(part: float) -> None:

@@ -10,7 +10,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "kernels"},
+    {"errors", "progress", "gather", "kernels"},
     {"component", "build"},
     {"oscillator", "contact", "excitation"},
     {"coupling"},
@@ -24,6 +24,8 @@ LAYERS = [
     {"record", "moments", "ensemble"},
     {"density", "estimate", "tolerance", "together"},
     {"simulation"},
+    {"sweeps"},
+    {"again"},
     {"folder", "plugins"},
     {"run"},
     {"study"},
