@@ -181,7 +181,9 @@ def run_points(
     show = reporter(progress)
 
     def watch(_: str, parts: Mapping[str, float]) -> None:
-        show(min(sum(parts.values()) / len(parts), 1.0))
+        part = sum(parts.values()) / len(parts)
+        if part < 1.0 or len(outcomes) == len(jobs):  # the end is shown once
+            show(part)
 
     run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch)
     return outcomes

@@ -91,6 +91,7 @@ def run_together(
                 while not wait([future], 0.1).done:
                     watch(waiting_for, parts)
                 finished(waiting_for, future.result())
+                watch(waiting_for, parts)
     finally:
         stop.set()
         turns.shutdown(cancel_futures=True)
