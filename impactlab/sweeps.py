@@ -164,7 +164,12 @@ def sweep(
         If no point remained finite.
     """
     made = make_sweep(
-        make_network, over, simulate_options, reference=reference, common_random_numbers=common_random_numbers, rng=rng
+        make_network,
+        over,
+        reference=reference,
+        common_random_numbers=common_random_numbers,
+        rng=rng,
+        **simulate_options,
     )
     alone = any(point.options.get("tolerance") is not None for point in made.points)
     return made.dataset(run_points(made.jobs(), executor, progress, alone))
@@ -192,11 +197,11 @@ def run_points(
 def make_sweep(
     make_network: MakeNetwork,
     over: Mapping[str, Sequence[Any]],
-    options: Mapping[str, Any],
     *,
     reference: bool = False,
     common_random_numbers: bool = False,
     rng: Any = None,
+    **options: Any,
 ) -> Sweep:
     """Make the networks of a sweep and decide its random numbers; nothing is simulated yet.
 

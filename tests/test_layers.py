@@ -15,7 +15,7 @@ LAYERS = [
     {"oscillator", "contact", "excitation"},
     {"coupling"},
     {"network"},
-    {"model", "dataset", "plot"},
+    {"items", "model", "dataset", "plot"},
     {"linear"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},

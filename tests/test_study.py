@@ -16,7 +16,7 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.plugins import make_study, parse_setting, plugins, study_class, toml
-from impactlab.run import checked_items
+from impactlab.run import simulations
 from impactlab.study import Item, Study
 
 PLUGIN = Path(__file__).parent / "plugin_example"
@@ -188,7 +188,7 @@ def test_options_must_be_data(monkeypatch, example):
     items = [Item("one", network, {"duration": 1.0, "rng": np.random.default_rng(1)})]
     monkeypatch.setattr(example, "items", lambda _: items)
     with pytest.raises(il.InvalidInput, match="plain data"):
-        checked_items(example())
+        simulations(example())
 
 
 def test_a_study_must_be_complete():
