@@ -25,7 +25,7 @@ RELAXATION_TIMES = 12.0
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
-SERIES_BYTES = 40e6
+SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
 
 KINK_HEATING = 5e-4
@@ -105,11 +105,14 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
     return result
 
 
-def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) -> tuple[float, int]:
+def fit_step(
+    step: float, fixed: bool, intervals: list[float], duration: float, smooth: bool = False
+) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
     A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration.
+    there is none, until it divides the duration. If the number of steps there is to be
+    `smooth`, it has no prime factor above 5, which an FFT takes best.
 
     Raises
     ------
@@ -119,8 +122,11 @@ def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) 
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
+        from scipy.fft import next_fast_len  # loaded only where a simulation is planned
+
         whole = intervals[0] if intervals else duration
-        step = whole / math.ceil(whole / step * (1.0 - 1e-12))
+        count = math.ceil(whole / step * (1.0 - 1e-12))
+        step = whole / (next_fast_len(count, real=True) if smooth else count)
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
