@@ -65,14 +65,6 @@ def run(
     Diverged
         If a realization left the range of finite numbers.
     """
-    shared_memory = executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
-    if executor is not None and not shared_memory:
-        waiting = [executor.submit(run_block, plan, k) for k in range(plan.blocks)]
-        try:
-            return [future.result() for future in waiting]
-        finally:
-            for future in waiting:
-                future.cancel()
     total = plan.realizations * (plan.spin_up_steps + plan.steps)
     done, stop, lock = [0], threading.Event(), threading.Lock()
 
@@ -84,20 +76,35 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        futures = [pool.submit(run_block, plan, k, tick) for k in range(plan.blocks)]
+        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
+        report = (tick,) if shared_memory else ()  # a lock cannot go to another process
+        futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
         try:
             pending = set(futures)
             while pending:
                 finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
                 for future in finished:
                     future.result()
-                progress(done[0] / total)
+                progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
         except BaseException:
             stop.set()
             for future in futures:
                 future.cancel()
             raise
     return [future.result() for future in futures]
+
+
+class SharedThreads(concurrent.futures.ThreadPoolExecutor):
+    """Threads on which several simulations run at a time: each needs only its share of them."""
+
+    def __init__(self, threads: int, simulations: int) -> None:
+        super().__init__(threads)
+        self.share = -(-threads // max(simulations, 1))
+
+
+def workers_of(executor: concurrent.futures.Executor | None) -> int:
+    """Number of blocks that a simulation on an executor should run at once."""
+    return executor.share if isinstance(executor, SharedThreads) else cores()
 
 
 def cores() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -210,20 +210,29 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     return lanes, max(1, int(CALL_SECONDS / cost))
 
 
-def seed_of(rng: Any) -> tuple[int, int]:
+class Seed(NamedTuple):
+    """128 bits as two words of 64 bits."""
+
+    low: int
+    high: int
+
+
+def seed_of(rng: Any) -> Seed:
     """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7).
 
     An integer or a SeedSequence gives the same seed every time; a Generator or
-    BitGenerator gives two words and moves on; None gives fresh entropy.
+    BitGenerator gives two words and moves on; None gives fresh entropy. A seed is itself.
 
     Raises
     ------
     InvalidInput
         If it is none of these.
     """
+    if isinstance(rng, Seed):
+        return rng
     if isinstance(rng, np.random.Generator | np.random.BitGenerator):
         words = np.random.default_rng(rng).integers(0, 2**64, 2, dtype=np.uint64)
-        return int(words[0]), int(words[1])
+        return Seed(int(words[0]), int(words[1]))
     try:
         sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
     except (TypeError, ValueError) as error:
@@ -231,7 +240,7 @@ def seed_of(rng: Any) -> tuple[int, int]:
             f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, {rng!r} was given."
         ) from error
     low, high = sequence.generate_state(2, np.uint64)
-    return int(low), int(high)
+    return Seed(int(low), int(high))
 
 
 def start_of(initial: Any, model: Model) -> str | np.ndarray:
