@@ -68,24 +68,17 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        of_all, found = provenance(title, {"sweep": names}), []
+        of_all = provenance(title, {"sweep": names})
+        found = []
         for point in self.points:
             outcome = outcomes.get(point.key)
             result = outcome if isinstance(outcome, xr.Dataset) else xr.Dataset()
-            scalars = {
-                name: ((), value, {"units": _UNITS.get(name, "1")} if not isinstance(value, str) else {})
-                for name, value in result.attrs.items()
-                if name not in of_all
+            variables = {
+                **_own_attributes(point, result, of_all),
+                "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
+                **(_reference(point) if self.reference else {}),
             }
-            network = {} if point.network is None else {"network": point.network.to_dict()}
-            scalars[CONFIGURATION] = (
-                (),
-                result.attrs.get(CONFIGURATION, json.dumps(network, sort_keys=True)),
-                {"long_name": "what makes the point again"},
-            )
-            scalars["status"] = ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"})
-            result = result.assign({name: value for name, value in scalars.items() if name not in self.coordinates})
-            found.append(result.assign(_reference(point)) if self.reference else result)
+            found.append(result.assign({name: variables[name] for name in variables if name not in self.coordinates}))
         return gathered(found, self.coordinates).assign_attrs(of_all)
 
 
@@ -194,6 +187,18 @@ def make_sweep(
     points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
     coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
     return Sweep(coordinates, points, reference)
+
+
+def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
+    """Return the attributes of a point as variables, but for those that describe the whole sweep."""
+    network = {} if point.network is None else {"network": point.network.to_dict()}
+    again = result.attrs.get(CONFIGURATION, json.dumps(network, sort_keys=True))
+    variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
+    for name, value in result.attrs.items():
+        if name not in of_all:
+            attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
+            variables[name] = ((), value, attrs)
+    return variables
 
 
 def _reference(point: Point) -> dict[str, Any]:
