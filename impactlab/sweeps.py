@@ -69,17 +69,20 @@ class Sweep:
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
         of_all = provenance(title, {"sweep": names})
-        found = []
-        for point in self.points:
-            outcome = outcomes.get(point.key)
-            result = outcome if isinstance(outcome, xr.Dataset) else xr.Dataset()
+        results = [
+            outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
+            for point in self.points
+        ]
+        further = []
+        for point, result in zip(self.points, results, strict=True):
             variables = {
                 **_own_attributes(point, result, of_all),
                 "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
                 **(_reference(point) if self.reference else {}),
             }
-            found.append(result.assign({name: variables[name] for name in variables if name not in self.coordinates}))
-        return gathered(found, self.coordinates).assign_attrs(of_all)
+            further.append(xr.Dataset({name: variables[name] for name in variables if name not in self.coordinates}))
+        whole = gathered(results, self.coordinates).assign_attrs(of_all)
+        return whole.assign(gathered(further, self.coordinates).data_vars)
 
 
 def sweep(
@@ -203,7 +206,8 @@ def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str])
 
 def _reference(point: Point) -> dict[str, Any]:
     """Return the exact statistics of a point as variables, and whether there are any."""
-    status, found = point.refusal or DONE, {}
+    status = point.refusal or DONE
+    found: dict[str, Any] = {}
     if point.network is not None:
         try:
             statistics = exact(point.network).statistics()
@@ -212,5 +216,5 @@ def _reference(point: Point) -> dict[str, Any]:
         else:
             for name, variable in statistics.data_vars.items():
                 attrs = {**variable.attrs, "long_name": f"exact {variable.attrs['long_name']}"}
-                found[f"{name}_exact"] = variable.drop_attrs().assign_attrs(attrs)
+                found[f"{name}_exact"] = (variable.dims, variable.values, attrs)
     return {**found, "reference_status": ((), status, {"long_name": f"{DONE}, or why there is no exact law"})}
