@@ -1,0 +1,184 @@
+"""Sums of cosines with random phases: their complex amplitudes, folded into the spectrum of an FFT.
+
+The phase of line n is ``2π (w + ½) / 2³²``, where w is word n of the stream; see
+`impactlab.kernels.random`. Its quadrant is in the first bits of the word, so that no number is
+reduced. Only additions and multiplications are used. The polynomials interpolate at the
+nodes of Chebyshev on (−π/4, π/4); their errors are 2e-17 and 2e-16.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impactlab.kernels.jit import kernel, scalar
+from impactlab.kernels.random import philox
+
+CHUNK = 512
+"""Lines that are worked on together, so that their numbers stay in the cache; a multiple of 4."""
+
+NEAR = 32
+"""Samples that are put side by side for the loops at a time; an even number."""
+
+_LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
+_EIGHTH, _QUARTER, _HALF = np.uint32(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
+_WITHIN, _MIDDLE, _UNIT = np.uint32((1 << 30) - 1), 2.0**29 - 0.5, 2.0 * math.pi * 2.0**-32
+_SINE = (
+    -0.16666666666666666, 0.008333333333330948, -0.00019841269836758574,
+    2.755731610255244e-06, -2.5051131845003624e-08, 1.5918129294866608e-10,
+)  # fmt: skip
+_COSINE = (
+    -0.49999999999999967, 0.04166666666663093, -0.0013888888882127952,
+    2.480158262335195e-05, -2.755585551192951e-07, 2.066550487012274e-09,
+)  # fmt: skip
+
+
+@scalar
+def cosine_and_sine(word):  # type: ignore[no-untyped-def]
+    """Cosine and sine of the phase that belongs to a word of 32 bits."""
+    turned = np.uint32(word + _EIGHTH)  # the nearest quarter turn, and the rest of the angle
+    t = (np.float64(np.int32(np.uint32(turned & _WITHIN))) - _MIDDLE) * _UNIT
+    q = t * t
+    s3, s5, s7, s9, s11, s13 = _SINE
+    c2, c4, c6, c8, c10, c12 = _COSINE
+    sine = t + t * (q * (s3 + q * (s5 + q * (s7 + q * (s9 + q * (s11 + q * s13))))))
+    cosine = 1.0 + q * (c2 + q * (c4 + q * (c6 + q * (c8 + q * (c10 + q * c12)))))
+    odd = np.uint32(turned & _QUARTER) != 0
+    a, b = (sine, cosine) if odd else (cosine, sine)
+    return (
+        -a if np.uint32(np.uint32(turned + _QUARTER) & _HALF) != 0 else a,
+        -b if np.uint32(turned & _HALF) != 0 else b,
+    )
+
+
+@kernel
+def fill_phases(address, realization, block, words, cosine, sine):  # type: ignore[no-untyped-def]
+    """Write cosine and sine of the phases of lines 4 block, 4 block + 1, … of one realization, (line,) each.
+
+    `address` is what `impactlab.kernels.random.stream` returns; `words` is work space, (line,) of uint32.
+    """
+    k0, k1, c3 = address[0], address[1], np.uint32(address[2])
+    for index in range(words.shape[0] // 4):
+        counter = np.uint64(block) + np.uint64(index)
+        c0, c1 = np.uint32(counter & _LOW), np.uint32(counter >> _32)
+        w0, w1, w2, w3 = philox(c0, c1, np.uint32(realization), c3, k0, k1)
+        words[4 * index] = np.uint32(w0)
+        words[4 * index + 1] = np.uint32(w1)
+        words[4 * index + 2] = np.uint32(w2)
+        words[4 * index + 3] = np.uint32(w3)
+    for index in range(cosine.shape[0]):
+        cosine[index], sine[index] = cosine_and_sine(words[index])
+
+
+@kernel
+def _turn(real, imaginary, cosine, sine, a, b):  # type: ignore[no-untyped-def]
+    for index in range(a.shape[0]):
+        a[index] = real[index] * cosine[index] - imaginary[index] * sine[index]
+        b[index] = real[index] * sine[index] + imaginary[index] * cosine[index]
+
+
+@kernel
+def _add(a, result):  # type: ignore[no-untyped-def]
+    for index in range(result.shape[0]):
+        result[index] += a[index]
+
+
+@kernel
+def _add_product(sign, a, b, result):  # type: ignore[no-untyped-def]
+    for index in range(result.shape[0]):
+        result[index] += sign * (a[index] * b[index])
+
+
+@kernel
+def _add_lines(address, realization, blocks, first, spacing, frequencies, real, imaginary, sums):  # type: ignore[no-untyped-def]
+    """Add to the sums of neighbouring bins, (row, part, bin), all lines there: first, first + spacing, … in bin 0."""
+    words, cosine, sine = np.empty(CHUNK + 8, np.uint32), np.empty(CHUNK + 8), np.empty(CHUNK + 8)
+    a, b = np.empty(CHUNK), np.empty(CHUNK)
+    sums[:] = 0.0
+    for line in range(first, real.shape[1], spacing):
+        begin, end = max(line, 0), min(line + sums.shape[2], real.shape[1])
+        if begin >= end:
+            continue
+        before, at, until = begin % 4, begin - line, end - line
+        count = end - begin
+        size = before + count
+        whole = (size + 3) // 4 * 4
+        fill_phases(address, realization, blocks + begin // 4, words[:whole], cosine[:size], sine[:size])
+        omega = frequencies[begin:end]
+        for row in range(real.shape[0]):
+            turned = cosine[before:], sine[before:], a[:count], b[:count]
+            _turn(real[row, begin:end], imaginary[row, begin:end], *turned)
+            _add(a, sums[row, 0, at:until])
+            _add(b, sums[row, 1, at:until])
+            if sums.shape[1] > 2:
+                _add_product(-1.0, b, omega, sums[row, 2, at:until])
+                _add_product(1.0, a, omega, sums[row, 3, at:until])
+
+
+@kernel
+def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type: ignore[no-untyped-def]
+    for k in range(spectrum.shape[0]):
+        spectrum[k] = complex(0.5 * (real[k] + mirrored_real[k]), 0.5 * (imaginary[k] - mirrored_imaginary[k]))
+
+
+@kernel
+def fill_spectrum(address, realization, attempt, lowest, samples, frequencies, real, imaginary, spectrum):  # type: ignore[no-untyped-def]
+    """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
+
+    Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin
+    k mod samples and, as the conjugate, to −k mod samples.
+
+    Parameters
+    ----------
+    address : (3,) ndarray of uint64
+        Stream of the phases.
+    realization : uint32
+        Index of the realization.
+    attempt : int
+        Which set of its phases.
+    lowest : int
+        Number of the first line.
+    samples : int
+        Number of samples in a period.
+    frequencies : (line,) ndarray
+        Angular frequencies (rad s-1).
+    real, imaginary : (row, line) ndarray
+        Amplitudes a at phase 0.
+    spectrum : (channel, samples // 2 + 1 or less) ndarray of complex
+        Result, up to some bin: each row, or if there is room each row and its derivative.
+    """
+    blocks = attempt * ((real.shape[1] + 3) // 4)
+    rows, bins = real.shape[0], spectrum.shape[1]
+    derivatives = spectrum.shape[0] // rows
+    for low in range(0, bins, CHUNK):
+        high = min(low + CHUNK, bins)
+        own, mirrored = np.empty((rows, 2 * derivatives, high - low)), np.empty((rows, 2 * derivatives, high - low))
+        for first, sums in ((low, own), (1 - high, mirrored)):
+            line = (first - lowest) % samples - samples
+            _add_lines(address, realization, blocks, line, samples, frequencies, real, imaginary, sums)
+        for row in range(rows):
+            for part in range(derivatives):
+                parts = own[row, 2 * part], own[row, 2 * part + 1]
+                others = mirrored[row, 2 * part, ::-1], mirrored[row, 2 * part + 1, ::-1]
+                _join(*parts, *others, spectrum[derivatives * row + part, low:high])
+
+
+@kernel
+def bring_near(series, first):  # type: ignore[no-untyped-def]
+    """Write samples first, first + 1, … of all lanes, which are periodic, to `series.near`."""
+    near, samples = series.near, series.samples
+    for row in range(near.shape[1]):
+        done = 0
+        while done < near.shape[0]:
+            begin = (first + done) % samples.shape[2]
+            count = min(8, near.shape[0] - done, samples.shape[2] - begin)  # a line of the cache
+            _transpose(samples[:, row, begin : begin + count], near[done : done + count, row])
+            done += count
+
+
+@kernel
+def _transpose(source, result):  # type: ignore[no-untyped-def]
+    for time in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[time, lane] = source[lane, time]
