@@ -356,8 +356,7 @@ class _Declared(NamedTuple):
     limits: tuple[float | None, float | None, float | None]  # minimum, above, maximum
 
 
-@functools.cache
-def _declared(cls: Any) -> tuple[_Declared, ...]:
+def _fields_of(cls: Any) -> tuple[_Declared, ...]:
     result = []
     for field in dataclasses.fields(cls):
         kind = str(field.type if isinstance(field.type, str) else getattr(field.type, "__name__", field.type))
@@ -367,6 +366,9 @@ def _declared(cls: Any) -> tuple[_Declared, ...]:
         place = f"{cls.__name__}.{field.name}"
         result.append(_Declared(field.name, place, kind, not field.kw_only, needed, units, (minimum, above, maximum)))
     return tuple(result)
+
+
+_declared: Callable[[Any], tuple[_Declared, ...]] = functools.cache(_fields_of)
 
 
 def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict[str, Any]) -> None:

@@ -288,10 +288,12 @@ def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tup
     last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
     with np.errstate(all="ignore"):
         off = np.log10(at(last, rows) / target)
-        for _ in range(4):
+        for _ in range(8):
             now = np.log10(at(guess, rows) / target)
             shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
             last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
+            if not (np.abs(shift) > 1e-14).any():
+                break
     guess = np.where(np.isnan(guess), _HIGHEST, guess)
     below, above = guess - 1e-13, guess + 1e-13
     sure = ~reached(below, rows) & reached(above, rows)
