@@ -15,9 +15,10 @@ import numpy as np
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
+from impactlab.integrators.jumps import work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
 
@@ -142,6 +143,7 @@ class _Block:
             plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
+        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
         self.attempts = self._start()
         self.series = self._synthesize()
         if plan.integrator.kicks:
@@ -257,15 +259,23 @@ class _Block:
         done = 0
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
-            whole = max(SLOTS, plan.steps_per_call // SLOTS * SLOTS)
+            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
+            whole = max(unit, plan.steps_per_call // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
-            self.loop(
-                self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
-                self.series, self._forced(count), self.state, self.history, self.sums, snapshots, plan.step,
-                plan.dissipative, sampler is not None, self.now, count, every, phase,
-            )  # fmt: skip
+            network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
+            how = plan.dissipative, sampler is not None, self.now, count, every, phase
+            if plan.jumps is None:
+                self.loop(
+                    *network, plan.cross, self._noise(count), self.series, self._forced(count), self.state,
+                    self.history, self.sums, snapshots, plan.step, *how,
+                )  # fmt: skip
+            else:
+                self.loop(
+                    *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                    snapshots, *how,
+                )  # fmt: skip
             self.now += count
             done += count
             self._guard()
@@ -341,6 +351,8 @@ class _Block:
                     keeper.add(snapshots, batch)
 
             self.advance(end - begin, sample)
+            if plan.jumps is not None:
+                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
             products.append(self.sums.products.copy())

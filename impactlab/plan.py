@@ -13,7 +13,9 @@ from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
-from impactlab.kernels.random import stream
+from impactlab.integrators.jumps import JumpingFlow, Jumps
+from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump
+from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
     flowing_systems,
@@ -27,6 +29,7 @@ from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
+    LANES,
     RELAXATION_TIMES,
     batch_count,
     block_shape,
@@ -115,6 +118,8 @@ class Plan:
         Relaxation time of the slowest body (s), 0 if nothing is damped.
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
+    jumps : Jumps or None
+        How intervals in which nothing can touch are covered at once.
     """
 
     text: str
@@ -160,6 +165,7 @@ class Plan:
     trusted: bool
     relaxation: float
     coarse: bool
+    jumps: Jumps | None
 
     @property
     def blocks(self) -> int:
@@ -248,22 +254,39 @@ def make_plan(
     chosen = choose_step(model, integrator, stiffening, given)
     if given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1]):
         intervals.append(period)
+    window = 0.2 * gap_scale(model, stiffening.penetration)
+    deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration)
+    leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
+    if may_jump(model, integrator, start, records, deviations):
+        foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
+        for levels in range(foreseen, 0, -1):
+            longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
+            exact = all(round(interval / longer) % (leaf << levels) == 0 for interval in intervals)
+            if exact and abs(count * longer - duration) <= 1e-3 * duration:
+                step, steps, unit, integrator = longer, count, leaf << levels, JumpingFlow()
+                break
+    jumping = isinstance(integrator, JumpingFlow)
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
-    strides = [min(record.stride(model, step), steps) for record in records]  # in a short run one sample at its end
+    # whole intervals; in a short run one sample at its end
+    strides = [min(-(-record.stride(model, step) // unit) * unit, steps) for record in records]
     every = math.gcd(*strides)
     batches = batch_count(realizations, duration, relaxation)
-    unit = max(every, 1)
+    spin_up_steps = math.ceil(spin_up / (unit * step) * (1.0 - 1e-12)) * unit
+    unit = max(every, unit)
     boundaries = [batch * steps // batches // unit * unit for batch in range(1, batches)]
     boundaries = [*sorted({end for end in boundaries if 0 < end < steps}), steps]
-    spin_up_steps = math.ceil(spin_up / step * (1.0 - 1e-12))
     lines = lines_of(model)
     moved = responses(model, flowing_systems(model))
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     lanes, steps_per_call = block_shape(
-        model, realizations, workers, 8 * rows * integrator.samples_per_step * (spin_up_steps + steps)
+        model,
+        realizations,
+        workers,
+        8 * rows * integrator.samples_per_step * (spin_up_steps + steps),
+        JUMP_LANES if jumping else LANES,
     )
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
@@ -278,7 +301,7 @@ def make_plan(
         linear=np.stack([model.mass, model.damping, model.stiffness]),
         ends=model.ends,
         clearance=model.clearance,
-        window=0.2 * gap_scale(model, stiffening.penetration),
+        window=window,
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
         dissipative=model.dissipative,
@@ -286,15 +309,15 @@ def make_plan(
         white=white,
         noise_rows=noise_rows,
         amplitude=np.ascontiguousarray(amplitude),
-        streams=_streams(seed, [model.bodies[slot] for slot in noise_rows]),
-        starts=_addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
+        streams=streams_of(seed, [model.bodies[slot] for slot in noise_rows]),
+        starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
         lines=lines,
         responses=moved,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
-        deviations=_start_deviations(model, stiffening),
+        deviations=deviations,
         factors=start_factors(model, stiffening),
         rest=stiffening.rest,
         step=step,
@@ -313,6 +336,7 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
+        jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
 
 
@@ -334,17 +358,6 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
-
-
-def _addresses(seed: tuple[int, int], names: Sequence[str], purpose: str) -> np.ndarray:
-    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3)
-
-
-def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
-    """Addresses of the rows of noise; a second row of a body has a stream of its own."""
-    first = [index == 0 or names[index - 1] != name for index, name in enumerate(names)]
-    rows = [stream(seed, name, "noise" if new else "noise 2") for name, new in zip(names, first, strict=True)]
-    return np.array(rows, dtype=np.uint64).reshape(-1, 3)
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

@@ -36,6 +36,9 @@ class Record(Component):
 
     required: ClassVar[tuple[str, ...]] = ("keeper", "label")
 
+    every_step: ClassVar[bool] = False
+    """Whether the record needs statistics that are taken at every step."""
+
     keeper: ClassVar[Any] = None
     """``keeper(plan, realizations, ratio)`` returns the `Keeper` of a block; every `ratio`-th
     snapshot is the record's."""
@@ -62,13 +65,21 @@ class Record(Component):
 
 
 class PerRealization(Record):
-    """Each statistic also for every realization, as ``<name>_by_realization``."""
+    """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps."""
+
+    every_step: ClassVar[bool] = True
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return Keeper()
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         return {}  # the statistics are there already, one per realization
+
+
+class PairedRealizations(PerRealization):
+    """As `PerRealization`, but of whatever samples the ensemble's statistics are made."""
+
+    every_step: ClassVar[bool] = False
 
 
 class Trajectory(Record):

@@ -105,11 +105,13 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
     return result
 
 
-def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) -> tuple[float, int]:
+def fit_step(
+    step: float, fixed: bool, intervals: list[float], duration: float, multiple: int = 1
+) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
-    A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration.
+    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if
+    there is none, until it divides the duration. The number of steps is such a multiple.
 
     Raises
     ------
@@ -120,13 +122,13 @@ def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) 
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
         whole = intervals[0] if intervals else duration
-        step = whole / math.ceil(whole / step * (1.0 - 1e-12))
+        step = whole / (multiple * math.ceil(whole / (multiple * step) * (1.0 - 1e-12)))
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
                 f"An interval of {interval:g} s is not a whole number of steps of {step:g} s; change one of them."
             )
-    return step, max(1, round(duration / step))
+    return step, multiple * max(1, round(duration / (multiple * step)))
 
 
 def check_periods(model: Model, total: float) -> float | None:
@@ -183,7 +185,9 @@ def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> b
     return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
 
 
-def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:
+def block_shape(
+    model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES
+) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 
     Parameters
@@ -192,8 +196,10 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     realizations, workers : int
     series_bytes : int
         Memory that the series of one realization take.
+    most : int
+        Largest number of lanes.
     """
-    blocks = -(-realizations // (LANES * workers)) * workers  # as many for each worker
+    blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
     lanes = -(-realizations // (8 * blocks)) * 8
     if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
         lanes += 8

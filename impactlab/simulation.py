@@ -24,7 +24,7 @@ from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
-from impactlab.record import PerRealization, Record
+from impactlab.record import PairedRealizations, PerRealization, Record
 from impactlab.rules import check_integrator, positive, seed_of
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
@@ -112,7 +112,7 @@ def simulate(
 
     records = _records(record)
     asked = any(isinstance(item, PerRealization) for item in records)
-    kept = records if asked else [*records, PerRealization()]
+    kept = records if asked else [*records, PairedRealizations()]
 
     def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
         return _simulate(
@@ -225,7 +225,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
     observation = plan.steps * plan.step
     attributes: dict[str, Any] = {
         **provenance("Statistics of a network of oscillators with contacts", configuration),
-        "integrator": type(plan.integrator).__name__,
+        "integrator": configuration["simulate"]["integrator"]["type"],
         "step": plan.step,
         "duration": observation,
         "spin_up": plan.spin_up_steps * plan.step,
@@ -233,6 +233,8 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
     }
+    if plan.jumps is not None:
+        attributes["longest_jump"] = plan.jumps.steps * plan.step
     dataset = statistics(list(plan.bodies), list(plan.contacts), values, errors, **attributes)
     if "peak_contact_force" in dataset:
         dataset["observation_time"] = (
