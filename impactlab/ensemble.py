@@ -15,7 +15,7 @@ import numpy as np
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
-from impactlab.integrators.jumps import work_space
+from impactlab.integrators.jumps import jumping_loop, work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
@@ -120,7 +120,7 @@ class _Block:
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
         self.module = build(plan.text)
-        self.loop = plan.integrator.loop()
+        self.loop = plan.integrator.loop() if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
         self.now = 0
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)

@@ -13,7 +13,7 @@ from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
-from impactlab.integrators.jumps import JumpingFlow, Jumps
+from impactlab.integrators.jumps import WholeFlow, Jumps
 from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
@@ -264,9 +264,9 @@ def make_plan(
             longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
             exact = all(round(interval / longer) % (leaf << levels) == 0 for interval in intervals)
             if exact and abs(count * longer - duration) <= 1e-3 * duration:
-                step, steps, unit, integrator = longer, count, leaf << levels, JumpingFlow()
+                step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
-    jumping = isinstance(integrator, JumpingFlow)
+    jumping = isinstance(integrator, WholeFlow)
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)

@@ -19,7 +19,7 @@ LAYERS = [
     {"linear"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},
-    {"linearized", "joint", "rules"},
+    {"linearized", "joint", "rules", "intervals"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
     {"density", "estimate", "tolerance"},

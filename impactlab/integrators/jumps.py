@@ -120,29 +120,33 @@ work, sums, snapshots, dissipative, summing, first, count, every, phase), as in 
 `every` are multiples of the longest interval."""
 
 
-class JumpingFlow(ExactFlow):
-    """The exact flow with exact transitions over many steps where nothing can touch; chosen by `ExactFlow`.
+class WholeFlow(ExactFlow):
+    """The exact flow with the exact Gaussian transition for all bodies, so that steps add up to that of an interval.
 
-    Every realization covers intervals of up to `Jumps.steps` steps at once. The noise of an
-    interval is drawn as a whole; then the path between its ends is a known mean path plus a
-    Gaussian bridge. If not even a bridge of 1e-12 probability could bring a gap near contact at
-    any of the steps, there is nothing to do in between. Otherwise the noise of the two halves is
-    drawn, given that of the whole, and so on down to single steps. What a realization does is a
-    function of its noise alone, whether it jumps or not: jumps change no path, only the work.
+    `ExactFlow` turns into it where jumps save work.
     """
 
     phases: ClassVar[int] = 1
-
-    @staticmethod
-    def loop() -> Callable[..., None]:
-        return loop(ADVANCE_JUMPS, _advance)
 
     def flows(self, model: Model, step: float) -> Flows:
         both = super().flows(model, step)
         return Flows(*(part[:1] for part in both[:-1]), both.groups)  # type: ignore[arg-type]
 
     def _split(self, model: Model, step: float) -> np.ndarray:
-        return np.zeros(len(model.mass), dtype=bool)  # steps must add up to the transition of an interval
+        return np.zeros(len(model.mass), dtype=bool)
+
+
+def jumping_loop() -> Callable[..., None]:
+    """Return the compiled loop that jumps.
+
+    Every realization covers intervals of up to `Jumps.steps` steps at once. The noise of an
+    interval is drawn as a whole; the path between its ends is then a known mean path plus a
+    Gaussian bridge. If not even a bridge of 1e-12 probability could bring a gap near contact at
+    any of the steps, there is nothing to do in between. Otherwise the noise of the two halves is
+    drawn, given that of the whole, and so on down to single steps. What a realization does is a
+    function of its noise alone, whether it jumps or not: jumps change no path, only the work.
+    """
+    return loop(ADVANCE_JUMPS, _advance)
 
 
 def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
