@@ -42,6 +42,7 @@ from impactlab.rules import (
     warn_of_bands,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
+from impactlab.series import sample_count
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -252,11 +253,12 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    if given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1]):
-        intervals.append(period)
+    periods = [] if given is not None or period is None else [period]
+    if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
+        intervals += periods
     window = 0.2 * gap_scale(model, stiffening.penetration)
     deviations = _start_deviations(model, stiffening)
-    step, steps = fit_step(chosen, given is not None, intervals, duration)
+    step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
     if may_jump(model, integrator, start, records, deviations):
         foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
@@ -281,13 +283,10 @@ def make_plan(
     lines = lines_of(model)
     moved = responses(model, flowing_systems(model))
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
-    lanes, steps_per_call = block_shape(
-        model,
-        realizations,
-        workers,
-        8 * rows * integrator.samples_per_step * (spin_up_steps + steps),
-        JUMP_LANES if jumping else LANES,
-    )
+    samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
+    kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
+    most = JUMP_LANES if jumping else LANES
+    lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import sys
-import threading
-import warnings
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import impactlab
-from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
+from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.folder import plain
 
 if TYPE_CHECKING:
@@ -18,9 +15,7 @@ if TYPE_CHECKING:
 
     from impactlab.folder import Folder
     from impactlab.study import Item, Study
-
-AT_ONCE = 2
-"""Items that run at a time: what one does on a single core fills the gaps of the other."""
+    from impactlab.together import Job
 
 
 def checked_items(study: Study) -> list[Item]:
@@ -47,7 +42,7 @@ def checked_workers(workers: int | None) -> None:
 
 
 def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
-    """Simulate what is not in the folder yet, two items at a time, with threads that they share.
+    """Simulate what is not in the folder yet, several items at a time, on threads that they share.
 
     An item with a tolerance may spend a time on it: then each has the cores for itself.
 
@@ -66,64 +61,37 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     dict of str to Dataset
         Results by key, in the order of the items.
     """
-    from impactlab.ensemble import cores
+    from impactlab.together import run_together
 
-    results: dict[str, xr.Dataset] = {}
-    heard: dict[tuple[type[Warning], str], set[str]] = {}
-    parts = dict.fromkeys((item.key for item in items), 0.0)
-    running: dict[int, str] = {}  # key by thread
-    stop = threading.Event()
-    threads = cores() if workers is None else workers
-    at_once = 1 if any("tolerance" in item.options for item in items) else min(AT_ONCE, threads)
-    pool, turns = ThreadPoolExecutor(threads), ThreadPoolExecutor(at_once)
+    by_key = {item.key: item for item in items}
+    numbers = {key: number for number, key in enumerate(by_key, start=1)}
+    kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
+    results = {key: result for key, result in kept.items() if result is not None}
+    shown: dict[str, Callable[[float], None]] = {}
 
-    def simulated(item: Item) -> xr.Dataset:
-        def note(part: float) -> None:
-            if stop.is_set():
-                raise Interrupted("The study was stopped.")
-            parts[item.key] = part
+    def job(item: Item) -> Job:
+        return lambda pool, note: impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
 
-        note(0.0)
-        running[threading.get_ident()] = item.key
-        return impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
+    def finished(key: str, outcome: xr.Dataset | ImpactLabError) -> None:
+        if isinstance(outcome, ImpactLabError):
+            raise type(outcome)(f"Item {key!r}: {outcome}") from outcome
+        results[key] = outcome
+        if folder is not None:
+            folder.save_item(by_key[key], outcome)
 
-    def hear(message: Warning | str, category: type[Warning], *_: object) -> None:
-        heard.setdefault((category, str(message)), set()).add(running.get(threading.get_ident(), key))
+    def watch(key: str, parts: Mapping[str, float]) -> None:
+        if key not in shown:
+            shown[key] = _reporter(f"[{numbers[key]}/{len(items)}] {key}", progress)
+        shown[key](parts[key])
 
+    jobs = {key: job(item) for key, item in by_key.items() if key not in results}
+    alone = any("tolerance" in item.options for item in items)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always")
-            warnings.showwarning = hear  # type: ignore[assignment]  # the rest of its arguments is not needed
-            key = items[0].key if items else ""
-            kept = {item.key: folder.load_item(item) for item in items} if folder is not None else {}
-            futures = {item.key: turns.submit(simulated, item) for item in items if kept.get(item.key) is None}
-            for number, item in enumerate(items, start=1):
-                key = item.key
-                show = _reporter(f"[{number}/{len(items)}] {key}", progress)
-                saved = kept.get(key)
-                if saved is not None:
-                    results[key] = saved
-                    continue
-                future = futures.pop(key)
-                while not wait([future], 0.1).done:
-                    show(parts[key])
-                try:
-                    results[key] = future.result()
-                except ImpactLabError as error:
-                    raise type(error)(f"Item {key!r}: {error}") from error
-                if folder is not None:
-                    folder.save_item(item, results[key])
+        run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
     finally:
-        stop.set()
-        for executor in (turns, pool):
-            executor.shutdown(cancel_futures=True)
         if progress and sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    for (category, message), concerned in heard.items():  # once, however many items it concerns
-        first = next(item.key for item in items if item.key in concerned)
-        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
-        warnings.warn(f"Item {first!r}{others}: {message}", category, stacklevel=4)
-    return results
+    return {key: results[key] for key in by_key}
 
 
 def _reporter(text: str, progress: bool) -> Callable[[float], None]:

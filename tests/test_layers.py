@@ -10,7 +10,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "kernels"},
+    {"errors", "progress", "gather", "kernels"},
     {"component", "build"},
     {"oscillator", "contact", "excitation"},
     {"coupling"},
@@ -22,8 +22,10 @@ LAYERS = [
     {"linearized", "joint", "rules", "intervals"},
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
-    {"density", "estimate", "tolerance"},
+    {"density", "estimate", "tolerance", "together"},
     {"simulation"},
+    {"sweeps"},
+    {"again"},
     {"folder", "plugins"},
     {"run"},
     {"study"},

@@ -12,7 +12,6 @@ from impactlab.integrators.base import Noise
 from impactlab.kernels.random import (
     fill_normals,
     fill_steps,
-    fill_uniforms,
     normal_pair,
     normals_of,
     philox_words,
@@ -97,13 +96,6 @@ def test_numbers_never_change(address, answer):
     assert normals.tolist() == [float.fromhex(number) for number in answer.split()]
 
 
-def test_uniforms_never_change():
-    uniforms = np.empty(4)
-    fill_uniforms(np.array(stream(SEED, "body", "phases"), dtype=np.uint64), np.uint32(3), np.uint64(0), uniforms)
-    answer = "0x1.feac5c4400000p-3 0x1.a610875e00000p-2 0x1.bd4a61c400000p-3 0x1.f5faeb3800000p-4"
-    assert uniforms.tolist() == [float.fromhex(number) for number in answer.split()]
-
-
 def test_streams_never_change():
     assert stream(SEED, "body", "noise") == (16248576, 662533967, 575698678)
 
@@ -116,15 +108,6 @@ def test_normals_are_box_muller_of_the_addressed_words(block):
     words = words.reshape(3, len(realizations), 2, 2)
     expected = np.moveaxis(np.array(reference_pair(words[..., 0], words[..., 1])), (0, 3), (2, 1))
     np.testing.assert_allclose(normals, expected, rtol=0.0, atol=3e-6)
-
-
-def test_uniforms_are_the_addressed_words():
-    address = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)
-    for block in (0, 2**32 - 1, 2**56 - 2):
-        uniforms = np.empty(8)
-        fill_uniforms(address, np.uint32(9), np.uint64(block), uniforms)
-        words = words_of(counters(SEED, "body", "phases", [9], [block, block + 1])).ravel()
-        np.testing.assert_array_equal(uniforms, (words.astype(float) + 0.5) / 2.0**32)
 
 
 # polynomials
@@ -231,14 +214,6 @@ def test_anderson_darling(normals, member):
     weights = 2.0 * np.arange(1, n + 1) - 1.0
     statistic = -n - (weights * (np.log(ndtr(ordered)) + np.log(ndtr(-ordered[::-1])))).mean()
     assert statistic < 9.0  # 6.0 has a chance of 1e-3, 9.0 of 4e-5 (fully specified law)
-
-
-def test_uniforms_are_uniform():
-    uniforms = np.empty(2**18)
-    address = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)
-    fill_uniforms(address, np.uint32(0), np.uint64(0), uniforms)
-    assert kstest(uniforms, "uniform").pvalue > 1e-4
-    assert 0.0 < uniforms.min() < uniforms.max() < 1.0
 
 
 # independence
