@@ -268,7 +268,7 @@ def make_plan(
             if exact and abs(count * longer - duration) <= 1e-3 * duration:
                 step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
-    jumping = isinstance(integrator, WholeFlow)
+    jumping = unit > 1
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
