@@ -36,18 +36,28 @@ SAMPLES, GAIN = 512, 1.3
 """States from which the work is foreseen, and how much less it must be for intervals to be used."""
 
 
+def steady_flow(
+    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]
+) -> bool:
+    """Whether nothing acts on the bodies but constant white noise, in a stationary state, of which samples will do."""
+    return _sampled(model, integrator, start, records) and not model.nonlinear_bodies.any()
+
+
 def may_jump(
     model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record], deviations: np.ndarray
 ) -> bool:
-    """Whether nothing but contacts and constant white noise acts on the bodies, in a stationary state."""
+    """Whether only contacts act besides."""
+    alone = not (len(model.coupled) or model.of_role("residual")) and 0 < len(model.ends) <= MOST_CONTACTS
+    return alone and bool((deviations > 0.0).all()) and _sampled(model, integrator, start, records)
+
+
+def _sampled(model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]) -> bool:
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
         and isinstance(start, str)
-        and 0 < len(model.ends) <= MOST_CONTACTS
-        and not (model.lines or model.forced or model.time_varying or len(model.coupled) or model.of_role("residual"))
+        and not (model.lines or model.forced or model.time_varying)
         and not any(record.every_step for record in records)
-        and bool((deviations > 0.0).all())
     )
 
 
@@ -171,7 +181,7 @@ def jump_tables(
         inverse=np.ascontiguousarray(_inverse(q_of[leaf]).reshape(-1, 4)[:, [0, 1, 3]]),
         terms=_rows(terms),
         path=np.concatenate([np.concatenate(path), np.zeros((sum(map(len, path)), 1, 4))], axis=1),
-        limit=np.concatenate(limit),
+        limit=np.ascontiguousarray(np.concatenate(limit)),
         reach=np.ascontiguousarray(np.concatenate([reach, [[0.0, 0.0, 0.0]]])),
         nearest=limit[-1].min(axis=0),
         rows=rows,

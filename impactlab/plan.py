@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import WholeFlow, Jumps
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump
+from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, steady_flow
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -30,6 +30,7 @@ from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
     LANES,
+    MOST_SAMPLES,
     RELAXATION_TIMES,
     batch_count,
     block_shape,
@@ -253,6 +254,8 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
+    if given is None and steady_flow(model, integrator, start, records):
+        chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
@@ -265,7 +268,7 @@ def make_plan(
         for levels in range(foreseen, 0, -1):
             longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
             exact = all(round(interval / longer) % (leaf << levels) == 0 for interval in intervals)
-            if exact and abs(count * longer - duration) <= 1e-3 * duration:
+            if exact and longer > 0.8 * step and abs(count * longer - duration) <= 1e-3 * duration:
                 step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
     jumping = unit > 1

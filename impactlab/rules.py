@@ -25,6 +25,9 @@ RELAXATION_TIMES = 12.0
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
+MOST_SAMPLES = 4096
+"""Steps per batch where every step is exact, so that the work does not grow with the time."""
+
 SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
 

@@ -231,7 +231,8 @@ def approach(  # type: ignore[no-untyped-def]
     # look closer at those that a bound did not clear
     chosen, flagged = work.chosen[top], work.chosen[0]
     take_level(top, near, x, v, work.noise[0], work.noise[1], chosen, noise.realizations, work)
-    number = find(jumps, ends, top, top, 2, 0, near, work, flagged)
+    now = half[top]
+    number = find(jumps, ends, top, top, 2 * now + 2, now, near, work, flagged)
     for lane in range(number):
         chosen[lane] = chosen[flagged[lane]]
     if number == 0:
@@ -240,7 +241,7 @@ def approach(  # type: ignore[no-untyped-def]
     for lane in range(number):
         work.lanes[top, lane] = chosen[lane]
     level, counts[top], node[top], begin[top] = top, number, 1, interval * (leaf << top)
-    halve_level(jumps, top, number, interval, 1, work)
+    halve_level(jumps, top, number, interval, node[top], work)
     last = 0
     while half[top] < 2:
         n, now = counts[level], half[level]
