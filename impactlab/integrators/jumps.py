@@ -21,6 +21,7 @@ from impactlab.kernels.jump import (
     correct,
     draw,
     halve,
+    hold_wall,
     jump,
     pin,
     put,
@@ -352,7 +353,10 @@ def step_by_step(  # type: ignore[no-untyped-def]
     )  # fmt: skip
     empty_slots(past, jumps.leaf, SLOTS)
     y, rest = dense(state.external, number), dense(state.rest, number)
+    hold_wall(y)
     for step in range(jumps.leaf):
+        hold_wall(past.x[step])
+        hold_wall(past.v[step])
         after = past.x[step]
         flow(coefficients, 0, rows, own, 0, dense(work.steps[step // 4], number), step % 4, x, v, after)
         correct(jumps.terms[step], of_x, of_v, after, v)

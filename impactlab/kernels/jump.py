@@ -55,6 +55,16 @@ def jump(transition, x, v, wx, wv, after_x, after_v):  # type: ignore[no-untyped
             displacement, velocity = x[body, lane], v[body, lane]
             after_x[body, lane] = a_xx * displacement + a_xv * velocity + wx[body, lane]
             after_v[body, lane] = a_vx * displacement + a_vv * velocity + wv[body, lane]
+    hold_wall(after_x)
+    hold_wall(after_v)
+
+
+@kernel
+def hold_wall(block):  # type: ignore[no-untyped-def]
+    """Put the wall, the last body of a block, to 0; in the memory of a dense block anything may stand there."""
+    wall = block.shape[0] - 1
+    for lane in range(block.shape[1]):
+        block[wall, lane] = 0.0
 
 
 @kernel
