@@ -4,35 +4,61 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.folder import plain
+from impactlab.items import Item, SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from impactlab.folder import Folder
-    from impactlab.study import Item, Study
+    from impactlab.study import Study
+    from impactlab.sweeps import Sweep
     from impactlab.together import Job
 
 
-def checked_items(study: Study) -> list[Item]:
-    """Return the items of a study.
+class Simulations(NamedTuple):
+    """What a study simulates, and the sweeps that some items are points of, by key."""
+
+    items: list[Item]
+    sweeps: dict[str, Sweep]
+
+
+def simulations(study: Study) -> Simulations:
+    """Return what a study simulates, each point of a sweep as an item.
 
     Raises
     ------
     InvalidInput
-        If two have the same key, or an option is not plain data.
+        If two items have the same key, an option is not plain data, or a point is refused.
     """
-    items = list(study.items())
-    keys = [item.key.casefold() for item in items]  # they are names of files
-    for item, key in zip(items, keys, strict=True):
-        if keys.count(key) > 1:
-            raise InvalidInput(f"The study {study.name!r} has two items with the key {item.key!r}.")
+    found: list[Item] = []
+    sweeps: dict[str, Sweep] = {}
+    keys = []
+    for entry in study.items():
+        keys.append(entry.key)
+        if not isinstance(entry, SweepItem):
+            found.append(entry)
+            continue
+        from impactlab.sweeps import make_sweep  # what is only described needs nothing that simulates
+
+        sweeps[entry.key] = sweep = make_sweep(entry.make_network, entry.over, **entry.options)
+        for point in sweep.points:
+            key = f"{entry.key}, {point.key}"
+            if point.network is None:
+                raise InvalidInput(f"Item {key!r}: {point.refusal}")
+            keys.append(key)
+            found.append(Item(key, point.network, point.options))
+    folded = [key.casefold() for key in keys]  # they are names of files
+    for key in keys:
+        if folded.count(key.casefold()) > 1:
+            raise InvalidInput(f"The study {study.name!r} has two items with the key {key!r}.")
+    for item in found:
         plain(item.options)
-    return items
+    return Simulations(found, sweeps)
 
 
 def checked_workers(workers: int | None) -> None:
@@ -41,14 +67,16 @@ def checked_workers(workers: int | None) -> None:
         raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
 
 
-def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
+def run_simulations(
+    wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
+) -> dict[str, xr.Dataset]:
     """Simulate what is not in the folder yet, several items at a time, on threads that they share.
 
     An item with a tolerance may spend a time on it: then each has the cores for itself.
 
     Parameters
     ----------
-    items : list of Item
+    wanted : Simulations
     folder : Folder, optional
         Where each result is kept as soon as it and all before it are there.
     workers : int, optional
@@ -59,10 +87,11 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     Returns
     -------
     dict of str to Dataset
-        Results by key, in the order of the items.
+        Results of items and sweeps by key.
     """
     from impactlab.together import run_together
 
+    items = wanted.items
     by_key = {item.key: item for item in items}
     numbers = {key: number for number, key in enumerate(by_key, start=1)}
     kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
@@ -91,7 +120,10 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     finally:
         if progress and sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    return {key: results[key] for key in by_key}
+    ordered = {item.key: results[item.key] for item in items}
+    for key, sweep in wanted.sweeps.items():
+        ordered[key] = sweep.dataset({point.key: ordered.pop(f"{key}, {point.key}") for point in sweep.points})
+    return ordered
 
 
 def _reporter(text: str, progress: bool) -> Callable[[float], None]:
