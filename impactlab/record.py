@@ -46,6 +46,9 @@ class Record(Component):
     label: ClassVar[Any] = None
     """``label(plan, results, interval)`` returns variables from the results of all blocks."""
 
+    samples: ClassVar[bool] = True
+    """Whether it looks at the bodies' states, all at the same times."""
+
     @property
     def identity(self) -> tuple[str, ...]:
         """What two records of one run may not share: their variables would have the same names."""
@@ -68,6 +71,7 @@ class PerRealization(Record):
     """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps."""
 
     every_step: ClassVar[bool] = True
+    samples: ClassVar[bool] = False
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return Keeper()

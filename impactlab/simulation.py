@@ -21,6 +21,7 @@ from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.model import Model
 from impactlab.network import Network
+from impactlab.parts import joined, split
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
 from impactlab.record import PairedRealizations, PerRealization, Record
@@ -155,11 +156,37 @@ def _simulate(
     records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
-    workers = workers_of(executor)
-    plan = make_plan(
-        network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
-        initial=initial, records=records, seed=seed, workers=workers, coarse=coarse,
-    )  # fmt: skip
+    configuration = {
+        "network": network.to_dict(),
+        "simulate": _plain({
+            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
+            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
+            "seed": list(seed),
+        }),
+        "text": digest(generate(Model.of(network))),
+    }  # fmt: skip
+
+    def run_part(part: Network, chosen: float | None, as_coarse: bool) -> xr.Dataset:
+        workers = workers_of(executor)
+        plan = make_plan(
+            part, duration=duration, realizations=realizations, step=chosen, integrator=integrator, spin_up=spin_up,
+            initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
+        )  # fmt: skip
+        return _run(plan, executor, progress, seconds, workers, configuration)
+
+    apart = split(network, integrator, initial, records)
+    if apart is None:
+        return run_part(network, step, coarse)
+    busy, idle = apart
+    dataset = run_part(busy, step, coarse)
+    return joined(network, dataset, run_part(idle, None, False))
+
+
+def _run(
+    plan: Plan, executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float,
+    workers: int, configuration: dict[str, Any],
+) -> xr.Dataset:  # fmt: skip
+    """Run a plan and return its dataset."""
     if plan.seconds(workers) > seconds:
         raise InvalidInput(
             f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
@@ -174,15 +201,6 @@ def _simulate(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
-    configuration = {
-        "network": network.to_dict(),
-        "simulate": _plain({
-            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
-            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
-            "seed": list(seed),
-        }),
-        "text": digest(plan.text),
-    }  # fmt: skip
     return _labelled(plan, estimates, results, configuration)
 
 

@@ -223,3 +223,23 @@ def test_work_does_not_grow_with_time_where_nothing_can_touch():
     assert float(value[0]) == pytest.approx(1.0 / (1.6 * np.pi**2), rel=1e-9)
     direct = result["direct_mean_square_displacement"]
     assert abs(float(direct[0] - value[0])) < 4.0 * float(result["direct_mean_square_displacement_standard_error"][0])
+
+
+def test_bodies_that_nothing_can_touch_change_nothing_and_take_few_steps():
+    """The pair has the same bits with and without them; their law is exact."""
+    others = {"far": il.LinearOscillator.from_frequency(natural_frequency=300.0, damping_ratio=0.1)}
+    noise = {"far": il.WhiteNoise(2.0)}
+    alone = il.simulate(base(), duration=20.0, realizations=64, rng=5)
+    network = il.Network({**others, **base().oscillators}, base().contacts, {**base().excitations, **noise})
+    result = il.simulate(network, duration=20.0, realizations=64, rng=5)
+    assert list(result["oscillator"].values) == ["far", "one", "two"]
+    assert result.attrs["step"] == alone.attrs["step"]
+    for name in ("mean_square_displacement", "mean_square_velocity_standard_error", "contact_ratio"):
+        own = result[name].sel(oscillator=["one", "two"]) if "oscillator" in result[name].dims else result[name]
+        np.testing.assert_array_equal(own, alone[name])
+    exact = np.pi * 2.0 / (60.0 * 300.0**2)
+    assert float(result["mean_square_displacement"].sel(oscillator="far")) == pytest.approx(exact, rel=1e-9)
+    again = il.rerun(result)
+    np.testing.assert_array_equal(again["mean_square_displacement"], result["mean_square_displacement"])
+    kept = il.simulate(network, duration=20.0, realizations=64, rng=5, record=il.Trajectory(interval=0.5))
+    assert kept["displacement"].sizes["oscillator"] == 3

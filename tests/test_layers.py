@@ -23,6 +23,7 @@ LAYERS = [
     {"check", "compiled", "plan"},
     {"record", "moments", "ensemble"},
     {"density", "estimate", "tolerance", "together"},
+    {"parts"},
     {"simulation"},
     {"points"},
     {"sweeps"},
