@@ -51,7 +51,7 @@ def statistics_of(
         over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
         balances, mixed = _balances(plan, plan.flows, means, closed, at_kicks)
         off = [balances["balance_mean_square_displacement"], mixed, balances["balance_mean_square_velocity"]]
-        known = [np.where(np.isfinite(item), item, 0.0) if plan.jumps is not None else None for item in off]
+        known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
         processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
         for group in plan.flows.groups:
             if not closed[group.slots].all():

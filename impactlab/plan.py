@@ -120,6 +120,8 @@ class Plan:
         Relaxation time of the slowest body (s), 0 if nothing is damped.
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
+    sampled : bool
+        Whether states are samples of a stationary motion, not all that there are.
     jumps : Jumps or None
         How intervals in which nothing can touch are covered at once.
     """
@@ -167,6 +169,7 @@ class Plan:
     trusted: bool
     relaxation: float
     coarse: bool
+    sampled: bool
     jumps: Jumps | None
 
     @property
@@ -254,7 +257,8 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    if given is None and steady_flow(model, integrator, start, records):
+    steady = steady_flow(model, integrator, start, records)
+    if given is None and steady:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
@@ -338,6 +342,7 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
+        sampled=steady or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
 
