@@ -68,25 +68,21 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        of_all, found = provenance(title, {"sweep": names}), []
-        for point in self.points:
-            outcome = outcomes.get(point.key)
-            result = outcome if isinstance(outcome, xr.Dataset) else xr.Dataset()
-            scalars = {
-                name: ((), value, {"units": _UNITS.get(name, "1")} if not isinstance(value, str) else {})
-                for name, value in result.attrs.items()
-                if name not in of_all
+        of_all = provenance(title, {"sweep": names})
+        results = [
+            outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
+            for point in self.points
+        ]
+        further = []
+        for point, result in zip(self.points, results, strict=True):
+            variables = {
+                **_own_attributes(point, result, of_all),
+                "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
+                **(_reference(point) if self.reference else {}),
             }
-            network = {} if point.network is None else {"network": point.network.to_dict()}
-            scalars[CONFIGURATION] = (
-                (),
-                result.attrs.get(CONFIGURATION, json.dumps(network, sort_keys=True)),
-                {"long_name": "what makes the point again"},
-            )
-            scalars["status"] = ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"})
-            result = result.assign({name: value for name, value in scalars.items() if name not in self.coordinates})
-            found.append(result.assign(_reference(point)) if self.reference else result)
-        return gathered(found, self.coordinates).assign_attrs(of_all)
+            further.append(xr.Dataset({name: variables[name] for name in variables if name not in self.coordinates}))
+        whole = gathered(results, self.coordinates).assign_attrs(of_all)
+        return whole.assign(gathered(further, self.coordinates).data_vars)
 
 
 def sweep(
@@ -196,9 +192,22 @@ def make_sweep(
     return Sweep(coordinates, points, reference)
 
 
+def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
+    """Return the attributes of a point as variables, but for those that describe the whole sweep."""
+    network = {} if point.network is None else {"network": point.network.to_dict()}
+    again = result.attrs.get(CONFIGURATION, json.dumps(network, sort_keys=True))
+    variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
+    for name, value in result.attrs.items():
+        if name not in of_all:
+            attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
+            variables[name] = ((), value, attrs)
+    return variables
+
+
 def _reference(point: Point) -> dict[str, Any]:
     """Return the exact statistics of a point as variables, and whether there are any."""
-    status, found = point.refusal or DONE, {}
+    status = point.refusal or DONE
+    found: dict[str, Any] = {}
     if point.network is not None:
         try:
             statistics = exact(point.network).statistics()
@@ -207,5 +216,5 @@ def _reference(point: Point) -> dict[str, Any]:
         else:
             for name, variable in statistics.data_vars.items():
                 attrs = {**variable.attrs, "long_name": f"exact {variable.attrs['long_name']}"}
-                found[f"{name}_exact"] = variable.drop_attrs().assign_attrs(attrs)
+                found[f"{name}_exact"] = (variable.dims, variable.values, attrs)
     return {**found, "reference_status": ((), status, {"long_name": f"{DONE}, or why there is no exact law"})}

@@ -41,7 +41,8 @@ class Series(NamedTuple):
     """Sums of cosines on some bodies, sampled in time."""
 
     bodies: np.ndarray  # (row,) slots
-    samples: np.ndarray  # (time, row or 2 row, lane): the force, or the response x and v
+    samples: np.ndarray  # (lane, row or 2 row, time): the force, or the response x and v
+    near: np.ndarray  # (NEAR + 1, row or 2 row, lane): those of the next times, lanes side by side
 
 
 class Forced(NamedTuple):
@@ -103,7 +104,7 @@ ADVANCE = void(
     f8[:, :, ::1],
     _typeof(Cross(_INTEGERS.reshape(1, 1), _MATRIX, _MATRIX, _MATRIX)),
     _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX, True)),
-    _typeof(Series(_INTEGERS, _CUBE)),
+    _typeof(Series(_INTEGERS, _CUBE, _CUBE)),
     _typeof(Forced(_INTEGERS, _MATRIX)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
     _typeof(History(*[_CUBE] * 5)),
