@@ -43,14 +43,16 @@ def statistics_of(
         "mean_velocity": bodies[V],
         "mean_square_velocity": bodies[VV],
     }
-    balances = {}
+    balances: Values = {}
     if plan.flows is not None:
         if not complete.all():
             means[..., ~complete] = np.nan
         closed = _closed_flow(plan)
         over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
-        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks)
-        balances = _balances(plan, plan.flows, means, closed, at_kicks)
+        balances, mixed = _balances(plan, plan.flows, means, closed, at_kicks)
+        off = [balances["balance_mean_square_displacement"], mixed, balances["balance_mean_square_velocity"]]
+        known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
+        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
         for group in plan.flows.groups:
             if not closed[group.slots].all():
                 continue
@@ -69,7 +71,7 @@ def statistics_of(
 
 def _processed(
     plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values, closed: np.ndarray, over_time: np.ndarray,
-    of_kicks: np.ndarray,
+    of_kicks: np.ndarray, off: list[np.ndarray | None],
 ) -> Values:  # fmt: skip
     """Moments over the time of a step, without the error of second order that those at the kick have.
 
@@ -77,13 +79,18 @@ def _processed(
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
     flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
     Only the flow of white noise of constant intensity is closed in this way; other bodies keep
-    the moments at the kick, and those in groups are left to `joint_statistics`.
+    the moments at the kick, and those in groups are left to `joint_statistics`. Where states are
+    samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
+    difference between kick and middle.
     """
     increment = _increment(plan)
     xv = s[:, XV] + 0.5 * increment * s[:, FX]
     vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
+    of_xx, of_xv, of_vv = off
+    if of_xx is not None:
+        xx, xv, vv = xx - of_xx, xv - of_xv, vv - of_vv
     closed = (closed & ~plan.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
@@ -93,7 +100,8 @@ def _processed(
         name = f"mean_square_{quantity}"
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
         middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
-        result[name] = np.where(closed, (at_kicks[name] + 2.0 * middle.mean(axis=0)) / 3.0, at_kicks[name])
+        over_step = middle.mean(axis=0) if of_xx is None else middle.mean(axis=0) + (of_xx, of_vv)[row]
+        result[name] = np.where(closed, (at_kicks[name] + 2.0 * over_step) / 3.0, at_kicks[name])
     return result
 
 
@@ -120,14 +128,17 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     return over_time, at_kicks
 
 
-def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray) -> Values:
+def _balances(
+    plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray
+) -> tuple[Values, np.ndarray]:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
     K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those
     before the next one Σ + A (D + K) Aᵀ: linear equations for the D of all phases of the
     method's cycle. Where the linear law does not exist, a part of this remains: the
-    velocity of a damped free body, the power of the kicks on an undamped one.
+    velocity of a damped free body, the power of the kicks on an undamped one. Second comes that
+    of E[x v].
     """
     mass, damping, stiffness = plan.linear
     increment = _increment(plan)
@@ -135,7 +146,7 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_ki
     intensity = np.zeros(len(mass))
     intensity[plan.white] = plan.intensity
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
-    mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
+    mean, displacement, mixed, velocity = (np.full(s.shape[2:], np.nan) for _ in range(4))
     own, a, held, damped = closed & ~plan.grouped, flows.transition, stiffness > 0.0, damping > 0.0
     bodies = own & held
     mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
@@ -154,16 +165,18 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_ki
     known = [
         weighted_sum(gain[:, row, :, 0].T, of_virial[:, bodies])
         + weighted_sum(gain[:, row, :, 1].T, of_power[:, bodies])
-        for row in (0, 3)
+        for row in (0, 1, 3)
     ]
     potential = heat[bodies] * mass[bodies, None] / stiffness[bodies, None]
     displacement[bodies] = s[:, XX, bodies].mean(axis=0) - potential - known[0]
-    velocity[bodies] = before[:, bodies].mean(axis=0) - heat[bodies] - known[1]
-    return {
+    mixed[bodies] = (s[:, XV, bodies] - 0.5 * of_virial[:, bodies]).mean(axis=0) - known[1]
+    velocity[bodies] = before[:, bodies].mean(axis=0) - heat[bodies] - known[2]
+    balances = {
         "balance_mean_displacement": mean,
         "balance_mean_square_displacement": displacement,
         "balance_mean_square_velocity": velocity,
     }
+    return balances, mixed
 
 
 def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:

@@ -26,6 +26,9 @@ RELAXATION_TIMES = 12.0
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
+MOST_SAMPLES = 4096
+"""Steps per batch where every step is exact, so that the work does not grow with the time."""
+
 SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
 
@@ -112,13 +115,14 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
 
 
 def fit_step(
-    step: float, fixed: bool, intervals: list[float], duration: float, smooth: bool = False
+    step: float, fixed: bool, intervals: list[float], duration: float, multiple: int = 1, smooth: bool = False
 ) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
-    A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration. If the number of steps there is to be
-    `smooth`, it has no prime factor above 5, which an FFT takes best.
+    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if
+    there is none, until it divides the duration. The number of steps is such a multiple. If the
+    number of steps in the interval is to be `smooth`, it has no prime factor above 5, which an FFT
+    takes best.
 
     Raises
     ------
@@ -131,14 +135,14 @@ def fit_step(
         from scipy.fft import next_fast_len  # loaded only where a simulation is planned
 
         whole = intervals[0] if intervals else duration
-        count = math.ceil(whole / step * (1.0 - 1e-12))
-        step = whole / (next_fast_len(count, real=True) if smooth else count)
+        count = math.ceil(whole / (multiple * step) * (1.0 - 1e-12))
+        step = whole / (multiple * (next_fast_len(count, real=True) if smooth else count))
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
                 f"An interval of {interval:g} s is not a whole number of steps of {step:g} s; change one of them."
             )
-    return step, max(1, round(duration / step))
+    return step, multiple * max(1, round(duration / (multiple * step)))
 
 
 def check_periods(model: Model, total: float) -> float | None:
@@ -195,7 +199,7 @@ def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> b
     return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
 
 
-def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:
+def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 
     Parameters
@@ -204,8 +208,10 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     realizations, workers : int
     series_bytes : int
         Memory that the series of one realization take.
+    most : int
+        Largest number of lanes.
     """
-    blocks = -(-realizations // (LANES * workers)) * workers  # as many for each worker
+    blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
     lanes = -(-realizations // (8 * blocks)) * 8
     if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
         lanes += 8
