@@ -185,9 +185,11 @@ class _Block:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        normals = np.empty((plan.linear.shape[1], 4, len(lanes)), dtype=np.float32)
-        fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-        x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
+        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
+        if plan.deviations.any() or plan.factors:
+            normals = np.empty((len(x), 4, len(lanes)), dtype=np.float32)
+            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
+            x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
         for slots, factor in plan.factors:
             independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
