@@ -126,7 +126,8 @@ class _Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.responses: list[Cosines] = []
+        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.known: list[np.ndarray] = []
         self.module = build(plan.text)
         self.loop = plan.integrator.loop()
         self.realizations = plan.realizations_of(index)
@@ -171,7 +172,7 @@ class _Block:
             redraw = lanes
             for attempt in range(ATTEMPTS):
                 state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
-                redraw = redraw[self._closed(redraw)]
+                redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
                 if not redraw.size:
                     break
             else:
@@ -194,18 +195,19 @@ class _Block:
             independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines in zip(plan.responses, self.responses, strict=True):
+        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
             for column, realization in enumerate(realizations):
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
+            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
+                break  # the rest does not matter: these will be drawn again
         return x, v
 
-    def _closed(self, lanes: np.ndarray) -> np.ndarray:
-        """Whether a contact is closed in each of some lanes."""
-        first, second = self.plan.ends.T
-        x = self.state.x[:, lanes]
-        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
+        """Whether one of some contacts is closed at these displacements of the bodies and the wall, (lane,)."""
+        first, second = self.plan.ends[contacts].T
+        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:
@@ -217,6 +219,10 @@ class _Block:
             Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
             for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
         ]
+        last = np.full(plan.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.responses):
+            last[slots] = index
+        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
         if not method.takes_response:
             sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
