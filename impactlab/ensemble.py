@@ -15,10 +15,11 @@ import numpy as np
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
+from impactlab.integrators.jumps import jumping_loop, work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
 
@@ -129,7 +130,7 @@ class _Block:
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
         self.module = build(plan.text)
-        self.loop = plan.integrator.loop()
+        self.loop = plan.integrator.loop() if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
         self.now = 0
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
@@ -152,6 +153,7 @@ class _Block:
             plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
+        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
         if plan.lines:
             self.series = self._start_with_series()
         else:
@@ -270,15 +272,23 @@ class _Block:
         done = 0
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
-            whole = max(SLOTS, plan.steps_per_call // SLOTS * SLOTS)
+            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
+            whole = max(unit, plan.steps_per_call // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
-            self.loop(
-                self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
-                self.series, self._forced(count), self.state, self.history, self.sums, snapshots, plan.step,
-                plan.dissipative, sampler is not None, self.now, count, every, phase,
-            )  # fmt: skip
+            network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
+            how = plan.dissipative, sampler is not None, self.now, count, every, phase
+            if plan.jumps is None:
+                self.loop(
+                    *network, plan.cross, self._noise(count), self.series, self._forced(count), self.state,
+                    self.history, self.sums, snapshots, plan.step, *how,
+                )  # fmt: skip
+            else:
+                self.loop(
+                    *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                    snapshots, *how,
+                )  # fmt: skip
             self.now += count
             done += count
             self._guard()
@@ -354,6 +364,8 @@ class _Block:
                     keeper.add(snapshots, batch)
 
             self.advance(end - begin, sample)
+            if plan.jumps is not None:
+                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
             products.append(self.sums.products.copy())
