@@ -36,9 +36,7 @@ SAMPLES, GAIN = 512, 1.3
 """States from which the work is foreseen, and how much less it must be for intervals to be used."""
 
 
-def steady_flow(
-    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]
-) -> bool:
+def steady_flow(model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]) -> bool:
     """Whether nothing acts on the bodies but constant white noise, in a stationary state, of which samples will do."""
     return _sampled(model, integrator, start, records) and not model.nonlinear_bodies.any()
 
@@ -61,9 +59,7 @@ def _sampled(model: Model, integrator: Integrator, start: str | np.ndarray, reco
     )
 
 
-def foreseen_levels(
-    model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int
-) -> int:
+def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
     """Return how often the longest interval should be halved, 0 if jumps would not save work.
 
     Without contacts states are normal; how often bounds hold for them tells the work.

@@ -43,7 +43,7 @@ def statistics_of(
         "mean_velocity": bodies[V],
         "mean_square_velocity": bodies[VV],
     }
-    balances = {}
+    balances: Values = {}
     if plan.flows is not None:
         if not complete.all():
             means[..., ~complete] = np.nan
@@ -128,7 +128,9 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     return over_time, at_kicks
 
 
-def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray) -> tuple[Values, np.ndarray]:
+def _balances(
+    plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray
+) -> tuple[Values, np.ndarray]:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and

@@ -13,7 +13,7 @@ from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
-from impactlab.integrators.jumps import WholeFlow, Jumps
+from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, steady_flow
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (

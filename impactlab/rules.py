@@ -199,9 +199,7 @@ def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> b
     return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
 
 
-def block_shape(
-    model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES
-) -> tuple[int, int]:
+def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 
     Parameters

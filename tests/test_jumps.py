@@ -17,6 +17,7 @@ from impactlab.plan import make_plan
 SIGMA = float(np.sqrt(il.exact(base(clearance=5.0)).statistics()["variance_displacement"].sum()))
 """Standard deviation of the gap of the base case without contacts (m)."""
 
+
 class DampedContact(il.ContactLaw):
     """A force that depends on the rate, so that kicks take two passes."""
 

@@ -131,7 +131,8 @@ class WholeFlow(ExactFlow):
 
     def flows(self, model: Model, step: float) -> Flows:
         both = super().flows(model, step)
-        return Flows(*(part[:1] for part in both[:-1]), both.groups)  # type: ignore[arg-type]
+        a, q, middle_a, middle_q = (part[:1] for part in both[:-1])
+        return Flows(a, q, middle_a, middle_q, both.groups)
 
     def _split(self, model: Model, step: float) -> np.ndarray:
         return np.zeros(len(model.mass), dtype=bool)

@@ -38,6 +38,8 @@ FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, B
 _EVALUATE = void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK)
 
 config: Any = numba.config
+_unpack_tuple: Any = cgutils.unpack_tuple
+_populate_array: Any = populate_array
 
 DISABLED = bool(config.DISABLE_JIT)
 """Whether functions run as they are, without a compiler."""
@@ -119,13 +121,14 @@ def borrow(value):  # type: ignore[no-untyped-def]
 def _first_lanes(typing_context, block, lanes):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(block)(context, builder, arguments[0])
-        shape = [*cgutils.unpack_tuple(builder, array.shape)[:-1], arguments[1]]
-        size, strides = array.itemsize, []
+        shape = [*_unpack_tuple(builder, array.shape)[:-1], arguments[1]]
+        size = array.itemsize
+        strides: list[Any] = []
         for length in reversed(shape):
             strides.insert(0, size)
             size = builder.mul(size, length)
         items = builder.udiv(size, array.itemsize)
-        populate_array(array, array.data, shape, strides, array.itemsize, None)
+        _populate_array(array, array.data, shape, strides, array.itemsize, None)
         array.nitems = items
         return array._getvalue()
 
