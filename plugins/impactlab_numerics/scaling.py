@@ -60,6 +60,7 @@ class ScalingStudy(Study):
             raise il.InvalidInput(
                 f"sizes must begin with 2, the pair with which others are compared, not {self.sizes[0]}."
             )
+        self.shaken()  # checks the band
 
     def quick(self) -> Self:
         """The smoke form: small networks, few clearances, short runs."""

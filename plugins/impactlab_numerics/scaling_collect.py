@@ -14,7 +14,7 @@ import xarray as xr
 import impactlab as il
 from impactlab.kernels.jit import compilations
 from impactlab.rules import LANES
-from impactlab_numerics.baselines import SeriesLoop
+from impactlab_numerics.baselines import series_loop
 from impactlab_numerics.scaling import METHODS, SEEN, SHORTEST, closing_rate
 from impactlab_numerics.scenes import GRAPHS, scene
 from impactlab_numerics.timing import Blocks, Stopwatch, Whole, in_rounds
@@ -35,6 +35,9 @@ COMPARED = {
 
 BODY_LANES = 400000
 """Bodies times realizations of the ensemble of a large network, about."""
+
+BINS = 100
+"""Bins of the density that the loop of Runge-Kutta counts."""
 
 BATCH = 8
 """Realizations of bounded noise in a batch that is timed."""
@@ -198,11 +201,7 @@ def _series(study: ScalingStudy) -> xr.Dataset:
             network, duration, realizations=BATCH * batches, **options, rng=1, executor=Stopwatch(), progress=False
         )
 
-    loop = SeriesLoop(
-        scene(2), "runge_kutta", study.paper_step, 100, study.seed,
-        components=round(study.components * min(1.0, (0.5 / study.paper_step - study.band[0]) / np.ptp(study.band))),
-        band=(study.band[0], min(study.band[1], 0.5 / study.paper_step)),
-    )  # fmt: skip
+    loop = series_loop(scene(2), study.paper_step, BINS, study.seed, study.components, study.band)
     timers = {
         "impactlab": Whole(simulate, BATCH * duration, study.timing_seconds, time.process_time),
         "Runge–Kutta": Whole(loop.run, loop.batch, study.timing_seconds, time.process_time),

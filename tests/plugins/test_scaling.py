@@ -49,7 +49,7 @@ def test_the_study_is_described_without_heavy_imports():
         ({"sizes": (2, 10, 10)}, "sizes must be rising numbers"),
         ({"clearances": ()}, "clearances must be rising numbers"),
         ({"graph_sizes": (3,)}, "at least 4"),
-        ({"band": (500.0, 0.0)}, "band must be"),
+        ({"band": (500.0, 0.0)}, "band"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(settings, message):
