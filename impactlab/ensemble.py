@@ -127,7 +127,8 @@ class _Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.responses: list[Cosines] = []
+        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.known: list[np.ndarray] = []
         self.module = build(plan.text)
         self.loop = plan.integrator.loop() if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
@@ -173,7 +174,7 @@ class _Block:
             redraw = lanes
             for attempt in range(ATTEMPTS):
                 state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
-                redraw = redraw[self._closed(redraw)]
+                redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
                 if not redraw.size:
                     break
             else:
@@ -187,25 +188,28 @@ class _Block:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        normals = np.empty((plan.linear.shape[1], 4, len(lanes)), dtype=np.float32)
-        fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-        x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
+        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
+        if plan.deviations.any() or plan.factors:
+            normals = np.empty((len(x), 4, len(lanes)), dtype=np.float32)
+            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
+            x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
         for slots, factor in plan.factors:
             independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines in zip(plan.responses, self.responses, strict=True):
+        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
             for column, realization in enumerate(realizations):
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
+            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
+                break  # the rest does not matter: these will be drawn again
         return x, v
 
-    def _closed(self, lanes: np.ndarray) -> np.ndarray:
-        """Whether a contact is closed in each of some lanes."""
-        first, second = self.plan.ends.T
-        x = self.state.x[:, lanes]
-        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
+        """Whether one of some contacts is closed at these displacements of the bodies and the wall, (lane,)."""
+        first, second = self.plan.ends[contacts].T
+        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:
@@ -217,6 +221,10 @@ class _Block:
             Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
             for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
         ]
+        last = np.full(plan.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.responses):
+            last[slots] = index
+        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
         if not method.takes_response:
             sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
