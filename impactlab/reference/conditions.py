@@ -9,7 +9,8 @@ from impactlab.contact import Contact
 from impactlab.coupling import Coupling, LinearCoupling
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.network import Network
-from impactlab.reference.gibbs import Gap, GibbsLaw
+from impactlab.reference.gibbs import GibbsLaw
+from impactlab.reference.potential import Gap, Potential
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
 _REFUSAL = "There is no exact stationary law that is known here:"
@@ -143,16 +144,17 @@ def _law(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...
     temperatures = _temperatures(network, bodies)
     temperature = next(iter(temperatures.values()))
     gaps = tuple(Gap.of(contact, bodies[0]) for contact in contacts)
+    names = " and ".join(map(repr, bodies))
     first = network.oscillators[bodies[0]]
     if len(bodies) == 1:
         residual = first if first.has_kernel("residual") else None
-        return GibbsLaw(bodies, temperature, _stiffness(network, bodies[0]), gaps=gaps, residual=residual)
+        return GibbsLaw(bodies, Potential(names, temperature, _stiffness(network, bodies[0]), gaps, residual))
     held = [_stiffness(network, name) for name in bodies]
     between = _coupling_stiffness(network, *bodies)
     total = sum(held)
     weights = (held[1] / total, -held[0] / total)
-    spread = math.sqrt(temperature / total)
-    law = GibbsLaw(bodies, temperature, held[0] * weights[0] + between, weights, spread, gaps)
+    potential = Potential(names, temperature, held[0] * weights[0] + between, gaps)
+    law = GibbsLaw(bodies, potential, weights, math.sqrt(temperature / total))
     if len(temperatures) == 1 and not between and not any(law.mean_force(gap) for gap in gaps):
         cold = next(name for name in bodies if name not in temperatures)
         raise NoExactReference(f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and nothing heats it.")

@@ -179,13 +179,12 @@ class ExactReference:
     def _contact(self, contact: Contact) -> dict[str, float]:
         sides = [side for side in (contact.first, contact.second) if isinstance(side, str)]
         law = self._law(sides[0], "displacement")
-        gap = Gap.of(contact, law.bodies[0])
         relative_velocity = math.sqrt(sum(self._thermal_velocity(name) ** 2 for name in sides))
-        density = float(law.coordinate_density(np.array([gap.corner]))[0])
+        ratio, density, force = law.contact(contact)
         return {
-            "contact_ratio": law.contact_ratio(gap),
+            "contact_ratio": ratio,
             "contact_rate": relative_velocity / math.sqrt(2.0 * math.pi) * density,
-            "mean_contact_force": law.mean_force(gap),
+            "mean_contact_force": force,
         }
 
 

@@ -1,0 +1,174 @@
+"""Potential energy of one coordinate: springs, residual potentials and contacts, in units of T."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from impactlab.component import Component
+from impactlab.contact import Contact, ContactLaw
+from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.oscillator import Oscillator
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+_OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
+_START = 1e-8  # energy (in units of T) at which the panels begin
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A contact as the coordinate q sees it: indentation ``sign q − clearance``."""
+
+    law: ContactLaw
+    sign: float
+    clearance: float
+
+    @classmethod
+    def of(cls, contact: Contact, body: str) -> Gap:
+        """Return what a contact is for the coordinate that grows with a body's displacement."""
+        return cls(contact.law, 1.0 if contact.first == body else -1.0, contact.clearance)
+
+    def indentation(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return δ at ``coordinate + offset``: the sum itself could round away a stiff contact's δ."""
+        return np.asarray((self.sign * coordinate - self.clearance) + self.sign * offset)
+
+    @property
+    def corner(self) -> float:
+        """Coordinate at which the contact closes."""
+        return self.sign * self.clearance
+
+
+@dataclass(frozen=True)
+class Potential:
+    """Energy Φ of a coordinate q, the displacement of a body or the difference of two.
+
+    ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``; from it a line
+    may be taken off, ``slope q + level`` in units of T.
+
+    Parameters
+    ----------
+    names : str
+        The bodies, as messages show them.
+    temperature : float
+        T (J).
+    stiffness : float
+        Stiffness of the coordinate (N m-1).
+    gaps : tuple of Gap
+        The contacts.
+    residual : Oscillator, optional
+        The oscillator whose residual potential acts on q.
+    slope, level : float
+        The line that is taken off (m-1, 1).
+    """
+
+    names: str = field(compare=False)
+    temperature: float
+    stiffness: float
+    gaps: tuple[Gap, ...] = ()
+    residual: Oscillator | None = None
+    slope: float = 0.0
+    level: float = 0.0
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Coordinates at which a contact closes, and 0."""
+        return np.unique([0.0, *(gap.corner for gap in self.gaps)])
+
+    def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return Φ/T, less the line, at ``coordinate + offset``; infinite where it is too large for a number.
+
+        Raises
+        ------
+        NoExactReference
+            If it is not a number.
+        """
+        place = coordinate + offset
+        total = 0.5 * self.stiffness * place**2
+        if self.residual is not None:
+            total = total + _evaluate(self.residual, "residual_potential", place)
+        for gap in self.gaps:
+            indentation = gap.indentation(coordinate, offset)
+            closed = indentation > 0.0
+            total[closed] += _evaluate(gap.law, "potential", indentation[closed])
+        if np.isnan(total).any():
+            raise NoExactReference(f"{self.names}: the potential is not a number at {place[np.isnan(total)][0]:g} m.")
+        return np.asarray(total / self.temperature - self.slope * place - self.level)
+
+    def force(self, coordinate: np.ndarray) -> np.ndarray:
+        """Return the derivative of Φ/T (m-1)."""
+        total = self.stiffness * coordinate
+        if self.residual is not None:
+            total = total + self.residual.call("residual", coordinate, 0.0)
+        for gap in self.gaps:
+            total = total + gap.sign * gap.law.evaluate(gap.indentation(coordinate))
+        return np.asarray(total / self.temperature - self.slope)
+
+    def panels(self) -> np.ndarray:
+        """Return edges that double in distance from every corner and minimum, as far as numbers go."""
+        corners = self.corners
+        points = np.unique(np.add.outer(corners, [*-_OCTAVES, 0.0, *_OCTAVES]))
+        energy = self.energy(points)
+        left, here, right = energy[:-2], energy[1:-1], energy[2:]
+        is_well = (here < left) & (here <= right) & (here + 1e-3 < np.maximum(left, right))
+        wells = [self._bottom(points[i], points[i + 2]) for i in np.flatnonzero(is_well)]
+        edges = [corners, np.array(wells)]
+        for place in (*corners, *wells):
+            for distances in (-_OCTAVES, _OCTAVES):
+                change = np.abs(self.energy(place + distances) - self.energy(np.array([place]))) > _START
+                edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
+        return np.unique(np.concatenate(edges))
+
+    def _bottom(self, low: float, high: float) -> float:
+        """Return the place of the minimum between two points."""
+        for _ in range(12):
+            points = np.linspace(low, high, 17)
+            best = int(np.clip(np.argmin(self.energy(points)), 1, 15))
+            low, high = points[best - 1], points[best + 1]
+        return 0.5 * float(low + high)
+
+    def check_work(self, edges: np.ndarray) -> None:
+        """Refuse a potential that is not the integral of its force, on panels that hold all corners.
+
+        Raises
+        ------
+        InvalidInput
+            If one is not.
+        """
+        starts, offsets, lengths = gauss_legendre(edges)
+        for gap in self.gaps:
+            force = gap.law.evaluate(gap.indentation(starts, offsets))
+            _check_work(gap.law, "potential", gap.indentation(edges).max(), lengths, force)
+        if self.residual is not None:
+            force = self.residual.call("residual", starts + offsets, 0.0)
+            for end, side in ((edges[-1], starts >= 0.0), (edges[0], starts < 0.0)):
+                steps = np.where(side, lengths, 0.0) * np.sign(end)
+                _check_work(self.residual, "residual_potential", end, steps, force)
+
+
+def gauss_legendre(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the nodes of the composite rule, as edges and offsets from them, and the weights."""
+    half = 0.5 * np.diff(edges)[:, None]
+    starts = np.repeat(edges[:-1], len(NODES))
+    return starts, (half * (1.0 + NODES)).ravel(), (half * WEIGHTS).ravel()
+
+
+def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarray:
+    """Evaluate a potential; Python raises where it overflows, which here means infinite."""
+    try:
+        return component.call(kernel, values)
+    except OverflowError:
+        if values.size == 1:
+            return np.full(values.shape, np.inf)
+        return np.concatenate([_evaluate(component, kernel, half) for half in np.array_split(values, 2)])
+
+
+def _check_work(component: Component, kernel: str, end: float, steps: np.ndarray, force: np.ndarray) -> None:
+    """Compare a potential at the end with the work on the way there."""
+    potential, work = float(component.call(kernel, end)), float(steps @ force)
+    if abs(work - potential) > 1e-6 * max(float(np.abs(steps) @ np.abs(force)), abs(potential)):
+        raise InvalidInput(
+            f"{type(component).__name__}.{kernel} is not the integral of the force from 0: at {end:g} m "
+            f"it is {potential:g} J and the integral {work:g} J."
+        )
