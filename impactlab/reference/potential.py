@@ -14,7 +14,6 @@ from impactlab.oscillator import Oscillator
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 _OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
-_START = 1e-8  # energy (in units of T) at which the panels begin
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,11 @@ class Potential:
             total = total + gap.sign * gap.law.evaluate(gap.indentation(coordinate))
         return np.asarray(total / self.temperature - self.slope)
 
-    def panels(self) -> np.ndarray:
-        """Return edges that double in distance from every corner and minimum, as far as numbers go."""
+    def panels(self, start: float = 1e-8) -> np.ndarray:
+        """Return edges that double in distance from every corner and minimum, as far as numbers go.
+
+        They begin where Φ/T has changed by `start`.
+        """
         corners = self.corners
         points = np.unique(np.add.outer(corners, [*-_OCTAVES, 0.0, *_OCTAVES]))
         energy = self.energy(points)
@@ -116,7 +118,7 @@ class Potential:
         edges = [corners, np.array(wells)]
         for place in (*corners, *wells):
             for distances in (-_OCTAVES, _OCTAVES):
-                change = np.abs(self.energy(place + distances) - self.energy(np.array([place]))) > _START
+                change = np.abs(self.energy(place + distances) - self.energy(np.array([place]))) > start
                 edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
         return np.unique(np.concatenate(edges))
 

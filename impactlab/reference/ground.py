@@ -1,0 +1,182 @@
+"""The state of least energy of a tree, about which its density is looked at, and how far from it that matters."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from impactlab.errors import NoExactReference
+from impactlab.reference.potential import Potential
+
+VANISHED = 100.0
+"""Energy above the least one, in units of T, beyond which nothing counts."""
+
+START = 0.3
+"""Energy, in units of T, at which the first panels around corners and minima begin."""
+
+_MOST_STEPS = 200
+_UNBOUNDED = -1e4  # energy below which a potential less its tangent has no minimum of interest
+
+Link = tuple[int, int, Potential]
+"""Two bodies and the potential of the difference of their displacements."""
+
+
+def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[Potential], list[Link]]:
+    """Return the same potentials less lines that add up to 0, so that each is near 0 where the energy is least.
+
+    The lines are the tangents of the links where the energy is least, and what balances them
+    on the bodies. So the factors of the density, and products of some of them, are large
+    where the density is large, also for bodies that press against each other.
+    """
+    x = _least(own, links)
+    between = [x[i] - x[j] for i, j, _ in links]
+    tangents = [float(item.force(np.array([u]))[0]) for (_, _, item), u in zip(links, between, strict=True)]
+    pulls = [0.0] * len(own)
+    for (i, j, _), tangent in zip(links, tangents, strict=True):
+        pulls[i] -= tangent
+        pulls[j] += tangent
+    bodies = [_less(item, slope, place) for item, slope, place in zip(own, pulls, x, strict=True)]
+    pairs = [(i, j, _less(item, s, u)) for (i, j, item), s, u in zip(links, tangents, between, strict=True)]
+    if _depth([*bodies, *(item for *_, item in pairs)]) < _UNBOUNDED:
+        return list(own), list(links)
+    return bodies, pairs
+
+
+def spans(own: Sequence[Potential], links: Sequence[Link]) -> np.ndarray:
+    """Return the range of each displacement that counts, (body, 2) (m).
+
+    In it neither a potential of the body nor one on the way to any other body need be
+    larger than the least energy plus `VANISHED`.
+
+    Raises
+    ------
+    NoExactReference
+        If nothing confines a body.
+    """
+    between = [item for *_, item in links]
+    most = VANISHED - _depth([*own, *between])
+    known = {item: _span(item, most) for item in dict.fromkeys([*own, *between])}
+    result = np.array([known[item] for item in own])
+    steps = outwards(len(own), links)
+    for inwards in (True, False):
+        for near, far, link in reversed(steps) if inwards else steps:
+            body, other = (near, far) if inwards else (far, near)
+            i, _, item = links[link]
+            low, high = known[item] if body == i else np.negative(known[item])[::-1]
+            result[body, 0] = max(result[body, 0], result[other, 0] + low)
+            result[body, 1] = min(result[body, 1], result[other, 1] + high)
+    for item, span in zip(own, result, strict=True):
+        if not np.isfinite(span).all():
+            raise NoExactReference(
+                f"{item.names}: the law cannot be normalised, because neither springs nor contacts confine it "
+                "on both sides."
+            )
+    return result
+
+
+def outwards(count: int, links: Sequence[Link], first: int = 0) -> list[tuple[int, int, int]]:
+    """Return the links of a tree from one body on: near body, far body, index of the link."""
+    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for index, (i, j, _) in enumerate(links):
+        around[i].append((j, index))
+        around[j].append((i, index))
+    result: list[tuple[int, int, int]] = []
+    reached, waiting = {first}, [first]
+    for body in waiting:
+        for other, index in around[body]:
+            if other not in reached:
+                reached.add(other)
+                waiting.append(other)
+                result.append((body, other, index))
+    return result
+
+
+def _less(item: Potential, slope: float, place: float) -> Potential:
+    """Return a potential less its tangent of some slope at a place."""
+    level = float(item.energy(np.array([place]))[0]) - slope * place
+    return dataclasses.replace(item, slope=slope, level=level)
+
+
+def _depth(items: Sequence[Potential]) -> float:
+    """Return the sum of the least values of some potentials, at most 0."""
+    least = {item: min(float(item.energy(item.panels(START)).min()), 0.0) for item in dict.fromkeys(items)}
+    return math.fsum(least[item] for item in items)
+
+
+def _span(item: Potential, most: float) -> tuple[float, float]:
+    """Return between which places a potential is not larger than some value, infinite if that never ends."""
+    edges = item.panels(START)
+    inside = np.flatnonzero(item.energy(edges) <= most)
+    ends = []
+    for within, beyond, last in ((inside[0], inside[0] - 1, -1), (inside[-1], inside[-1] + 1, len(edges))):
+        if beyond == last:
+            ends.append(math.copysign(math.inf, last))
+            continue
+        low, high = edges[within], edges[beyond]
+        for _ in range(6):  # octaves are coarse
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if item.energy(np.array([middle]))[0] <= most else (low, middle)
+        ends.append(float(high))
+    return ends[0], ends[1]
+
+
+def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
+    """Return about where the energy is least, by Newton's method from 0 on.
+
+    It need not be exact, only close in terms of T; what is close is rounded, so that equal
+    bodies get equal numbers.
+    """
+    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    count = len(own)
+    items = [*own, *(item for *_, item in links)]
+    rows = [(k, k, 1.0) for k in range(count)]
+    for k, (i, j, _) in enumerate(links, start=count):
+        rows += [(k, i, 1.0), (k, j, -1.0)]
+    term, body, sign = (np.array(column) for column in zip(*rows, strict=True))
+    to_terms = coo_array((sign, (term, body)), shape=(len(items), count)).tocsr()
+    members: dict[Potential, list[int]] = {}
+    for k, item in enumerate(items):
+        members.setdefault(item, []).append(k)
+
+    def of_terms(name: str, q: np.ndarray) -> np.ndarray:
+        result = np.empty(len(items))
+        for item, of_item in members.items():
+            result[of_item] = getattr(item, name)(q[of_item])
+        return result
+
+    length = np.empty(len(items))  # that changes the energy by about T
+    for item, of_item in members.items():
+        change = np.abs(item.energy(_LENGTHS) - item.energy(np.zeros(1)))
+        length[of_item] = _LENGTHS[np.argmax(change > 1.0)] if (change > 1.0).any() else math.inf
+    length[~np.isfinite(length)] = length.max() if not np.isfinite(length).any() else length[np.isfinite(length)].max()
+    x, damping = np.zeros(count), 1e-9
+    energy = of_terms("energy", to_terms @ x).sum()
+    for _ in range(_MOST_STEPS):
+        q = to_terms @ x
+        gradient = to_terms.T @ of_terms("force", q)
+        step = 1e-4 * length
+        curvature = np.maximum((of_terms("force", q + step) - of_terms("force", q - step)) / (2.0 * step), 0.0)
+        hessian = to_terms.T @ diags_array(curvature) @ to_terms
+        diagonal = hessian.diagonal()
+        floor = diagonal + 1e-12 * diagonal.max() + 1e-300
+        while damping < 1e12:
+            change = -splu((hessian + diags_array(damping * floor)).tocsc()).solve(gradient)
+            if -gradient @ change < 1e-3:
+                break
+            lower = of_terms("energy", to_terms @ (x + change)).sum()
+            if lower < energy:
+                x, energy, damping = x + change, lower, max(0.1 * damping, 1e-9)
+                break
+            damping *= 10.0
+        if damping >= 1e12 or -gradient @ change < 1e-3:
+            break
+    quantum = 2.0 ** np.floor(np.log2(0.01 / np.sqrt(floor)))
+    return [float(place) for place in np.where(x == 0.0, 0.0, np.round(x / quantum) * quantum)]
+
+
+_LENGTHS = 2.0 ** np.arange(-100.0, 101.0)

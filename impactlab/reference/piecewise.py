@@ -1,0 +1,211 @@
+"""Functions as polynomials on panels that are halved until these resolve them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from impactlab.errors import NoExactReference
+from impactlab.reference.potential import NODES, WEIGHTS
+
+ORDER = len(NODES)
+_LEGENDRE = np.polynomial.legendre.legvander(NODES, ORDER - 1)
+_TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
+_MOST_PANELS = 20_000
+_CHUNK = 2_000  # panels that are looked at together
+_EXTRA_HALVINGS = 0  # of all panels in the end, to see that this changes nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise:
+    """Some functions of one coordinate: Legendre polynomials on the same panels.
+
+    Attributes
+    ----------
+    edges : (panel + 1,) ndarray
+        Edges of the panels, increasing.
+    coefficients : (function, panel, order) ndarray
+        Coefficients of the polynomials.
+    """
+
+    edges: np.ndarray
+    coefficients: np.ndarray
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """Gauss nodes, (panel, order)."""
+        return self.edges[:-1, None] + 0.5 * np.diff(self.edges)[:, None] * (1.0 + NODES)
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """Values at the nodes, (function, panel, order)."""
+        return np.asarray(self.coefficients @ _LEGENDRE.T)
+
+    @cached_property
+    def masses(self) -> np.ndarray:
+        """Values times the weights of Gauss's rule, (function, panel, order)."""
+        return np.asarray(self.values * WEIGHTS * (0.5 * np.diff(self.edges)[:, None]))
+
+    @cached_property
+    def integrals(self) -> np.ndarray:
+        """Integrals over each panel, (function, panel)."""
+        return np.asarray(self.coefficients[:, :, 0] * np.diff(self.edges))
+
+    def cumulative(self, places: np.ndarray) -> np.ndarray:
+        """Return the integrals from the first edge to some places, (function, place)."""
+        panel = self.panel_of(places)
+        t = np.clip(self.local(panel, places[:, None])[:, 0], -1.0, 1.0)
+        legendre = np.polynomial.legendre.legvander(t, ORDER)
+        primitive = np.empty((len(t), ORDER))
+        primitive[:, 0] = t + 1.0
+        primitive[:, 1:] = (legendre[:, 2:] - legendre[:, :-2]) / (2.0 * np.arange(1, ORDER) + 1.0)
+        part = 0.5 * np.diff(self.edges)[panel] * np.einsum("fpk,pk->fp", self.coefficients[:, panel], primitive)
+        before = np.cumsum(self.integrals, axis=1) - self.integrals
+        return np.asarray(before[:, panel] + part)
+
+    def mirrored(self) -> Piecewise:
+        """Return the functions of the coordinate with the opposite sign."""
+        signs = np.where(np.arange(ORDER) % 2, -1.0, 1.0)
+        return Piecewise(-self.edges[::-1], signs * self.coefficients[:, ::-1])
+
+    def panel_of(self, places: np.ndarray) -> np.ndarray:
+        """Return the panels in which places lie; the nearest for those outside."""
+        return np.clip(np.searchsorted(self.edges, places, side="right") - 1, 0, len(self.edges) - 2)
+
+    def __call__(self, places: np.ndarray) -> np.ndarray:
+        """Return the values of the functions, (function, place)."""
+        panel = self.panel_of(places)
+        return self.on(panel, places[:, None])[..., 0]
+
+    def on(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return the values at places (row, place) in a panel for each row, (function, row, place)."""
+        t = self.local(panel, places)
+        coefficients = self.coefficients[:, panel]
+        last, before = np.zeros(coefficients.shape[:1] + t.shape), np.zeros(coefficients.shape[:1] + t.shape)
+        for k in range(ORDER - 1, 0, -1):  # the recurrence of Clenshaw
+            last, before = (
+                coefficients[..., k, None] + (2 * k + 1) / (k + 1) * t * last - (k + 1) / (k + 2) * before,
+                last,
+            )
+        return np.asarray(coefficients[..., 0, None] + t * last - 0.5 * before)
+
+    def local(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return places (row, place) as coordinates from −1 to 1 in a panel for each row."""
+        left = self.edges[panel, None]
+        return np.asarray(2.0 * (places - left) / (self.edges[panel + 1, None] - left) - 1.0)
+
+
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A function of edges and offsets from them, two arrays of one dimension, that returns (function, place)."""
+
+Fineness = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Whether panels are fine enough, from values (function, panel, node), the sizes of the last coefficients (function,
+panel) and the edges of the panels (panel, 2)."""
+
+
+def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str) -> Piecewise:
+    """Return functions on panels that are halved until they are fine.
+
+    Raises
+    ------
+    NoExactReference
+        If they do not become so.
+    """
+    pending = np.stack([edges[:-1], edges[1:]], axis=1)
+    panels, found = [], []
+    while len(pending):
+        values, coefficients = _sampled(function, pending)
+        middle = pending.mean(axis=1)
+        fine = is_fine(values, np.abs(coefficients[:, :, -3:]).max(axis=2), pending)
+        fine |= (middle <= pending[:, 0]) | (middle >= pending[:, 1])
+        panels.append(pending[fine])
+        found.append(coefficients[:, fine])
+        pending = _halves(pending[~fine])
+        if sum(map(len, panels)) + len(pending) > _MOST_PANELS:
+            raise NoExactReference(f"{what}: the integral of exp(−H/T) does not converge; its potential is not smooth.")
+    every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
+    for _ in range(_EXTRA_HALVINGS):
+        every = _halves(every)
+        coefficients = _sampled(function, every)[1]
+    order = np.argsort(every[:, 0])
+    return Piecewise(np.append(every[order, 0], edges[-1]), coefficients[:, order])
+
+
+def _sampled(function: Function, panels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values at the nodes and coefficients, (function, panel, order)."""
+    offsets = 0.5 * np.diff(panels, axis=1) * (1.0 + NODES)
+    values = function(np.repeat(panels[:, 0], ORDER), offsets.ravel())
+    values = values.reshape(len(values), -1, ORDER)
+    return values, values @ _TRANSFORM
+
+
+def _halves(panels: np.ndarray) -> np.ndarray:
+    middle = panels.mean(axis=1)
+    return np.concatenate([np.stack([panels[:, 0], middle], 1), np.stack([middle, panels[:, 1]], 1)])
+
+
+def fine_integrals(corners: np.ndarray, tolerance: float) -> Fineness:
+    """Return a fineness for integrals from one corner to the next, each relative to itself.
+
+    Their sizes are taken from the first panels.
+    """
+    scale: np.ndarray | None = None
+
+    def is_fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray) -> np.ndarray:
+        nonlocal scale
+        widths = panels[:, 1] - panels[:, 0]
+        part = np.searchsorted(corners, panels.mean(axis=1))
+        if scale is None:
+            sizes = np.abs(values).mean(axis=2) * widths
+            scale = np.array([np.bincount(part, row, len(corners) + 1) for row in sizes])
+        return np.asarray((tails * widths <= tolerance * scale[:, part]).all(axis=0))
+
+    return is_fine
+
+
+def shifted_integrals(edges: np.ndarray, kernel: Piecewise, shifts: np.ndarray) -> np.ndarray:
+    """Return the weights of the integrals ``∫ f(y + u) kernel(u) du`` of any f that is given on panels.
+
+    Both are polynomials on panels, and between the edges of both Gauss's rule is exact for
+    their product, so that nothing is lost where the kernel has a kink.
+
+    Parameters
+    ----------
+    edges : (panel + 1,) ndarray
+        Edges of the panels of f, which is 0 outside.
+    kernel : Piecewise
+        The kernels, 0 outside their panels.
+    shifts : (shift,) ndarray
+        The shifts y.
+
+    Returns
+    -------
+    (kernel, shift, panel, order) ndarray
+        Weights of the coefficients of f.
+    """
+    panels, count = len(edges) - 1, len(kernel.coefficients)
+    result = np.zeros((len(shifts) * panels, count, ORDER))
+    of_f = Piecewise(edges, np.empty((0, panels, ORDER)))
+    step = max(1, _CHUNK // (panels + len(kernel.edges)))
+    for first in range(0, len(shifts), step):
+        y = shifts[first : first + step, None]
+        low = np.maximum(kernel.edges[0], edges[0] - y)
+        high = np.maximum(low, np.minimum(kernel.edges[-1], edges[-1] - y))
+        fixed = np.broadcast_to(kernel.edges, (len(y), len(kernel.edges)))
+        both = np.sort(np.clip(np.concatenate([edges - y, fixed], axis=1), low, high), axis=1)
+        row, column = np.nonzero(np.diff(both, axis=1) > 0.0)
+        if not len(row):
+            continue
+        left, half = both[row, column], 0.5 * (both[row, column + 1] - both[row, column])
+        panel = of_f.panel_of(left + half + y[row, 0])
+        u = left[:, None] + half[:, None] * (1.0 + NODES)
+        weighted = kernel.on(kernel.panel_of(left + half), u) * (half[:, None] * WEIGHTS)
+        basis = np.polynomial.legendre.legvander(of_f.local(panel, u + y[row]), ORDER - 1)
+        parts = np.moveaxis(weighted, 0, 1) @ basis
+        place = (first + row) * panels + panel
+        starts = np.flatnonzero(np.diff(place, prepend=-1))
+        result[place[starts]] = np.add.reduceat(parts, starts, axis=0)
+    return np.moveaxis(result.reshape(len(shifts), panels, count, ORDER), 2, 0)
