@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 from impactlab.contact import Contact
 from impactlab.coupling import Coupling, LinearCoupling
@@ -11,12 +13,72 @@ from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.network import Network
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.potential import Gap, Potential
+from impactlab.reference.tree import TreeLaw
+
+Law = GibbsLaw | TreeLaw
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
 _REFUSAL = "There is no exact stationary law that is known here:"
 
 
-def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Bodies that contacts and couplings connect."""
+
+    network: Network
+    bodies: tuple[str, ...]
+    contacts: tuple[Contact, ...]
+    couplings: tuple[Coupling, ...]
+
+    @cached_property
+    def stiffness(self) -> dict[tuple[str, ...], float]:
+        """Stiffness of the couplings between two bodies, and of what holds one to the ground (N m-1)."""
+        result: dict[tuple[str, ...], float] = {}
+        for name in self.bodies:
+            result[name,] = self.network.oscillators[name].stiffness
+        for item in self.couplings:
+            result[_sides(item)] = result.get(_sides(item), 0.0) + item.law.linear[0]
+        return result
+
+    @cached_property
+    def touching(self) -> dict[tuple[str, ...], list[Contact]]:
+        """Contacts of two bodies, or of one and a wall."""
+        result: dict[tuple[str, ...], list[Contact]] = {}
+        for contact in self.contacts:
+            result.setdefault(_sides(contact), []).append(contact)
+        return result
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, ...]]:
+        """Connected pairs of bodies."""
+        return [sides for sides in dict.fromkeys([*self.stiffness, *self.touching]) if len(sides) == 2]
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether the law is that of a single coordinate."""
+        if len(self.bodies) == 1:
+            return True
+        walled = any(len(sides) == 1 for sides in self.touching)
+        bent = any(self.network.oscillators[name].has_kernel("residual") for name in self.bodies)
+        return len(self.bodies) == 2 and not walled and not bent
+
+    @property
+    def loop(self) -> list[str]:
+        """The bodies in loops and between them."""
+        around: dict[str, set[str]] = {name: set() for name in self.bodies}
+        for one, other in self.pairs:
+            around[one].add(other)
+            around[other].add(one)
+        ends = [name for name, others in around.items() if len(others) < 2]
+        for name in ends:
+            for other in around.pop(name, ()):
+                around[other].discard(name)
+                if len(around[other]) == 1:
+                    ends.append(other)
+        return [name for name, others in around.items() if others]
+
+
+def gibbs_laws(network: Network) -> tuple[Law, ...]:
     """Return the stationary law of every group of bodies that contacts and couplings connect.
 
     Raises
@@ -24,42 +86,49 @@ def gibbs_laws(network: Network) -> tuple[GibbsLaw, ...]:
     NoExactReference
         With all reasons, if one of the groups has no law that is known here.
     """
-    groups = list(_groups(network))
+    groups = _groups(network)
     reasons = [reason for name in network.oscillators for reason in _body_reasons(network, name)]
     reasons += [reason for item in network.contacts.items() for reason in _contact_reasons(*item)]
     reasons += [reason for item in network.couplings.items() for reason in _coupling_reasons(*item)]
-    reasons += [reason for group in groups for reason in _group_reasons(network, *group)]
+    reasons += [reason for group in groups for reason in _group_reasons(group)]
     if reasons:
         raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
-    return tuple(_law(network, *group) for group in groups)
+    return tuple(map(_law, groups))
 
 
-def _groups(network: Network) -> Iterator[tuple[tuple[str, ...], tuple[Contact, ...]]]:
-    """Give the bodies, in order, and the contacts of every connected component."""
-    group = {name: frozenset([name]) for name in network.oscillators}
+def _groups(network: Network) -> list[_Group]:
+    """Return the bodies, in order, the contacts and the couplings of every connected component."""
+    leader = {name: name for name in network.oscillators}
+
+    def led(name: str) -> str:
+        while leader[name] != name:
+            leader[name] = name = leader[leader[name]]
+        return name
+
     links: list[Contact | Coupling] = [*network.contacts.values(), *network.couplings.values()]
     for link in links:
-        merged = frozenset[str]().union(*(group[name] for name in _sides(link)))
-        group.update(dict.fromkeys(merged, merged))
-    for members in dict.fromkeys(group.values()):
-        bodies = tuple(name for name in network.oscillators if name in members)
-        contacts = network.contacts.values()
-        yield bodies, tuple(contact for contact in contacts if members.intersection(_sides(contact)))
+        one, *other = map(led, _sides(link))
+        leader[one] = other[0] if other else one
+    members: dict[str, tuple[list[str], list[Contact], list[Coupling]]] = {}
+    for name in network.oscillators:
+        members.setdefault(led(name), ([], [], []))[0].append(name)
+    for contact in network.contacts.values():
+        members[led(_sides(contact)[0])][1].append(contact)
+    for coupling in network.couplings.values():
+        members[led(_sides(coupling)[0])][2].append(coupling)
+    return [_Group(network, tuple(names), tuple(c), tuple(k)) for names, c, k in members.values()]
 
 
-def _sides(link: Contact | Coupling) -> list[str]:
+def _sides(link: Contact | Coupling) -> tuple[str, ...]:
     """Return the one or two bodies of a contact or a coupling, as sorted names."""
-    return sorted(side for side in (link.first, link.second) if isinstance(side, str))
+    return tuple(sorted(side for side in (link.first, link.second) if isinstance(side, str)))
 
 
-def _coupling_stiffness(network: Network, *bodies: str) -> float:
-    """Return the stiffness of the couplings between two bodies, or one and a wall (N m-1)."""
-    return sum(item.law.linear[0] for item in network.couplings.values() if _sides(item) == sorted(bodies))
-
-
-def _stiffness(network: Network, name: str) -> float:
-    """Return the stiffness that holds a body to the ground (N m-1)."""
-    return network.oscillators[name].stiffness + _coupling_stiffness(network, name)
+def _named(bodies: Sequence[str]) -> str:
+    """Return the names of some bodies, of many the first ones."""
+    shown = list(map(repr, bodies[: 6 if len(bodies) < 8 else 3]))
+    rest = len(bodies) - len(shown)
+    return " and ".join([*shown, *([f"{rest} others"] if rest else [])])
 
 
 def _spectral_density(network: Network, name: str) -> float | None:
@@ -114,48 +183,84 @@ def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
         yield f"coupling {name!r} has damping without noise: its temperature is 0."
 
 
-def _group_reasons(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...]) -> Iterator[str]:
-    names = " and ".join(map(repr, bodies))
-    oscillators = [network.oscillators[name] for name in bodies]
+def _group_reasons(group: _Group) -> Iterator[str]:
+    network, bodies = group.network, group.bodies
     temperatures = _temperatures(network, bodies)
     if temperatures and _differ(*temperatures.values()):
-        shown = ", ".join(f"{name!r} {value:g} J" for name, value in temperatures.items())
+        extremes = {choice(temperatures, key=temperatures.__getitem__) for choice in (min, max)}
+        names = temperatures if len(temperatures) < 8 else extremes
+        shown = ", ".join(f"{name!r} {temperatures[name]:g} J" for name in temperatures if name in names)
         yield f"the temperatures π S / damping of connected bodies differ: {shown}."
     if not any(_spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
-        yield f"{names}: neither noise nor damping, the energy stays as it was at the start."
-    if len(bodies) > 2:
-        yield f"{names} are connected; the law is computed for single bodies and pairs."
-    if len(bodies) != 2:
-        return
-    if any(len(_sides(contact)) == 1 for contact in contacts):
-        yield f"{names} are connected and touch a wall; the law of a pair is computed without walls."
-    if any(oscillator.has_kernel("residual") for oscillator in oscillators):
-        yield f"{names} are connected and not both linear; the law is computed for pairs of linear bodies."
-    if not any(_stiffness(network, name) for name in bodies):
-        yield f"{names} have no springs: nothing confines their center, the law cannot be normalised."
+        yield f"{_named(bodies)}: neither noise nor damping, the energy stays as it was at the start."
+    if len(group.pairs) >= len(bodies):
+        yield (
+            f"{_named(group.loop)} are connected in loops; the law is computed for trees, such as these bodies "
+            "would be with fewer contacts and couplings between them."
+        )
+    if len(bodies) == 2 and group.is_simple and not any(group.stiffness[name,] for name in bodies):
+        yield f"{_named(bodies)} have no springs: nothing confines their center, the law cannot be normalised."
 
 
 def _differ(*values: float) -> bool:
     return max(values) - min(values) > _SAME_TEMPERATURE * max(values)
 
 
-def _law(network: Network, bodies: tuple[str, ...], contacts: tuple[Contact, ...]) -> GibbsLaw:
+def _law(group: _Group) -> Law:
     """Return the law of a group for which there are no reasons against it."""
-    temperatures = _temperatures(network, bodies)
+    temperatures = _temperatures(group.network, group.bodies)
     temperature = next(iter(temperatures.values()))
-    gaps = tuple(Gap.of(contact, bodies[0]) for contact in contacts)
-    names = " and ".join(map(repr, bodies))
-    first = network.oscillators[bodies[0]]
+    law = _gibbs_law(group, temperature) if group.is_simple else _tree_law(group, temperature)
+    if len(temperatures) < len(group.bodies):
+        _refuse_unheated(group, law, set(temperatures))
+    return law
+
+
+def _gibbs_law(group: _Group, temperature: float) -> GibbsLaw:
+    bodies, names = group.bodies, _named(group.bodies)
+    gaps = tuple(Gap.of(contact, bodies[0]) for contact in group.contacts)
     if len(bodies) == 1:
-        residual = first if first.has_kernel("residual") else None
-        return GibbsLaw(bodies, Potential(names, temperature, _stiffness(network, bodies[0]), gaps, residual))
-    held = [_stiffness(network, name) for name in bodies]
-    between = _coupling_stiffness(network, *bodies)
+        return GibbsLaw(bodies, _own(group, bodies[0], temperature))
+    held = [group.stiffness[name,] for name in bodies]
     total = sum(held)
     weights = (held[1] / total, -held[0] / total)
+    between = group.stiffness.get(tuple(sorted(bodies)), 0.0)
     potential = Potential(names, temperature, held[0] * weights[0] + between, gaps)
-    law = GibbsLaw(bodies, potential, weights, math.sqrt(temperature / total))
-    if len(temperatures) == 1 and not between and not any(law.mean_force(gap) for gap in gaps):
-        cold = next(name for name in bodies if name not in temperatures)
-        raise NoExactReference(f"{_REFUSAL}\n- {cold!r} has neither noise nor damping, and nothing heats it.")
-    return law
+    return GibbsLaw(bodies, potential, weights, math.sqrt(temperature / total))
+
+
+def _tree_law(group: _Group, temperature: float) -> TreeLaw:
+    place = {name: index for index, name in enumerate(group.bodies)}
+    links = []
+    for pair in group.pairs:
+        first, second = sorted(pair, key=place.__getitem__)
+        gaps = tuple(Gap.of(contact, first) for contact in group.touching.get(pair, ()))
+        potential = Potential(_named((first, second)), temperature, group.stiffness.get(pair, 0.0), gaps)
+        links.append((place[first], place[second], potential))
+    return TreeLaw(group.bodies, [_own(group, name, temperature) for name in group.bodies], links)
+
+
+def _own(group: _Group, name: str, temperature: float) -> Potential:
+    """Return the potential of a body alone, with its walls."""
+    oscillator = group.network.oscillators[name]
+    gaps = tuple(Gap.of(contact, name) for contact in group.touching.get((name,), ()))
+    residual = oscillator if oscillator.has_kernel("residual") else None
+    return Potential(repr(name), temperature, group.stiffness[name,], gaps, residual)
+
+
+def _refuse_unheated(group: _Group, law: Law, heated: set[str]) -> None:
+    """Refuse bodies without noise and damping that no force connects to one that has both."""
+    pulling = [pair for pair in group.pairs if group.stiffness.get(pair) or _pushes(group, law, pair)]
+    while reached := {name for pair in pulling if heated.intersection(pair) for name in pair} - heated:
+        heated |= reached
+    cold = [name for name in group.bodies if name not in heated]
+    if cold:
+        raise NoExactReference(
+            "\n- ".join(
+                [_REFUSAL, *(f"{name!r} has neither noise nor damping, and nothing heats it." for name in cold)]
+            )
+        )
+
+
+def _pushes(group: _Group, law: Law, pair: tuple[str, ...]) -> bool:
+    return any(law.contact(contact)[2] for contact in group.touching.get(pair, ()))

@@ -119,10 +119,12 @@ class GibbsLaw:
         scale = 1.0 / (math.sqrt(2.0 * math.pi) * self.spread)
         return self._smeared(body, displacement, lambda z: scale * np.exp(-0.5 * z * z))[1]
 
-    def joint_density(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of the two bodies (m-2)."""
-        difference = first - second
-        rest = (first - self.weights[0] * difference) / self.spread
+        if (second, first) == self.bodies:
+            x, y = y, x
+        difference = x - y
+        rest = (x - self.weights[0] * difference) / self.spread
         normal = np.exp(-0.5 * rest * rest) / (math.sqrt(2.0 * math.pi) * self.spread)
         return np.asarray(self.coordinate_density(difference) * normal)
 

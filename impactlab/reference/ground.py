@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from impactlab.errors import NoExactReference
-from impactlab.reference.potential import Potential
+from impactlab.reference.potential import OCTAVES, Potential
 
 VANISHED = 100.0
 """Energy above the least one, in units of T, beyond which nothing counts."""
@@ -18,6 +18,8 @@ START = 0.3
 """Energy, in units of T, at which the first panels around corners and minima begin."""
 
 _MOST_STEPS = 200
+_LARGEST_STEP = 1e3  # in lengths that change the energy by T
+_LEAST_DAMPING = 1e-15  # of the steps, relative to the curvature
 _UNBOUNDED = -1e4  # energy below which a potential less its tangent has no minimum of interest
 
 Link = tuple[int, int, Potential]
@@ -45,8 +47,8 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
     return bodies, pairs
 
 
-def spans(own: Sequence[Potential], links: Sequence[Link]) -> np.ndarray:
-    """Return the range of each displacement that counts, (body, 2) (m).
+def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ranges of each displacement and of each difference that count, (body, 2) and (link, 2) (m).
 
     In it neither a potential of the body nor one on the way to any other body need be
     larger than the least energy plus `VANISHED`.
@@ -74,7 +76,9 @@ def spans(own: Sequence[Potential], links: Sequence[Link]) -> np.ndarray:
                 f"{item.names}: the law cannot be normalised, because neither springs nor contacts confine it "
                 "on both sides."
             )
-    return result
+    reached = [result[i] - result[j, ::-1] for i, j, _ in links]
+    between_links = [np.clip(known[item], *ends) for (*_, item), ends in zip(links, reached, strict=True)]
+    return result, np.array(between_links).reshape(-1, 2)
 
 
 def outwards(count: int, links: Sequence[Link], first: int = 0) -> list[tuple[int, int, int]]:
@@ -149,16 +153,17 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
             result[of_item] = getattr(item, name)(q[of_item])
         return result
 
-    length = np.empty(len(items))  # that changes the energy by about T
-    for item, of_item in members.items():
-        change = np.abs(item.energy(_LENGTHS) - item.energy(np.zeros(1)))
-        length[of_item] = _LENGTHS[np.argmax(change > 1.0)] if (change > 1.0).any() else math.inf
-    length[~np.isfinite(length)] = length.max() if not np.isfinite(length).any() else length[np.isfinite(length)].max()
-    x, damping = np.zeros(count), 1e-9
+    lengths = {item: _length(item) for item in members}
+    longest = max((value for value in lengths.values() if math.isfinite(value)), default=1.0)
+    length = np.array([min(lengths[item], longest) for item in items])
+    scale = abs(to_terms).T @ length**-2.0
+    x, damping, floor = np.zeros(count), _LEAST_DAMPING, np.ones(count)
     energy = of_terms("energy", to_terms @ x).sum()
     for _ in range(_MOST_STEPS):
         q = to_terms @ x
         gradient = to_terms.T @ of_terms("force", q)
+        if not gradient.any():
+            break
         step = 1e-4 * length
         curvature = np.maximum((of_terms("force", q + step) - of_terms("force", q - step)) / (2.0 * step), 0.0)
         hessian = to_terms.T @ diags_array(curvature) @ to_terms
@@ -166,17 +171,21 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
         floor = diagonal + 1e-12 * diagonal.max() + 1e-300
         while damping < 1e12:
             change = -splu((hessian + diags_array(damping * floor)).tocsc()).solve(gradient)
-            if -gradient @ change < 1e-3:
-                break
+            change = np.clip(change, -_LARGEST_STEP * longest, _LARGEST_STEP * longest)
             lower = of_terms("energy", to_terms @ (x + change)).sum()
             if lower < energy:
-                x, energy, damping = x + change, lower, max(0.1 * damping, 1e-9)
+                x, energy, damping = x + change, lower, max(0.01 * damping, _LEAST_DAMPING)
                 break
-            damping *= 10.0
-        if damping >= 1e12 or -gradient @ change < 1e-3:
+            damping *= 100.0
+        if damping >= 1e12 or (damping == _LEAST_DAMPING and -gradient @ change < 1e-3):
             break
-    quantum = 2.0 ** np.floor(np.log2(0.01 / np.sqrt(floor)))
+    quantum = 2.0 ** np.floor(np.log2(0.01 / np.sqrt(floor + scale)))
     return [float(place) for place in np.where(x == 0.0, 0.0, np.round(x / quantum) * quantum)]
 
 
-_LENGTHS = 2.0 ** np.arange(-100.0, 101.0)
+def _length(item: Potential) -> float:
+    """Return the least distance from a corner that changes a potential by T, in octaves; infinite if none does."""
+    corners = item.corners[:, None]
+    change = np.abs(item.energy(corners + OCTAVES) - item.energy(corners))
+    change = np.maximum(change, np.abs(item.energy(corners - OCTAVES) - item.energy(corners))).max(axis=0)
+    return float(OCTAVES[np.argmax(change > 1.0)]) if (change > 1.0).any() else math.inf

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,9 @@ from impactlab.reference.potential import NODES, WEIGHTS
 ORDER = len(NODES)
 _LEGENDRE = np.polynomial.legendre.legvander(NODES, ORDER - 1)
 _TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
+_SIGNS = np.where(np.arange(ORDER) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
 _MOST_PANELS = 20_000
+_PROBED, _MOST_PROBED = 1e-10, 8  # relative difference at a probe; how often one looks
 _CHUNK = 2_000  # panels that are looked at together
 _EXTRA_HALVINGS = 0  # of all panels in the end, to see that this changes nothing
 
@@ -57,7 +60,7 @@ class Piecewise:
     def cumulative(self, places: np.ndarray) -> np.ndarray:
         """Return the integrals from the first edge to some places, (function, place)."""
         panel = self.panel_of(places)
-        t = np.clip(self.local(panel, places[:, None])[:, 0], -1.0, 1.0)
+        t = np.clip(self._local(panel, places[:, None])[:, 0], -1.0, 1.0)
         legendre = np.polynomial.legendre.legvander(t, ORDER)
         primitive = np.empty((len(t), ORDER))
         primitive[:, 0] = t + 1.0
@@ -68,42 +71,48 @@ class Piecewise:
 
     def mirrored(self) -> Piecewise:
         """Return the functions of the coordinate with the opposite sign."""
-        signs = np.where(np.arange(ORDER) % 2, -1.0, 1.0)
-        return Piecewise(-self.edges[::-1], signs * self.coefficients[:, ::-1])
+        return Piecewise(-self.edges[::-1], _SIGNS * self.coefficients[:, ::-1])
 
     def panel_of(self, places: np.ndarray) -> np.ndarray:
         """Return the panels in which places lie; the nearest for those outside."""
         return np.clip(np.searchsorted(self.edges, places, side="right") - 1, 0, len(self.edges) - 2)
 
-    def __call__(self, places: np.ndarray) -> np.ndarray:
-        """Return the values of the functions, (function, place)."""
-        panel = self.panel_of(places)
-        return self.on(panel, places[:, None])[..., 0]
+    def __call__(self, starts: np.ndarray, offsets: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return the values of the functions at places and offsets from them, (function, place)."""
+        panel = self.panel_of(starts + offsets)
+        return self._at(panel, self._local(panel, starts[:, None], np.reshape(offsets, (-1, 1))))[..., 0]
 
     def on(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
         """Return the values at places (row, place) in a panel for each row, (function, row, place)."""
-        t = self.local(panel, places)
+        return self._at(panel, self._local(panel, places))
+
+    def basis(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Return the Legendre polynomials at places (row, place) in a panel for each row, (row, place, order)."""
+        return np.polynomial.legendre.legvander(self._local(panel, places), ORDER - 1)
+
+    def _at(self, panel: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Return the values at local coordinates by the recurrence of Clenshaw."""
         coefficients = self.coefficients[:, panel]
         last, before = np.zeros(coefficients.shape[:1] + t.shape), np.zeros(coefficients.shape[:1] + t.shape)
-        for k in range(ORDER - 1, 0, -1):  # the recurrence of Clenshaw
+        for k in range(ORDER - 1, 0, -1):
             last, before = (
                 coefficients[..., k, None] + (2 * k + 1) / (k + 1) * t * last - (k + 1) / (k + 2) * before,
                 last,
             )
         return np.asarray(coefficients[..., 0, None] + t * last - 0.5 * before)
 
-    def local(self, panel: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Return places (row, place) as coordinates from −1 to 1 in a panel for each row."""
+    def _local(self, panel: np.ndarray, places: np.ndarray, offsets: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return places as coordinates from −1 to 1; what is close to an edge is not rounded away."""
         left = self.edges[panel, None]
-        return np.asarray(2.0 * (places - left) / (self.edges[panel + 1, None] - left) - 1.0)
+        return np.asarray(2.0 * ((places - left) + offsets) / (self.edges[panel + 1, None] - left) - 1.0)
 
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of edges and offsets from them, two arrays of one dimension, that returns (function, place)."""
 
-Fineness = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+Fineness = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Whether panels are fine enough, from values (function, panel, node), the sizes of the last coefficients (function,
-panel) and the edges of the panels (panel, 2)."""
+panel), the edges of the panels (panel, 2) and the sizes that the coefficients had before the panels were halved."""
 
 
 def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str) -> Piecewise:
@@ -115,15 +124,17 @@ def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str)
         If they do not become so.
     """
     pending = np.stack([edges[:-1], edges[1:]], axis=1)
-    panels, found = [], []
+    panels, found, before = [], [], None
     while len(pending):
         values, coefficients = _sampled(function, pending)
         middle = pending.mean(axis=1)
-        fine = is_fine(values, np.abs(coefficients[:, :, -3:]).max(axis=2), pending)
+        tails = np.abs(coefficients[:, :, -3:]).max(axis=2)
+        before = np.full_like(tails, math.inf) if before is None else before
+        fine = is_fine(values, tails, pending, before)
         fine |= (middle <= pending[:, 0]) | (middle >= pending[:, 1])
         panels.append(pending[fine])
         found.append(coefficients[:, fine])
-        pending = _halves(pending[~fine])
+        pending, before = _halves(pending[~fine]), np.tile(tails[:, ~fine], 2)
         if sum(map(len, panels)) + len(pending) > _MOST_PANELS:
             raise NoExactReference(f"{what}: the integral of exp(−H/T) does not converge; its potential is not smooth.")
     every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
@@ -147,6 +158,30 @@ def _halves(panels: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([panels[:, 0], middle], 1), np.stack([middle, panels[:, 1]], 1)])
 
 
+def resolve_with(
+    function: Function, edges: np.ndarray, probes: np.ndarray, is_fine: Callable[[], Fineness], what: str
+) -> Piecewise:
+    """Return the same as `resolve`, with more first edges where the functions are not what they are at some probes.
+
+    Probes are further places, and the ends of the panels: a kink may lie closer to an edge than
+    the first node.
+    """
+    found = resolve(function, edges, is_fine(), what)
+    for _ in range(_MOST_PROBED):
+        allowed = _PROBED * np.abs(found.values).max(axis=(1, 2))[:, None]
+        wrong = (np.abs(function(probes, np.zeros_like(probes)) - found(probes)) > allowed).any(axis=0)
+        more, widths = [probes[wrong & ~np.isin(probes, edges)]], np.diff(found.edges) / 64.0
+        for ends, signs, inwards in ((slice(0, -1), _SIGNS, widths), (slice(1, None), np.ones(ORDER), -widths)):
+            places = found.edges[ends]
+            differences = function(places, np.zeros_like(places)) - found.coefficients @ signs
+            more.append((places + inwards)[(np.abs(differences) > allowed).any(axis=0)])
+        if not sum(map(len, more)):
+            break
+        edges = np.unique(np.concatenate([edges, *more]))
+        found = resolve(function, edges, is_fine(), what)
+    return found
+
+
 def fine_integrals(corners: np.ndarray, tolerance: float) -> Fineness:
     """Return a fineness for integrals from one corner to the next, each relative to itself.
 
@@ -154,7 +189,7 @@ def fine_integrals(corners: np.ndarray, tolerance: float) -> Fineness:
     """
     scale: np.ndarray | None = None
 
-    def is_fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray) -> np.ndarray:
+    def is_fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
         nonlocal scale
         widths = panels[:, 1] - panels[:, 0]
         part = np.searchsorted(corners, panels.mean(axis=1))
@@ -203,8 +238,7 @@ def shifted_integrals(edges: np.ndarray, kernel: Piecewise, shifts: np.ndarray) 
         panel = of_f.panel_of(left + half + y[row, 0])
         u = left[:, None] + half[:, None] * (1.0 + NODES)
         weighted = kernel.on(kernel.panel_of(left + half), u) * (half[:, None] * WEIGHTS)
-        basis = np.polynomial.legendre.legvander(of_f.local(panel, u + y[row]), ORDER - 1)
-        parts = np.moveaxis(weighted, 0, 1) @ basis
+        parts = np.moveaxis(weighted, 0, 1) @ of_f.basis(panel, u + y[row])
         place = (first + row) * panels + panel
         starts = np.flatnonzero(np.diff(place, prepend=-1))
         result[place[starts]] = np.add.reduceat(parts, starts, axis=0)

@@ -13,7 +13,7 @@ from impactlab.oscillator import Oscillator
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
-_OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
+OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ class Potential:
         They begin where Φ/T has changed by `start`.
         """
         corners = self.corners
-        points = np.unique(np.add.outer(corners, [*-_OCTAVES, 0.0, *_OCTAVES]))
+        points = np.unique(np.add.outer(corners, [*-OCTAVES, 0.0, *OCTAVES]))
         energy = self.energy(points)
         left, here, right = energy[:-2], energy[1:-1], energy[2:]
         is_well = (here < left) & (here <= right) & (here + 1e-3 < np.maximum(left, right))
         wells = [self._bottom(points[i], points[i + 2]) for i in np.flatnonzero(is_well)]
         edges = [corners, np.array(wells)]
         for place in (*corners, *wells):
-            for distances in (-_OCTAVES, _OCTAVES):
+            for distances in (-OCTAVES, OCTAVES):
                 change = np.abs(self.energy(place + distances) - self.energy(np.array([place]))) > start
                 edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
         return np.unique(np.concatenate(edges))

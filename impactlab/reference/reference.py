@@ -14,8 +14,7 @@ from impactlab.contact import Contact
 from impactlab.dataset import provenance, statistics
 from impactlab.errors import InvalidInput
 from impactlab.network import Network
-from impactlab.reference.conditions import gibbs_laws
-from impactlab.reference.gibbs import Gap, GibbsLaw
+from impactlab.reference.conditions import Law, gibbs_laws
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,12 +30,12 @@ class ExactReference:
     ----------
     network : Network
         The network.
-    laws : tuple of GibbsLaw
-        The laws of its single bodies and pairs, which are independent.
+    laws : tuple of GibbsLaw and TreeLaw
+        The laws of its connected parts, which are independent.
     """
 
     network: Network
-    laws: tuple[GibbsLaw, ...]
+    laws: tuple[Law, ...]
 
     def statistics(self) -> xr.Dataset:
         """Return the exact values of the default statistics.
@@ -146,14 +145,13 @@ class ExactReference:
         if laws[0] is not laws[1]:
             marginals = [self.density(name, "displacement", at) for name, at in ((first, x), (second, y))]
             return np.asarray(marginals[0] * marginals[1])
-        x, y = (x, y) if first == laws[0].bodies[0] else (y, x)
-        return laws[0].joint_density(x, y)
+        return laws[0].joint_density(first, second, x, y)
 
     def __repr__(self) -> str:
         lines = [f"  {' and '.join(law.bodies)}: temperature {law.temperature:.6g} J" for law in self.laws]
         return "\n".join(["ExactReference: density proportional to exp(−H/T)", *lines])
 
-    def _law(self, oscillator: str, quantity: str) -> GibbsLaw:
+    def _law(self, oscillator: str, quantity: str) -> Law:
         for kind, name, known in (
             ("body", oscillator, self.network.oscillators),
             ("quantity", quantity, _QUANTITIES),
@@ -191,10 +189,10 @@ class ExactReference:
 def exact(network: Network) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
-    Known are networks in which contacts and couplings connect at most two bodies: single
-    bodies, linear or with a residual potential, with or without walls, and pairs of linear
-    bodies. The noises must be white, the contact forces have a potential, the couplings
-    be linear without damping, and the temperatures ``π S / damping`` of connected bodies
+    Known are networks in which the bodies that contacts and couplings connect form trees: between
+    any two of them at most one way, over one or more contacts and couplings. Bodies may have
+    residual potentials and walls. The noises must be white, the contact forces have a
+    potential, the couplings be linear without damping, and the temperatures ``π S / damping`` of connected bodies
     be equal (for two unit masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023,
     equation 8); then the density is proportional to ``exp(−H/T)`` with the energy H.
 

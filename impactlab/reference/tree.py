@@ -10,13 +10,15 @@ import numpy as np
 
 from impactlab.contact import Contact
 from impactlab.reference.ground import START, Link, about_ground, outwards, spans
-from impactlab.reference.piecewise import Piecewise, fine_integrals, resolve, shifted_integrals
+from impactlab.reference.piecewise import Fineness, Piecewise, fine_integrals, resolve, resolve_with, shifted_integrals
 from impactlab.reference.potential import NODES, Gap, Potential, gauss_legendre
 
 _TOLERANCE = 1e-12  # of a function on a panel, relative to its size there
+_NOISE = 1e-9  # of the same, that is taken for rounding where it does not shrink
 _FLOOR = 1e-23  # of a density or message, relative to its top
 _SAME = 3e-13  # difference of the logarithms of two messages that count as one
 _MOST_KEPT = 100e6  # bytes of weights of integrals that are kept
+_PROBED = 1e-8  # energy in units of T at which one looks for kinks near corners
 _NONE = np.empty(0)
 
 
@@ -59,8 +61,9 @@ class TreeLaw:
 
     def __init__(self, bodies: tuple[str, ...], own: Sequence[Potential], links: Sequence[Link]) -> None:
         self.bodies, self.temperature = bodies, own[0].temperature
+        self._places = {name: place for place, name in enumerate(bodies)}
         self.own, self.links = about_ground(own, links)
-        self.spans = spans(self.own, self.links)
+        self.spans, self._reaches = spans(self.own, self.links)
         self._known: dict[tuple[Hashable, ...], tuple[tuple[object, ...], Any]] = {}
         self._last: dict[tuple[int, int], Piecewise] = {}
         self._weights: dict[tuple[int, bytes, bytes], np.ndarray] = {}
@@ -80,7 +83,7 @@ class TreeLaw:
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
-        density = self._density(self.bodies.index(body))
+        density = self._density(self._places[body])
 
         def make() -> tuple[float, float]:
             masses, nodes = density.masses[0], density.nodes
@@ -92,7 +95,7 @@ class TreeLaw:
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
-        sides = [self.bodies.index(side) for side in (contact.first, contact.second) if isinstance(side, str)]
+        sides = [self._places[side] for side in (contact.first, contact.second) if isinstance(side, str)]
         if len(sides) == 1:
             item, of_gaps = self.own[sides[0]], self._of_walls(sides[0])
             gap = Gap.of(contact, self.bodies[sides[0]])
@@ -105,16 +108,16 @@ class TreeLaw:
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
-        return self._values(self._density(self.bodies.index(body)), displacement)
+        return self._values(self._density(self._places[body]), displacement)
 
     def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the probability that a body's displacement is smaller."""
-        density = self._density(self.bodies.index(body))
+        density = self._density(self._places[body])
         return np.asarray(density.cumulative(displacement)[0] / density.integrals[0].sum())
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of two bodies (m-2)."""
-        one, other = self.bodies.index(first), self.bodies.index(second)
+        one, other = self._places[first], self._places[second]
         result = np.empty(x.shape)
         for place in np.unique(x):
             here = x == place
@@ -141,40 +144,52 @@ class TreeLaw:
         item, (low, high) = self.own[body], self.spans[body]
 
         def make() -> Piecewise:
-            def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray) -> np.ndarray:
+            def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
                 return np.asarray(tails[0] <= 0.1 * _TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)))
 
-            edges = _between(item.panels(START), low, high)
-            result = resolve(lambda *places: -item.energy(*places)[None], edges, fine, item.names)
+            first, probes = (_between(item.panels(start), low, high) for start in (START, _PROBED))
+            result = resolve_with(lambda *places: -item.energy(*places)[None], first, probes, lambda: fine, item.names)
             item.check_work(np.union1d(result.edges, _with_corners(item, low, high)))
             return result
 
         return self._alike(make, "logarithm", item, low, high)
 
     def _kernel(self, index: int) -> Piecewise:
-        """Return what a link multiplies the density with, that where each contact is closed, and each times its force."""
-        i, j, item = self.links[index]
-        low, high = self.spans[i] - self.spans[j, ::-1]
+        """Return the factor of a link in the density, that where each contact is closed, and it times each force."""
+        item = self.links[index][2]
+        (low, high), origin = self._reaches[index], _origin(item)
 
         def make() -> Piecewise:
             def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-                factor = np.exp(-item.energy(starts, offsets))
-                forces = [gap.law.evaluate(gap.indentation(starts, offsets)) for gap in item.gaps]
+                places = np.full_like(starts, origin), starts + offsets
+                factor = np.exp(-item.energy(*places))
+                forces = [gap.law.evaluate(gap.indentation(*places)) for gap in item.gaps]
                 with np.errstate(invalid="ignore"):
                     return np.array([factor, *(np.where(factor > 0.0, factor * force, 0.0) for force in forces)])
 
-            edges = _between(item.panels(START), low, high)
-            integrals = fine_integrals(np.array(sorted(gap.corner for gap in item.gaps)), 0.1 * _TOLERANCE)
+            corners = np.array(sorted(gap.corner for gap in item.gaps)) - origin
 
-            def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray) -> np.ndarray:
-                return integrals(values, tails, panels) & _relative(values[0], tails[0])
+            def is_fine() -> Fineness:
+                integrals = fine_integrals(corners, 0.1 * _TOLERANCE)
+                return lambda values, tails, panels, before: np.asarray(
+                    integrals(values, tails, panels, before) & _relative(values[0], tails[0])
+                )
 
-            found = resolve(function, edges, fine, item.names)
+            first, probes = (
+                _between(item.panels(start) - origin, low - origin, high - origin) for start in (START, _PROBED)
+            )
+            found = resolve_with(function, first, probes, is_fine, item.names)
             counts = np.flatnonzero(np.abs(found.values[0]).max(axis=1) > _FLOOR**2)
-            edges, coefficients = found.edges[counts[0] : counts[-1] + 2], found.coefficients[:, counts[0] : counts[-1] + 1]
+            edges, coefficients = (
+                found.edges[counts[0] : counts[-1] + 2],
+                found.coefficients[:, counts[0] : counts[-1] + 1],
+            )
             middle = 0.5 * (edges[1:] + edges[:-1])
-            closed = [coefficients[0] * (gap.indentation(middle) > 0.0)[:, None] for gap in item.gaps]
-            item.check_work(np.union1d(edges, _with_corners(item, *edges[[0, -1]])))
+            closed = [
+                coefficients[0] * (gap.indentation(np.full_like(middle, origin), middle) > 0.0)[:, None]
+                for gap in item.gaps
+            ]
+            item.check_work(np.union1d(edges + origin, _with_corners(item, *(edges[[0, -1]] + origin))))
             return Piecewise(edges, np.array([coefficients[0], *closed, *coefficients[1:]]))
 
         return self._alike(make, "kernel", item, low, high)
@@ -201,25 +216,25 @@ class TreeLaw:
 
         def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
             nonlocal top
-            sums = self._integrals(density.edges, kernel, starts + offsets)[0] @ coefficients
+            sums = self._integrals(density.edges, kernel, starts + offsets + sign * _origin(item))[0] @ coefficients
             top = max(top, math.log(sums.max()))
             return np.asarray(np.log(np.maximum(sums, 10.0 * _FLOOR * math.exp(top)))[None])
 
-        def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray) -> np.ndarray:
+        def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
             high = values[0].max(axis=1)
             noise = np.minimum(_FLOOR * np.exp(np.minimum(top - high, 99.0)), 1.0)
-            return np.asarray(tails[0] <= _TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)) + noise)
+            smooth = tails[0] <= _TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)) + noise
+            return np.asarray(smooth | _is_noise(tails[0], before[0], np.exp(0.5 * np.minimum(top - high, 99.0))))
 
-        hints = np.subtract.outer(self.own[source].corners, sign * item.corners).ravel()
-        edges = _between(np.concatenate([np.linspace(*span, 9), hints]), *span)
+        features = np.concatenate([self.own[source].corners, _narrow(density)])
+        hints = np.subtract.outer(features, sign * item.corners).ravel()
+        edges = _between(np.concatenate([np.linspace(span[0], span[1], 9), hints]), *span)
         found = resolve(function, edges, fine, item.names)
         found.coefficients[..., 0] -= top
         place = id(kernel), id(self._logarithms[target])
-        last = self._last.get(place)
-        if last is None or not np.array_equal(last.edges, found.edges):
-            self._last[place] = found
-        elif np.abs(last.coefficients - found.coefficients).max() > _SAME:
-            self._last[place] = found
+        last = self._last.get(place, found)
+        same = np.array_equal(last.edges, found.edges) and np.abs(last.coefficients - found.coefficients).max() < _SAME
+        self._last[place] = last if same else found
         return self._last[place]
 
     def _factor(self, link: int, forward: bool) -> Piecewise:
@@ -250,16 +265,22 @@ class TreeLaw:
         """Return the density of a body, not normalised, without what one neighbour says."""
         got = [self._messages[other, body] for other, _ in self._around[body] if other != without]
         logarithm = self._logarithms[body]
-        return self._once(lambda: self._product(body, got), "density", logarithm, *sorted(got, key=id))
+        density: Piecewise = self._once(
+            lambda: self._product(body, got, np.concatenate([_NONE, *map(_narrow, got)])),
+            "density",
+            logarithm,
+            *sorted(got, key=id),
+        )
+        return density
 
-    def _product(
-        self, body: int, factors: Sequence[Callable[[np.ndarray], np.ndarray]], extra: np.ndarray = _NONE
-    ) -> Piecewise:
+    def _product(self, body: int, factors: Sequence[Callable[..., np.ndarray]], extra: np.ndarray = _NONE) -> Piecewise:
         """Return the product of a body's own function and some factors, which are given as logarithms."""
         logarithm = self._logarithms[body]
 
-        def parts(places: np.ndarray) -> np.ndarray:
-            return np.array([item(places)[0] for item in (logarithm, *factors)])
+        both: list[Callable[..., np.ndarray]] = [logarithm, *factors]
+
+        def parts(*places: np.ndarray) -> np.ndarray:
+            return np.array([item(*places)[0] for item in both])
 
         edges, top, change = _between(extra, *logarithm.edges[[0, -1]]), -math.inf, math.inf
         edges = np.union1d(edges, logarithm.edges)
@@ -271,11 +292,13 @@ class TreeLaw:
             edges = np.union1d(edges, 0.5 * (around[1:] + around[:-1]))
 
         def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-            logarithms = parts(starts + offsets)
-            return np.array([np.exp(logarithms.sum(axis=0) - top), np.abs(logarithms).sum(axis=0)])
+            logarithms = parts(starts, offsets)
+            total = logarithms.sum(axis=0)
+            return np.array([np.exp(total - top), np.abs(logarithms).sum(axis=0)])
 
-        def fine(values: np.ndarray, tails: np.ndarray, _: np.ndarray) -> np.ndarray:
-            return _relative(values[0], tails[0], 4.0 * (1.0 + values[1].max(axis=1)))  # errors of the logarithms
+        def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
+            smooth = _relative(values[0], tails[0], 4.0 * (1.0 + values[1].max(axis=1)))  # errors of the logarithms
+            return np.asarray(smooth | _is_noise(tails[0], before[0], values[0].max(axis=1)))
 
         found = resolve(function, edges, fine, self.own[body].names)
         return Piecewise(found.edges, found.coefficients[:1])
@@ -307,15 +330,20 @@ class TreeLaw:
             coefficients = one.coefficients[0].ravel()
 
             def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-                places = starts + offsets
-                return np.asarray(self._integrals(one.edges, kernel, places) @ coefficients * other(places)[0])
+                shifts = starts + offsets + _origin(item)
+                return np.asarray(self._integrals(one.edges, kernel, shifts) @ coefficients * other(starts, offsets)[0])
 
             fine = fine_integrals(np.empty(0), _TOLERANCE)
-            sums = resolve(function, other.edges, fine, item.names).integrals.sum(axis=1)
+            features = np.subtract.outer(_narrow(one), item.corners).ravel()
+            edges = _between(np.concatenate([other.edges, features]), *other.edges[[0, -1]])
+            sums = resolve(function, edges, fine, item.names).integrals.sum(axis=1)
             count = len(item.gaps)
             result = []
             for k, gap in enumerate(item.gaps):
-                low, high = max(other.edges[0], one.edges[0] - gap.corner), min(other.edges[-1], one.edges[-1] - gap.corner)
+                low, high = (
+                    max(other.edges[0], one.edges[0] - gap.corner),
+                    min(other.edges[-1], one.edges[-1] - gap.corner),
+                )
                 here = 0.0
                 if low < high:
                     edges = _between(np.concatenate([other.edges, one.edges - gap.corner]), low, high)
@@ -336,12 +364,12 @@ class TreeLaw:
         i, _, item = self.links[link]
         sign = 1.0 if i == body else -1.0
 
-        def logarithm(places: np.ndarray) -> np.ndarray:
-            return -item.energy(sign * (place - places))[None]
+        def logarithm(starts: np.ndarray, offsets: np.ndarray | float = 0.0) -> np.ndarray:
+            return -item.energy(sign * (place - starts), -sign * offsets)[None]
 
-        said: Callable[[np.ndarray], np.ndarray] = logarithm
-        extra = place - sign * item.panels(START)
-        for before, here, after in zip(path, path[1:], [*path[2:], None], strict=True):
+        said: Callable[..., np.ndarray] = logarithm
+        extra = place - sign * item.panels(_PROBED)
+        for before, here, after in zip(path[:-1], path[1:], [*path[2:], None], strict=True):
             others = [self._messages[other, here] for other, _ in self._around[here] if other not in (before, after)]
             density = self._product(here, [said, *others], extra)
             if after is not None:
@@ -373,3 +401,20 @@ def _with_corners(item: Potential, low: float, high: float) -> np.ndarray:
     """Return the panels of a potential within a range that is widened to hold all corners."""
     corners = item.corners
     return _between(item.panels(START), min(low, corners[0]), max(high, corners[-1]))
+
+
+def _origin(item: Potential) -> float:
+    """Return the coordinate from which the kernel of a link counts: a corner, near which it may be steep."""
+    return item.gaps[0].corner if item.gaps else 0.0
+
+
+def _is_noise(tails: np.ndarray, before: np.ndarray, sizes: np.ndarray | float) -> np.ndarray:
+    """Whether the last coefficients are small and do not shrink with the panels: places are rounded."""
+    return np.asarray((tails <= _NOISE * sizes) & (tails > 0.7 * before))
+
+
+def _narrow(function: Piecewise) -> np.ndarray:
+    """Return the edges where a function has features that are narrow in its range."""
+    widths = np.diff(function.edges)
+    narrow = widths < 0.01 * widths.sum()
+    return np.asarray(function.edges[np.append(narrow, False) | np.insert(narrow, 0, False)])
