@@ -712,14 +712,7 @@ def test_refused_temperatures():
 
 def test_refused_networks():
     heated = heat(SPRING, 1.0)
-    three = il.chain(3, SPRING, HERTZ, clearance=0.1, excitation=heated)
-    names = "'body_0' and 'body_1' and 'body_2'"
-    assert f"{names} are connected" in refused(three.oscillators, three.contacts, three.excitations)
-    walled = il.chain(2, SPRING, HERTZ, clearance=0.1, excitation=heated, walls=True)
-    assert "touch a wall" in refused(walled.oscillators, walled.contacts, walled.excitations)
     gap = {"gap": il.Contact("a", "b", HERTZ)}
-    duffing = il.DuffingOscillator(cubic=1.0, damping=0.3, stiffness=1.0)
-    assert "not both linear" in refused({"a": SPRING, "b": duffing}, gap, {"a": heated, "b": heated})
     noises = {"a": heat(FREE, 1.0), "b": heat(FREE, 1.0)}
     assert "'a' and 'b' have no springs" in refused({"a": FREE, "b": FREE}, gap, noises)
     assert "cannot be normalised" in refused({"a": SPRING, "b": FREE}, gap, {"a": heated, "b": heat(FREE, 1.0)})

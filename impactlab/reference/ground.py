@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ START = 0.3
 _MOST_STEPS = 200
 _LARGEST_STEP = 1e3  # in lengths that change the energy by T
 _LEAST_DAMPING = 1e-15  # of the steps, relative to the curvature
+_ROUNDED = 1.0  # energy below 0, in units of T, that is taken for rounding
 _UNBOUNDED = -1e4  # energy below which a potential less its tangent has no minimum of interest
 
 Link = tuple[int, int, Potential]
@@ -42,7 +44,10 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
         pulls[j] += tangent
     bodies = [_less(item, slope, place) for item, slope, place in zip(own, pulls, x, strict=True)]
     pairs = [(i, j, _less(item, s, u)) for (i, j, item), s, u in zip(links, tangents, between, strict=True)]
-    if _depth([*bodies, *(item for *_, item in pairs)]) < _UNBOUNDED:
+    depth = _depth([*bodies, *(item for *_, item in pairs)])
+    if depth < -_ROUNDED and not any(item.residual for item in own):  # forces that grow: no depth but of rounding
+        raise _not_found(own)
+    if depth < _UNBOUNDED:
         return list(own), list(links)
     return bodies, pairs
 
@@ -134,7 +139,6 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
     bodies get equal numbers.
     """
     from scipy.sparse import coo_array, diags_array
-    from scipy.sparse.linalg import splu
 
     count = len(own)
     items = [*own, *(item for *_, item in links)]
@@ -162,25 +166,40 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
     for _ in range(_MOST_STEPS):
         q = to_terms @ x
         gradient = to_terms.T @ of_terms("force", q)
-        if not gradient.any():
-            break
-        step = 1e-4 * length
+        step = 1e-4 * length + 1e-7 * np.abs(q)
         curvature = np.maximum((of_terms("force", q + step) - of_terms("force", q - step)) / (2.0 * step), 0.0)
         hessian = to_terms.T @ diags_array(curvature) @ to_terms
         diagonal = hessian.diagonal()
         floor = diagonal + 1e-12 * diagonal.max() + 1e-300
+        if not gradient.any() or _newton(hessian, _LEAST_DAMPING * floor, gradient) @ gradient < 1e-3:
+            break
         while damping < 1e12:
-            change = -splu((hessian + diags_array(damping * floor)).tocsc()).solve(gradient)
+            change = -_newton(hessian, damping * floor, gradient)
             change = np.clip(change, -_LARGEST_STEP * longest, _LARGEST_STEP * longest)
             lower = of_terms("energy", to_terms @ (x + change)).sum()
             if lower < energy:
                 x, energy, damping = x + change, lower, max(0.01 * damping, _LEAST_DAMPING)
                 break
             damping *= 100.0
-        if damping >= 1e12 or (damping == _LEAST_DAMPING and -gradient @ change < 1e-3):
-            break
+    else:
+        raise _not_found(own)
     quantum = 2.0 ** np.floor(np.log2(0.01 / np.sqrt(floor + scale)))
     return [float(place) for place in np.where(x == 0.0, 0.0, np.round(x / quantum) * quantum)]
+
+
+def _newton(hessian: Any, damping: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Return the step of Newton's method up the gradient."""
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
+
+    return np.asarray(splu((hessian + diags_array(damping)).tocsc()).solve(gradient))
+
+
+def _not_found(own: Sequence[Potential]) -> NoExactReference:
+    return NoExactReference(
+        f"{own[0].names} and what is connected to it: no state of least energy is found, because forces do not grow "
+        "with the displacement, or contacts are too stiff for their preload."
+    )
 
 
 def _length(item: Potential) -> float:

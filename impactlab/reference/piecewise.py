@@ -17,7 +17,7 @@ _LEGENDRE = np.polynomial.legendre.legvander(NODES, ORDER - 1)
 _TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
 _SIGNS = np.where(np.arange(ORDER) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
 _MOST_PANELS = 20_000
-_PROBED, _MOST_PROBED = 1e-10, 8  # relative difference at a probe; how often one looks
+_MOST_PROBED = 8  # times
 _CHUNK = 2_000  # panels that are looked at together
 _EXTRA_HALVINGS = 0  # of all panels in the end, to see that this changes nothing
 
@@ -60,7 +60,7 @@ class Piecewise:
     def cumulative(self, places: np.ndarray) -> np.ndarray:
         """Return the integrals from the first edge to some places, (function, place)."""
         panel = self.panel_of(places)
-        t = np.clip(self._local(panel, places[:, None])[:, 0], -1.0, 1.0)
+        t = self._local(panel, places[:, None])[:, 0]
         legendre = np.polynomial.legendre.legvander(t, ORDER)
         primitive = np.empty((len(t), ORDER))
         primitive[:, 0] = t + 1.0
@@ -104,7 +104,8 @@ class Piecewise:
     def _local(self, panel: np.ndarray, places: np.ndarray, offsets: np.ndarray | float = 0.0) -> np.ndarray:
         """Return places as coordinates from −1 to 1; what is close to an edge is not rounded away."""
         left = self.edges[panel, None]
-        return np.asarray(2.0 * ((places - left) + offsets) / (self.edges[panel + 1, None] - left) - 1.0)
+        local = 2.0 * ((places - left) + offsets) / (self.edges[panel + 1, None] - left) - 1.0
+        return np.asarray(np.clip(local, -1.0, 1.0))  # a rounded place may lie beside a panel that is much narrower
 
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -140,6 +141,7 @@ def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str)
     every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
     for _ in range(_EXTRA_HALVINGS):
         every = _halves(every)
+        every = every[every[:, 0] < every[:, 1]]
         coefficients = _sampled(function, every)[1]
     order = np.argsort(every[:, 0])
     return Piecewise(np.append(every[order, 0], edges[-1]), coefficients[:, order])
@@ -159,16 +161,21 @@ def _halves(panels: np.ndarray) -> np.ndarray:
 
 
 def resolve_with(
-    function: Function, edges: np.ndarray, probes: np.ndarray, is_fine: Callable[[], Fineness], what: str
+    function: Function,
+    edges: np.ndarray,
+    probes: np.ndarray,
+    is_fine: Callable[[], Fineness],
+    what: str,
+    tolerance: float,
 ) -> Piecewise:
     """Return the same as `resolve`, with more first edges where the functions are not what they are at some probes.
 
     Probes are further places, and the ends of the panels: a kink may lie closer to an edge than
-    the first node.
+    the first node. The tolerance is relative to the largest value of each function.
     """
     found = resolve(function, edges, is_fine(), what)
     for _ in range(_MOST_PROBED):
-        allowed = _PROBED * np.abs(found.values).max(axis=(1, 2))[:, None]
+        allowed = tolerance * np.abs(found.values).max(axis=(1, 2))[:, None]
         wrong = (np.abs(function(probes, np.zeros_like(probes)) - found(probes)) > allowed).any(axis=0)
         more, widths = [probes[wrong & ~np.isin(probes, edges)]], np.diff(found.edges) / 64.0
         for ends, signs, inwards in ((slice(0, -1), _SIGNS, widths), (slice(1, None), np.ones(ORDER), -widths)):

@@ -148,7 +148,9 @@ class TreeLaw:
                 return np.asarray(tails[0] <= 0.1 * _TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)))
 
             first, probes = (_between(item.panels(start), low, high) for start in (START, _PROBED))
-            result = resolve_with(lambda *places: -item.energy(*places)[None], first, probes, lambda: fine, item.names)
+            result = resolve_with(
+                lambda *places: -item.energy(*places)[None], first, probes, lambda: fine, item.names, 1e-10
+            )
             item.check_work(np.union1d(result.edges, _with_corners(item, low, high)))
             return result
 
@@ -178,7 +180,7 @@ class TreeLaw:
             first, probes = (
                 _between(item.panels(start) - origin, low - origin, high - origin) for start in (START, _PROBED)
             )
-            found = resolve_with(function, first, probes, is_fine, item.names)
+            found = resolve_with(function, first, probes, is_fine, item.names, 1e-10)
             counts = np.flatnonzero(np.abs(found.values[0]).max(axis=1) > _FLOOR**2)
             edges, coefficients = (
                 found.edges[counts[0] : counts[-1] + 2],
@@ -226,8 +228,7 @@ class TreeLaw:
             smooth = tails[0] <= _TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)) + noise
             return np.asarray(smooth | _is_noise(tails[0], before[0], np.exp(0.5 * np.minimum(top - high, 99.0))))
 
-        features = np.concatenate([self.own[source].corners, _narrow(density)])
-        hints = np.subtract.outer(features, sign * item.corners).ravel()
+        hints = np.subtract.outer(self.own[source].corners, sign * item.corners).ravel()
         edges = _between(np.concatenate([np.linspace(span[0], span[1], 9), hints]), *span)
         found = resolve(function, edges, fine, item.names)
         found.coefficients[..., 0] -= top
@@ -266,14 +267,20 @@ class TreeLaw:
         got = [self._messages[other, body] for other, _ in self._around[body] if other != without]
         logarithm = self._logarithms[body]
         density: Piecewise = self._once(
-            lambda: self._product(body, got, np.concatenate([_NONE, *map(_narrow, got)])),
+            lambda: self._product(body, got, probes=np.concatenate([_NONE, *map(_narrow, got)])),
             "density",
             logarithm,
             *sorted(got, key=id),
         )
         return density
 
-    def _product(self, body: int, factors: Sequence[Callable[..., np.ndarray]], extra: np.ndarray = _NONE) -> Piecewise:
+    def _product(
+        self,
+        body: int,
+        factors: Sequence[Callable[..., np.ndarray]],
+        extra: np.ndarray = _NONE,
+        probes: np.ndarray = _NONE,
+    ) -> Piecewise:
         """Return the product of a body's own function and some factors, which are given as logarithms."""
         logarithm = self._logarithms[body]
 
@@ -291,17 +298,21 @@ class TreeLaw:
             around = edges[max(peak - 1, 0) : peak + 3]
             edges = np.union1d(edges, 0.5 * (around[1:] + around[:-1]))
 
+        sizes = _NONE
+
         def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+            nonlocal sizes
             logarithms = parts(starts, offsets)
-            total = logarithms.sum(axis=0)
-            return np.array([np.exp(total - top), np.abs(logarithms).sum(axis=0)])
+            sizes = np.abs(logarithms).sum(axis=0)
+            return np.asarray(np.exp(logarithms.sum(axis=0) - top)[None])
 
         def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
-            smooth = _relative(values[0], tails[0], 4.0 * (1.0 + values[1].max(axis=1)))  # errors of the logarithms
+            errors = 4.0 * (1.0 + sizes.reshape(values[0].shape).max(axis=1))  # of the logarithms
+            smooth = _relative(values[0], tails[0], errors)
             return np.asarray(smooth | _is_noise(tails[0], before[0], values[0].max(axis=1)))
 
-        found = resolve(function, edges, fine, self.own[body].names)
-        return Piecewise(found.edges, found.coefficients[:1])
+        probes = _between(probes, *edges[[0, -1]])
+        return resolve_with(function, edges, probes, lambda: fine, self.own[body].names, 1e-8)
 
     def _of_walls(self, body: int) -> list[tuple[float, float, float]]:
         """Return the statistics of a body's walls."""

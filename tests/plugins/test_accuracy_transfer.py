@@ -48,6 +48,13 @@ def test_pairs(network):
     assert_agrees(network, il.exact(network).statistics())
 
 
+@pytest.mark.parametrize("seed", [0, 1, 6, 7, 13])
+def test_random_trees(seed):
+    """Two programs for the same sums, which share nothing."""
+    network = random_network(seed)
+    assert_agrees(network, il.exact(network).statistics())
+
+
 def test_single_bodies_between_walls():
     walls = {
         "upper": il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=-0.05),
