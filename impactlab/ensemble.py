@@ -77,7 +77,7 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
+        shared_memory = shares_memory(pool)
         report = (tick,) if shared_memory else ()  # a lock cannot go to another process
         futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
         try:
@@ -106,6 +106,11 @@ class SharedThreads(concurrent.futures.ThreadPoolExecutor):
 def workers_of(executor: concurrent.futures.Executor | None) -> int:
     """Number of blocks that a simulation on an executor should run at once."""
     return executor.share if isinstance(executor, SharedThreads) else cores()
+
+
+def shares_memory(executor: concurrent.futures.Executor | None) -> bool:
+    """Whether blocks run in this process."""
+    return executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
 
 
 def cores() -> int:
