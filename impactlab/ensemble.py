@@ -17,6 +17,7 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
+from impactlab.kernels.single import single_text
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
@@ -118,14 +119,15 @@ class _Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.module = build(plan.text)
-        self.loop = plan.integrator.loop()
+        self.single = plan.lanes == 1
+        self.module = build(single_text(plan.text) if self.single else plan.text)
+        self.loop = plan.integrator.loop(self.single)
         self.realizations = plan.realizations_of(index)
         self.now = 0
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
-        normals = np.zeros((len(plan.noise_rows), 4, lanes), dtype=np.float32)
+        normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
         work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
@@ -135,9 +137,12 @@ class _Block:
         self.sums = Sums(
             np.zeros(shape),
             np.zeros((CONTACT_ROWS, contacts, lanes)),
-            plan.ends,
+            plan.indices,
             plan.window,
             plan.half_kick,
+            np.zeros((4, contacts, lanes)),
+            np.zeros((len(plan.half_kick), lanes)),
+            np.zeros((contacts, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
         )
@@ -177,11 +182,11 @@ class _Block:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        normals = np.empty((plan.linear.shape[1], 4, len(lanes)), dtype=np.float32)
+        normals = np.empty((4, plan.linear.shape[1], len(lanes)), dtype=np.float32)
         fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-        x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
+        x, v = plan.deviations[0][:, None] * normals[0], plan.deviations[1][:, None] * normals[1]
         for slots, factor in plan.factors:
-            independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
+            independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
         for lines, (slots, response) in zip(plan.lines, plan.responses, strict=True):
@@ -235,16 +240,12 @@ class _Block:
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
-        evaluate(
-            self.module.forces,
-            x,
-            v,
-            plan.parameters,
-            plan.indices,
-            state.indentation,
-            state.contact_force,
-            state.total,
-        )
+        x, v, *result = map(self._seen, (x, v, state.indentation, state.contact_force, state.total))
+        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, *result)
+
+    def _seen(self, block: np.ndarray) -> np.ndarray:
+        """Return an array as the loop sees it: without the axis of the lanes where there is one lane."""
+        return block[..., 0] if self.single else block
 
     # run
 
@@ -263,7 +264,8 @@ class _Block:
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
                 self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
-                self.series, self._forced(count), self.state, self.history, self.sums, snapshots, plan.step,
+                Series(self.series.bodies, self._seen(self.series.samples)), self._forced(count), *self._blocks(),
+                self._seen(snapshots), plan.step,
                 plan.dissipative, sampler is not None, self.now, count, every, phase,
             )  # fmt: skip
             self.now += count
@@ -272,6 +274,13 @@ class _Block:
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
+
+    def _blocks(self) -> tuple[State, History, Sums]:
+        """What the loop takes."""
+        sums = self.sums._asdict()
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+            sums[name] = self._seen(sums[name])
+        return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
     def _noise(self, count: int) -> Noise:
         plan = self.plan
@@ -288,7 +297,7 @@ class _Block:
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
             scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
+        return Noise(plan.noise_rows, plan.noise_runs, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

@@ -22,14 +22,15 @@ from typing import Any
 import numpy as np
 
 from impactlab.errors import InvalidInput
-from impactlab.model import HEADER, LEADING, Kind, Model
+from impactlab.model import HEADER, LEADING, PLACES, Kind, Model
 
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
-    "at", "body", "clear", "clearance", "contact_force", "extension", "first", "force", "gap", "gather",
-    "indentation", "index", "indices", "lane", "math", "max", "member", "np", "parameters", "range", "rate", "result",
-    "row", "second", "slot", "times", "total", "v", "x",
+    "at", "body", "clear", "clearance", "contact_force", "count", "differences", "extension", "first", "force",
+    "forces_of", "forces_on", "gap", "gaps", "gather", "indentation", "index", "indices", "lane", "math", "max",
+    "member", "np", "parameters", "range", "rate", "result", "row", "run", "second", "slot", "some_v", "some_x",
+    "start", "times", "total", "v", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -81,6 +82,7 @@ def generate(model: Model) -> str:
     parts = [_header(model, kernels)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts.append("\n" + _FORCES)
+    parts.append(_distances(model))
     for role in _LOOPS:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(model))
@@ -119,27 +121,39 @@ def _header(model: Model, kernels: dict[str, str]) -> str:
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
-        f"from impactlab.kernels.kick import {'gather' if len(model.ends) else 'clear'}",
+        f"from impactlab.kernels.kick import {'differences, gather' if len(model.ends) else 'clear'}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _row(index: int, kind: Kind) -> str:
-    """Open the loop over the rows of a kind and read its indices and parameters."""
-    leading, parameters = LEADING[kind.role], kind.parameters
-    at = HEADER * index
+def _run(index: int, kind: Kind, *slices: str) -> str:
+    """Open the loops over the runs of a kind and over the members of each, and read their parameters.
+
+    `slices` name parts of arrays along a run, such as ``gaps = indentation[slot]``.
+    """
+    leading = LEADING[kind.role]
+    at, size, names = PLACES + HEADER * index, len(leading) + 2, _parameters(kind)
+    parts = [item.replace("]", f" : {item.split('[')[1][:-1]} + count]") for item in slices]
+    parts += [f"column_{k} = parameters[start{_times(k)} : start{_times(k + 1)}]" for k in range(len(names))]
     lines = [
-        f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
-        + (f" with {', '.join(parameters)}" if parameters else ""),
-        f"for member in range(indices[{at}]):",
-        f"    at = indices[{at + 1}] + {len(leading)} * member",
-        *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate(leading)),
+        f"# {kind.component.__name__}: {kind.role}" + (f" with {', '.join(kind.parameters)}" if names else ""),
+        f"for run in range(indices[{at}]):",
+        f"    at = indices[{at + 1}] + {size} * run",
+        *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate([*leading, "count", "start"][: size - (not names)])),
+        *(f"    {part}" for part in parts),
+        f"    for member in range({slices[0].split(' ')[0] + '.shape[0]' if slices else 'count'}):",
+        *(f"        {name} = column_{k}[member]" for k, name in enumerate(names)),
     ]
-    if parameters:
-        lines.append(f"    at = indices[{at + 2}] + {len(parameters)} * member")
-        names = [parameters[0], *map(_local, kind.fields)] if kind.role == "force" else map(_local, parameters)
-        lines += [f"    {name} = parameters[at{_plus(k)}]" for k, name in enumerate(names)]
     return textwrap.indent("\n".join(lines), "    ") + "\n"
+
+
+def _parameters(kind: Kind) -> list[str]:
+    """Names of the parameters of a member inside a loop; the clearance is not a field."""
+    return [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
+
+
+def _times(count: int) -> str:
+    return ("", " + count")[count] if count < 2 else f" + {count} * count"
 
 
 def _plus(offset: int) -> str:
@@ -152,56 +166,70 @@ def _call(kind: Kind, name: str, values: dict[str, str]) -> str:
 
 def _local(field: str) -> str:
     """Name of a field's value inside a loop, where some names are taken."""
-    return f"{field}_" if field.rstrip("_") in _TAKEN else field
+    return f"{field}_" if field.rstrip("_") in _TAKEN or field.startswith("column_") else field
 
 
 def _contact_loop(index: int, kind: Kind, name: str) -> str:
-    rate = "            rate = v[first, lane] - v[second, lane]\n" if "rate" in kind.kinematic else ""
+    rate = "                rate = forces_of[member, lane]\n" if "rate" in kind.kinematic else ""
     call = _call(kind, name, {"indentation": "max(gap, 0.0)", "rate": "rate"})
     return (
-        f"{_row(index, kind)}"
-        "        for lane in range(indentation.shape[1]):\n"
-        "            gap = x[first, lane] - x[second, lane] - clearance\n"
+        f"{_run(index, kind, 'gaps = indentation[slot]', 'forces_of = contact_force[slot]')}"
+        "            for lane in range(gaps.shape[1]):\n"
+        "                gap = gaps[member, lane] - clearance\n"
         f"{rate}"
-        f"            force = {call}\n"
-        "            indentation[slot, lane] = gap\n"
-        "            contact_force[slot, lane] = force if gap > 0.0 else 0.0\n"
+        f"                force = {call}\n"
+        "                gaps[member, lane] = gap\n"
+        "                forces_of[member, lane] = force if gap > 0.0 else 0.0\n"
+    )
+
+
+def _distances(model: Model) -> str:
+    """Begin with the distances of the bodies in contacts, and where a law reads them their rates."""
+    if not len(model.ends):
+        return ""
+    rates = any("rate" in kind.kinematic for kind in model.of_role("force"))
+    return "    differences(indices, x, indentation)\n" + (
+        "    differences(indices, v, contact_force)  # until the force is there\n" if rates else ""
     )
 
 
 def _gathering(model: Model) -> str:
     """Begin the total force with that of the contacts."""
-    if len(model.ends):
-        return f"    gather(indices, {HEADER * len(model.kinds)}, contact_force, total)\n"
-    return "    clear(total)\n"
+    return "    gather(indices, contact_force, total)\n" if len(model.ends) else "    clear(total)\n"
 
 
 def _coupling_loop(index: int, kind: Kind, name: str) -> str:
-    rate = "            rate = v[second, lane] - v[first, lane]\n" if "rate" in kind.kinematic else ""
+    rate = "                rate = v[second + member, lane] - v[first + member, lane]\n" if "rate" in kind.kinematic else ""
     call = _call(kind, name, {"extension": "extension", "rate": "rate"})
     return (
-        f"{_row(index, kind)}"
-        "        for lane in range(total.shape[1]):\n"
-        "            extension = x[second, lane] - x[first, lane]\n"
+        f"{_run(index, kind)}"
+        "            for lane in range(total.shape[1]):\n"
+        "                extension = x[second + member, lane] - x[first + member, lane]\n"
         f"{rate}"
-        f"            force = {call}\n"
-        "            total[first, lane] += force\n"
-        "            total[second, lane] -= force\n"
+        f"                force = {call}\n"
+        "                total[first + member, lane] += force\n"
+        "                total[second + member, lane] -= force\n"
     )
 
 
 def _residual_loop(index: int, kind: Kind, name: str) -> str:
-    call = _call(kind, name, {"displacement": "x[body, lane]", "velocity": "v[body, lane]"})
-    return f"{_row(index, kind)}        for lane in range(total.shape[1]):\n            total[body, lane] -= {call}\n"
+    slices = ["forces_on = total[body]", "some_x = x[body]", "some_v = v[body]"]
+    slices = [item for item in slices if item[5] != "v" or "velocity" in kind.kinematic]
+    call = _call(kind, name, {"displacement": "some_x[member, lane]", "velocity": "some_v[member, lane]"})
+    return (
+        f"{_run(index, kind, *slices)}"
+        "            for lane in range(forces_on.shape[1]):\n"
+        f"                forces_on[member, lane] -= {call}\n"
+    )
 
 
 def _timetable_loop(index: int, kind: Kind, name: str) -> str:
     call = _call(kind, name, {"time": "times[index]"})
     return (
-        f"{_row(index, kind)}"
-        "        for index in range(result.shape[0]):\n"
-        f"            result[index, row] = {call}\n"
-    )  # fmt: skip
+        f"{_run(index, kind)}"
+        "            for index in range(result.shape[0]):\n"
+        f"                result[index, row + member] = {call}\n"
+    )
 
 
 _LOOPS: dict[str, Callable[[int, Kind, str], str]] = {

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,17 +11,17 @@ from impactlab.component import Component, finite
 from impactlab.contact import Wall
 from impactlab.network import Network
 
-HEADER = 3
-"""Entries of `Model.indices` per kind: number of rows, first index, first parameter."""
+PLACES, HEADER = 2, 2
+"""Entries of `Model.indices` before those of the kinds, and for each kind."""
 
 LEADING = {
-    "force": ("slot", "first", "second"),
+    "force": ("slot",),
     "coupling": ("first", "second"),
     "residual": ("body",),
     "forcing": ("row",),
     "intensity": ("row",),
 }
-"""Leading indices of a row of each kind; 'force' is a contact's, 'forcing' an excitation's."""
+"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,12 @@ class Model:
     kinds : tuple of Kind
         Kinds of non-linear members, in canonical order.
     parameters : ndarray
-        Parameters of all kinds, row by row.
+        Parameters of all kinds, run by run, one name after the other.
     indices : ndarray of int
-        A header of three entries per kind and one for the contacts of each body, then the rows of
-        leading indices, then the contacts of each body as `impactlab.kernels.kick.gather` reads them.
+        Members whose indices follow each other make a run, along which loops vectorise. Two places,
+        of what `impactlab.kernels.kick.differences` and `gather` read; for each kind the number
+        of its runs and the place of the first; then, at these places, the runs: indices of the
+        first member, number of members, place of the parameters.
     white, lines, forced : tuple of int
         Slots of the bodies under white noise, under lines, and under a given force.
     """
@@ -132,9 +133,9 @@ class Model:
             for links in (network.contacts, network.couplings)
         )
         members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]] = {}
-        for slot, (contact, pair) in enumerate(zip(network.contacts.values(), ends, strict=True)):
+        for slot, contact in enumerate(network.contacts.values()):
             kind = Kind("force", type(contact.law), "force")
-            members.setdefault(kind, []).append((contact.law, (slot, *pair), (contact.clearance,)))
+            members.setdefault(kind, []).append((contact.law, (slot,), (contact.clearance,)))
         for (name, coupling), pair in zip(network.couplings.items(), coupled, strict=True):
             kind = Kind("coupling", type(coupling.law), "force")
             members.setdefault(kind, [])  # also without a row: the text does not depend on what flows
@@ -150,7 +151,7 @@ class Model:
             item = excited[slot]
             members.setdefault(Kind("intensity", type(item), "intensity"), []).append((item, (row,), ()))
         kinds = tuple(sorted(members, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
-        parameters, indices = _packed(kinds, members, _incidence(ends, len(bodies)))
+        parameters, indices = _packed(kinds, members, np.array(ends, dtype=np.int64).reshape(-1, 2), len(bodies))
         return cls(
             network=network,
             bodies=tuple(network.oscillators),
@@ -291,39 +292,60 @@ def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.n
 _EXCITATIONS = ("intensity", "lines", "force")
 
 
-def _incidence(ends: list[tuple[int, int]], bodies: int) -> list[int]:
-    """Return the contacts of each body: where each body's begin, and then the end; contact and sign of each.
+def runs(*rising: np.ndarray, constant: Sequence[np.ndarray] = ()) -> list[np.ndarray]:
+    """Split rows of integers into runs along which some columns rise by one and some are constant.
 
-    Nothing if there are no contacts. The order is that of the contacts, in which forces are added.
+    Returns the values of all columns where runs begin, then the lengths of the runs.
     """
-    of_body: list[list[int]] = [[] for _ in range(bodies + 1)]
-    for contact, (first, second) in enumerate(ends):
-        of_body[first] += [contact, -1]
-        of_body[second] += [contact, 1]
-    pairs = of_body[:bodies]  # the wall does not move
-    begins = list(itertools.accumulate((len(item) // 2 for item in pairs), initial=0))
-    return [*begins, *itertools.chain.from_iterable(pairs)] if ends else []
+    steps = [np.diff(column) != 1 for column in rising] + [np.diff(column) != 0 for column in constant]
+    count = len(rising[0])
+    begins = np.flatnonzero(np.append(np.ones(min(count, 1), dtype=bool), np.any(steps, axis=0)))
+    return [*(column[begins] for column in (*rising, *constant)), np.diff(begins, append=count)]
+
+
+def _incidence(ends: np.ndarray, bodies: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `impactlab.kernels.kick.differences` and `gather` read."""
+    contacts = np.arange(len(ends))
+    along = np.stack(runs(contacts, *ends.T))
+    body, contact, sign = ends.T.ravel(), np.tile(contacts, 2), np.repeat((-1, 1), len(ends))
+    order = np.lexsort((contact, body))[: np.count_nonzero(body < bodies)]  # the wall does not move
+    body, contact, sign = body[order], contact[order], sign[order]
+    place = np.arange(len(body)) - np.searchsorted(body, body)  # of the contact among those of its body
+    slots = np.arange(bodies)
+    two, signs = np.tile(slots, (2, 1)), np.zeros((2, bodies), dtype=np.int64)
+    early, late = place < 2, np.lexsort((body, place))[np.count_nonzero(place < 2) :]
+    two[place[early], body[early]], signs[place[early], body[early]] = contact[early], sign[early]
+    first, one, other, *signs, count = runs(slots, *two, constant=signs)
+    terms = np.stack([first, count, one, signs[0], other, signs[1]])
+    first, one, one_sign, count = runs(body[late], contact[late], constant=[sign[late]])
+    further = np.stack([first, count, one, one_sign])
+    return (
+        np.append(along.shape[1], along.T.ravel()),
+        np.concatenate([[terms.shape[1], further.shape[1]], terms.T.ravel(), further.T.ravel()]),
+    )
 
 
 def _packed(
     kinds: Iterable[Kind],
     members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]],
-    incidence: list[int],
+    ends: np.ndarray,
+    bodies: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lay out the rows of all kinds in one array of numbers and one of indices."""
-    header: list[int] = []
-    rows: list[int] = []
-    parameters: list[float] = []
-    start = HEADER * len(members) + bool(incidence)
+    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Model`."""
+    tables, columns, header = [*_incidence(ends, bodies)], [np.zeros(0)], []
     for kind in kinds:
-        header += [len(members[kind]), start + len(rows), len(parameters)]
-        for component, leading, extra in members[kind]:
-            rows += leading
-            parameters += [*extra, *(_number(component, field) for field in kind.fields)]
-    if incidence:
-        header.append(start + len(rows))
-        rows += incidence
-    return np.array(parameters, dtype=np.float64), np.array([*header, *rows], dtype=np.int64)
+        rows, width = members[kind], len(kind.parameters)
+        leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role])).T
+        numbers = np.array([(*extra, *(_number(item, field) for field in kind.fields)) for item, _, extra in rows])
+        *begins, counts = runs(*leading)
+        ends_of_runs = np.cumsum(counts)
+        first = sum(map(len, columns)) + (ends_of_runs - counts) * width
+        tables.append(np.stack([*begins, counts, first]).T.ravel())
+        header.append(len(counts))
+        columns += [part.T.ravel() for part in np.split(numbers.reshape(len(rows), width), ends_of_runs[:-1])]
+    places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
+    heads = [entry for pair in zip(header, places[2:], strict=True) for entry in pair]
+    return np.concatenate(columns), np.concatenate([places[:2], heads, *tables]).astype(np.int64)
 
 
 def _number(component: Component, field: str) -> float:

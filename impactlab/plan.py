@@ -23,7 +23,7 @@ from impactlab.linear import (
     relaxation_time,
     responses,
 )
-from impactlab.model import Model
+from impactlab.model import Model, runs
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
@@ -54,7 +54,7 @@ class Plan:
         Generated module.
     integrator : Integrator
         Method.
-    coefficients : (phase, body, column) ndarray
+    coefficients : (phase, column, body) ndarray
         The method's numbers.
     cross : Cross
         Blocks of the linear motion between bodies.
@@ -76,10 +76,12 @@ class Plan:
     white : (white,) ndarray of int
         Slots of the bodies under white noise.
     noise_rows : (row,) ndarray of int
-        Slots of the bodies by row of noise; some have two.
-    amplitude : (phase, row, 2) ndarray
+        Slots of the bodies by row of noise; second rows of some come last.
+    noise_runs : (run, 3) ndarray of int
+        Rows whose bodies follow each other: first row, first body, number.
+    amplitude : (phase, 2, row) ndarray
         Amplitude of the rows.
-    streams, starts : (row, 3), (body, 3) ndarray of uint64
+    streams, starts : (3, row), (3, body) ndarray of uint64
         Addresses of the noise and of the random start.
     seed : tuple of int
         128 bits.
@@ -134,6 +136,7 @@ class Plan:
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
+    noise_runs: np.ndarray
     amplitude: np.ndarray
     streams: np.ndarray
     starts: np.ndarray
@@ -270,7 +273,7 @@ def make_plan(
     return Plan(
         text=generate(model),
         integrator=integrator,
-        coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        coefficients=np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1)),
         cross=integrator.cross(model, step),
         flows=integrator.flows(model, step),
         parameters=model.parameters,
@@ -285,7 +288,8 @@ def make_plan(
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
-        amplitude=np.ascontiguousarray(amplitude),
+        noise_runs=np.column_stack(runs(np.arange(len(noise_rows)), noise_rows)),
+        amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
         streams=_streams(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=_addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
@@ -337,14 +341,17 @@ def _divides(interval: float, period: float) -> bool:
 
 
 def _addresses(seed: tuple[int, int], names: Sequence[str], purpose: str) -> np.ndarray:
-    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3)
+    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
 def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
     """Addresses of the rows of noise; a second row of a body has a stream of its own."""
-    first = [index == 0 or names[index - 1] != name for index, name in enumerate(names)]
-    rows = [stream(seed, name, "noise" if new else "noise 2") for name, new in zip(names, first, strict=True)]
-    return np.array(rows, dtype=np.uint64).reshape(-1, 3)
+    seen: set[str] = set()
+    rows = []
+    for name in names:
+        rows.append(stream(seed, name, "noise 2" if name in seen else "noise"))
+        seen.add(name)
+    return np.array(rows, dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

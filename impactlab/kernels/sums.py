@@ -7,7 +7,7 @@ read and written once for four steps.
 from __future__ import annotations
 
 from impactlab.kernels.jit import kernel, scalar
-from impactlab.kernels.kick import copy
+from impactlab.kernels.kick import copy, differences
 
 X, V, XX, XV, VV, F, FF, FX, FV = range(9)
 """Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
@@ -67,7 +67,7 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
         add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
-        if sums.ends.shape[0]:
+        if sums.contacts.shape[1]:
             add_contacts(history, slots, sums)
         if sums.pairs.shape[0]:
             add_products(history.x, history, slots, sums.pairs, 0, sums.products)
@@ -121,11 +121,10 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
     the gap count. Counting sign changes between samples would miss the short contacts.
     """
     a, b, c, d = slots
-    v, indentation, force, sums = history.v, history.indentation, history.contact_force, target.contacts
+    indentation, force, sums, closing = history.indentation, history.contact_force, target.contacts, target.closing
+    for place in range(4):
+        differences(target.indices, history.v[slots[place]], closing[place])
     for contact in range(sums.shape[1]):
-        first, second = target.ends[contact, 0], target.ends[contact, 1]
-        half = target.window[contact]
-        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
             c0 = 1.0 if indentation[a, contact, lane] > 0.0 else 0.0
             c1 = 1.0 if indentation[b, contact, lane] > 0.0 else 0.0
@@ -137,35 +136,41 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             f2, f3 = force[c, contact, lane], force[d, contact, lane]
             sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
+    for contact in range(sums.shape[1]):
+        half = target.window[contact]
+        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
-            flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
-            flux += weighted(indentation[b, contact, lane], v[b, first, lane] - v[b, second, lane], half, curvature)
-            flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
-            flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
+            flux = weighted(indentation[a, contact, lane], closing[0, contact, lane], half, curvature)
+            flux += weighted(indentation[b, contact, lane], closing[1, contact, lane], half, curvature)
+            flux += weighted(indentation[c, contact, lane], closing[2, contact, lane], half, curvature)
+            flux += weighted(indentation[d, contact, lane], closing[3, contact, lane], half, curvature)
             sums[FLUX, contact, lane] += flux
-        if target.half_kick.shape[0]:
-            add_flux_around_kicks(history, slots, contact, curvature, target)
+    if target.half_kick.shape[0]:
+        for place in range(4):
+            add_flux_around_kicks(history.indentation[slots[place]], history.force[slots[place]], closing[place], target)
 
 
 @kernel
-def add_flux_around_kicks(history, slots, contact, curvature, target):  # type: ignore[no-untyped-def]
-    """Turn the last flux of a contact into the mean of those before, in the middle of and after a kick.
+def add_flux_around_kicks(indentation, force, closing, target):  # type: ignore[no-untyped-def]
+    """Turn the last flux of every contact into the mean of those before, in the middle of and after a kick.
 
     At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
     and by h²K/12 on either side. Where bodies feel other forces than that of the contact,
     the mean of the three is right to second order.
     """
-    first, second = target.ends[contact, 0], target.ends[contact, 1]
-    half = target.window[contact]
-    of_first, of_second = target.half_kick[first], target.half_kick[second]
-    v, f, sums = history.v, history.force, target.contacts
-    for slot in slots:
+    kick, sums = target.kick, target.contacts
+    for body in range(target.push.shape[0]):
+        of_body = target.half_kick[body]
+        for lane in range(target.push.shape[1]):
+            target.push[body, lane] = of_body * force[body, lane]
+    differences(target.indices, target.push, kick)
+    for contact in range(sums.shape[1]):
+        half = target.window[contact]
+        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
-            depth = history.indentation[slot, contact, lane]
-            closing = v[slot, first, lane] - v[slot, second, lane]
-            kick = of_first * f[slot, first, lane] - of_second * f[slot, second, lane]
-            around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
-            sums[FLUX, contact, lane] += (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
+            depth, middle, change = indentation[contact, lane], closing[contact, lane], kick[contact, lane]
+            around = weighted(depth, middle + change, half, curvature) + weighted(depth, middle - change, half, curvature)
+            sums[FLUX, contact, lane] += (around - 2.0 * weighted(depth, middle, half, curvature)) / 3.0
 
 
 @kernel
