@@ -17,7 +17,6 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.single import single_text
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
@@ -120,7 +119,7 @@ class _Block:
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
         self.single = plan.lanes == 1
-        self.module = build(single_text(plan.text) if self.single else plan.text)
+        self.module = build(plan.text)
         self.loop = plan.integrator.loop(self.single)
         self.realizations = plan.realizations_of(index)
         self.now = 0
@@ -147,6 +146,7 @@ class _Block:
             plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
+        self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
         self.attempts = self._start()
         self.series = self._synthesize()
         if plan.integrator.kicks:
@@ -297,7 +297,7 @@ class _Block:
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
             scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.noise_runs, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
+        return Noise(plan.noise_rows, plan.noise_runs, self.seconds, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from impactlab.errors import InvalidInput
+from impactlab.kernels.single import single_text
 from impactlab.model import HEADER, LEADING, PLACES, Kind, Model
 
 _MODULES = {math: "math", np: "np"}
@@ -56,13 +57,15 @@ _TIMETABLES = {
 }
 
 
-def generate(model: Model) -> str:
+def generate(model: Model, single: bool = False) -> str:
     """Return the text of the module that holds a network's forces.
 
     Parameters
     ----------
     model : Model
         The network as arrays.
+    single : bool
+        Whether for blocks of one lane.
 
     Returns
     -------
@@ -79,19 +82,22 @@ def generate(model: Model) -> str:
     taken = set(names.values())
     for kind, name in names.items():
         _Inliner(name, kernels, taken).inline(kind.component.kernel(kind.kernel)[0], name)
-    parts = [_header(model, kernels)]
+    parts = [_header(model, kernels, single)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts.append("\n" + _FORCES)
-    parts.append(_distances(model))
+    if single and len(model.ends):
+        parts.append(_distances(model))
     for role in _LOOPS:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(model))
-        parts += [_LOOPS[role](index, kind, names[kind]) for index, kind in enumerate(model.kinds) if kind.role == role]
+        parts += [
+            _LOOPS[role](index, kind, names[kind], single) for index, kind in enumerate(model.kinds) if kind.role == role
+        ]
     for role, what in _TIMETABLES.items():
         if (role == "forcing" and model.of_role(role)) or (role == "intensity" and model.time_varying):
             parts.append("\n" + _TIMETABLE.format(name=role, what=what))
             parts += [_timetable_loop(i, kind, names[kind]) for i, kind in enumerate(model.kinds) if kind.role == role]
-    return "".join(parts)
+    return single_text("".join(parts)) if single else "".join(parts)
 
 
 def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
@@ -110,7 +116,7 @@ def _free(name: str, taken: Collection[str]) -> str:
     return next(item for item in itertools.chain([name], numbered) if item not in taken)
 
 
-def _header(model: Model, kernels: dict[str, str]) -> str:
+def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.kinds}
     tables = "forcing" in roles or model.time_varying
     text = "\n".join(kernels.values())
@@ -121,30 +127,31 @@ def _header(model: Model, kernels: dict[str, str]) -> str:
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
-        f"from impactlab.kernels.kick import {'differences, gather' if len(model.ends) else 'clear'}",
+        f"from impactlab.kernels.kick import {('differences, ' * single + 'gather') if len(model.ends) else 'clear'}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _run(index: int, kind: Kind, *slices: str) -> str:
+def _run(index: int, kind: Kind, *lines: str, slices: tuple[str, ...] = ()) -> str:
     """Open the loops over the runs of a kind and over the members of each, and read their parameters.
 
-    `slices` name parts of arrays along a run, such as ``gaps = indentation[slot]``.
+    `slices` name parts of arrays along a run, such as ``gaps = indentation[slot]``; `lines` begin a member.
     """
-    leading = LEADING[kind.role]
-    at, size, names = PLACES + HEADER * index, len(leading) + 2, _parameters(kind)
+    leading, at, names = LEADING[kind.role], PLACES + HEADER * index, _parameters(kind)
+    entries = [*leading, "count", *(["start"] if names else [])]
     parts = [item.replace("]", f" : {item.split('[')[1][:-1]} + count]") for item in slices]
     parts += [f"column_{k} = parameters[start{_times(k)} : start{_times(k + 1)}]" for k in range(len(names))]
-    lines = [
+    text = [
         f"# {kind.component.__name__}: {kind.role}" + (f" with {', '.join(kind.parameters)}" if names else ""),
         f"for run in range(indices[{at}]):",
-        f"    at = indices[{at + 1}] + {size} * run",
-        *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate([*leading, "count", "start"][: size - (not names)])),
+        f"    at = indices[{at + 1}] + {len(leading) + 2} * run",
+        *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate(entries)),
         *(f"    {part}" for part in parts),
-        f"    for member in range({slices[0].split(' ')[0] + '.shape[0]' if slices else 'count'}):",
+        f"    for member in range({slices[0].split(' ')[0]}.shape[0]):" if slices else "    for member in range(count):",
         *(f"        {name} = column_{k}[member]" for k, name in enumerate(names)),
+        *(f"        {line}" for line in lines),
     ]
-    return textwrap.indent("\n".join(lines), "    ") + "\n"
+    return textwrap.indent("\n".join(text), "    ") + "\n"
 
 
 def _parameters(kind: Kind) -> list[str]:
@@ -169,15 +176,19 @@ def _local(field: str) -> str:
     return f"{field}_" if field.rstrip("_") in _TAKEN or field.startswith("column_") else field
 
 
-def _contact_loop(index: int, kind: Kind, name: str) -> str:
-    rate = "                rate = forces_of[member, lane]\n" if "rate" in kind.kinematic else ""
+def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     call = _call(kind, name, {"indentation": "max(gap, 0.0)", "rate": "rate"})
+    if single:
+        place, distance, rate = (), "gaps[member, lane]", "forces_of[member, lane]"
+    else:
+        place = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
+        distance, rate = (f"{of}[first, lane] - {of}[second, lane]" for of in "xv")
     return (
-        f"{_run(index, kind, 'gaps = indentation[slot]', 'forces_of = contact_force[slot]')}"
+        f"{_run(index, kind, *place, slices=('gaps = indentation[slot]', 'forces_of = contact_force[slot]'))}"
         "            for lane in range(gaps.shape[1]):\n"
-        "                gap = gaps[member, lane] - clearance\n"
-        f"{rate}"
-        f"                force = {call}\n"
+        f"                gap = {distance} - clearance\n"
+        + (f"                rate = {rate}\n" if "rate" in kind.kinematic else "")
+        + f"                force = {call}\n"
         "                gaps[member, lane] = gap\n"
         "                forces_of[member, lane] = force if gap > 0.0 else 0.0\n"
     )
@@ -185,8 +196,6 @@ def _contact_loop(index: int, kind: Kind, name: str) -> str:
 
 def _distances(model: Model) -> str:
     """Begin with the distances of the bodies in contacts, and where a law reads them their rates."""
-    if not len(model.ends):
-        return ""
     rates = any("rate" in kind.kinematic for kind in model.of_role("force"))
     return "    differences(indices, x, indentation)\n" + (
         "    differences(indices, v, contact_force)  # until the force is there\n" if rates else ""
@@ -198,7 +207,7 @@ def _gathering(model: Model) -> str:
     return "    gather(indices, contact_force, total)\n" if len(model.ends) else "    clear(total)\n"
 
 
-def _coupling_loop(index: int, kind: Kind, name: str) -> str:
+def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     rate = "                rate = v[second + member, lane] - v[first + member, lane]\n" if "rate" in kind.kinematic else ""
     call = _call(kind, name, {"extension": "extension", "rate": "rate"})
     return (
@@ -212,12 +221,12 @@ def _coupling_loop(index: int, kind: Kind, name: str) -> str:
     )
 
 
-def _residual_loop(index: int, kind: Kind, name: str) -> str:
+def _residual_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     slices = ["forces_on = total[body]", "some_x = x[body]", "some_v = v[body]"]
     slices = [item for item in slices if item[5] != "v" or "velocity" in kind.kinematic]
     call = _call(kind, name, {"displacement": "some_x[member, lane]", "velocity": "some_v[member, lane]"})
     return (
-        f"{_run(index, kind, *slices)}"
+        f"{_run(index, kind, slices=tuple(slices))}"
         "            for lane in range(forces_on.shape[1]):\n"
         f"                forces_on[member, lane] -= {call}\n"
     )
@@ -232,7 +241,7 @@ def _timetable_loop(index: int, kind: Kind, name: str) -> str:
     )
 
 
-_LOOPS: dict[str, Callable[[int, Kind, str], str]] = {
+_LOOPS: dict[str, Callable[[int, Kind, str, bool], str]] = {
     "force": _contact_loop,
     "coupling": _coupling_loop,
     "residual": _residual_loop,

@@ -11,8 +11,11 @@ from impactlab.component import Component, finite
 from impactlab.contact import Wall
 from impactlab.network import Network
 
-PLACES, HEADER = 2, 2
+PLACES, HEADER = 3, 2
 """Entries of `Model.indices` before those of the kinds, and for each kind."""
+
+LONG = 8
+"""Length from which runs of contacts have loops of their own."""
 
 LEADING = {
     "force": ("slot",),
@@ -90,8 +93,8 @@ class Model:
     parameters : ndarray
         Parameters of all kinds, run by run, one name after the other.
     indices : ndarray of int
-        Members whose indices follow each other make a run, along which loops vectorise. Two places,
-        of what `impactlab.kernels.kick.differences` and `gather` read; for each kind the number
+        Members whose indices follow each other make a run, along which loops vectorise. Three places:
+        of what `impactlab.kernels.kick.differences` and `gather` read, and of `ends`; for each kind the number
         of its runs and the place of the first; then, at these places, the runs: indices of the
         first member, number of members, place of the parameters.
     white, lines, forced : tuple of int
@@ -303,26 +306,54 @@ def runs(*rising: np.ndarray, constant: Sequence[np.ndarray] = ()) -> list[np.nd
     return [*(column[begins] for column in (*rising, *constant)), np.diff(begins, append=count)]
 
 
-def _incidence(ends: np.ndarray, bodies: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `impactlab.kernels.kick.differences` and `gather` read."""
+def _long(*columns: np.ndarray, constant: Sequence[np.ndarray] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `runs` that are long, (column, run), and whether each row is in one of them."""
+    table = np.stack(runs(*columns, constant=constant))
+    long = table[-1] >= LONG
+    return table[:, long], np.repeat(long, table[-1])
+
+
+def _differences(ends: np.ndarray) -> np.ndarray:
+    """Return what `impactlab.kernels.kick.differences` reads."""
     contacts = np.arange(len(ends))
-    along = np.stack(runs(contacts, *ends.T))
-    body, contact, sign = ends.T.ravel(), np.tile(contacts, 2), np.repeat((-1, 1), len(ends))
+    along, inside = _long(contacts, *ends.T)
+    alone = np.column_stack([contacts, ends])[~inside]
+    return np.concatenate([[along.shape[1], len(alone)], along.T.ravel(), alone.T.ravel()])
+
+
+def _gathering(ends: np.ndarray, bodies: int) -> np.ndarray:
+    """Return what `impactlab.kernels.kick.gather` reads."""
+    body, contact, sign = ends.T.ravel(), np.tile(np.arange(len(ends)), 2), np.repeat((-1, 1), len(ends))
     order = np.lexsort((contact, body))[: np.count_nonzero(body < bodies)]  # the wall does not move
     body, contact, sign = body[order], contact[order], sign[order]
-    place = np.arange(len(body)) - np.searchsorted(body, body)  # of the contact among those of its body
     slots = np.arange(bodies)
-    two, signs = np.tile(slots, (2, 1)), np.zeros((2, bodies), dtype=np.int64)
-    early, late = place < 2, np.lexsort((body, place))[np.count_nonzero(place < 2) :]
-    two[place[early], body[early]], signs[place[early], body[early]] = contact[early], sign[early]
-    first, one, other, *signs, count = runs(slots, *two, constant=signs)
-    terms = np.stack([first, count, one, signs[0], other, signs[1]])
-    first, one, one_sign, count = runs(body[late], contact[late], constant=[sign[late]])
-    further = np.stack([first, count, one, one_sign])
-    return (
-        np.append(along.shape[1], along.T.ravel()),
-        np.concatenate([[terms.shape[1], further.shape[1]], terms.T.ravel(), further.T.ravel()]),
-    )
+    begin = np.searchsorted(body, slots)
+    number, place = np.diff(begin, append=len(body)), np.arange(len(body)) - begin[body]
+    # bodies in a row whose first two contacts are in a row as well
+    several = np.flatnonzero(number > 1)
+    one, two = begin[several], begin[several] + 1
+    pairs, inside = _long(several, contact[one], contact[two], constant=[sign[one], sign[two]])
+    regular = np.zeros(bodies, dtype=bool)
+    regular[several[inside]] = True
+    slot, first, second, first_sign, second_sign, count = pairs
+    later = np.lexsort((body, place))
+    later = later[place[later] > 1]
+    inside = regular[body[later]]
+    further = runs(body[later][inside], contact[later][inside], constant=[sign[later][inside]])
+    # all others, one by one
+    single, double = (begin[~regular & chosen] for chosen in (number == 1, number > 1))
+    terms = np.stack([body, contact, sign], axis=1)
+    tables = [
+        np.stack([slot, count, first, first_sign, second, second_sign], axis=1),
+        np.stack([further[0], further[3], further[1], further[2]], axis=1),
+        np.flatnonzero(number == 0),
+        terms[single],
+        np.concatenate([terms[double], terms[double + 1][:, 1:]], axis=1),
+        terms[later][~inside],
+    ]
+    sizes = [len(table) for table in tables]
+    tables = [*tables[:2], *(table.T for table in tables[2:])]  # runs row by row, the others column by column
+    return np.concatenate([sizes, *map(np.ravel, tables)])
 
 
 def _packed(
@@ -332,7 +363,7 @@ def _packed(
     bodies: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lay out the runs of all kinds in one array of numbers and one of indices; see `Model`."""
-    tables, columns, header = [*_incidence(ends, bodies)], [np.zeros(0)], []
+    tables, columns, header = [_differences(ends), _gathering(ends, bodies), ends.ravel()], [np.zeros(0)], []
     for kind in kinds:
         rows, width = members[kind], len(kind.parameters)
         leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role])).T
@@ -344,8 +375,8 @@ def _packed(
         header.append(len(counts))
         columns += [part.T.ravel() for part in np.split(numbers.reshape(len(rows), width), ends_of_runs[:-1])]
     places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
-    heads = [entry for pair in zip(header, places[2:], strict=True) for entry in pair]
-    return np.concatenate(columns), np.concatenate([places[:2], heads, *tables]).astype(np.int64)
+    heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
+    return np.concatenate(columns), np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
 
 
 def _number(component: Component, field: str) -> float:

@@ -78,7 +78,7 @@ class Plan:
     noise_rows : (row,) ndarray of int
         Slots of the bodies by row of noise; second rows of some come last.
     noise_runs : (run, 3) ndarray of int
-        Rows whose bodies follow each other: first row, first body, number.
+        Bodies that follow each other, as do their first rows: first body, its row or -1, number.
     amplitude : (phase, 2, row) ndarray
         Amplitude of the rows.
     streams, starts : (3, row), (3, body) ndarray of uint64
@@ -271,7 +271,7 @@ def make_plan(
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
-        text=generate(model),
+        text=generate(model, single=lanes == 1),
         integrator=integrator,
         coefficients=np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1)),
         cross=integrator.cross(model, step),
@@ -288,7 +288,7 @@ def make_plan(
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
-        noise_runs=np.column_stack(runs(np.arange(len(noise_rows)), noise_rows)),
+        noise_runs=_noise_runs(noise_rows, len(model.bodies)),
         amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
         streams=_streams(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=_addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
@@ -352,6 +352,14 @@ def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
         rows.append(stream(seed, name, "noise 2" if name in seen else "noise"))
         seen.add(name)
     return np.array(rows, dtype=np.uint64).reshape(-1, 3).T.copy()
+
+
+def _noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
+    row, every = np.full(bodies, -1), np.arange(bodies)
+    slots, first = np.unique(rows, return_index=True)
+    row[slots] = first
+    begin, _, count = runs(every, constant=[np.where(row < 0, -bodies, row - every)])
+    return np.stack([begin, row[begin], count], axis=1)
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

@@ -22,7 +22,8 @@ class Noise(NamedTuple):
     """White noise on some bodies: rows of normals, two for a body whose flow needs them."""
 
     bodies: np.ndarray  # (row,) slots, second rows last
-    runs: np.ndarray  # (run, 3) rows and bodies that follow each other: the first ones, number
+    runs: np.ndarray  # (run, 3) bodies that follow each other: the first, its row or -1, number
+    seconds: int  # first of the second rows
     amplitude: np.ndarray  # (phase, 2, row) of displacement and velocity, or nothing and force
     streams: np.ndarray  # (3, row) addresses of the streams
     realizations: np.ndarray  # (lane,) indices
@@ -115,7 +116,7 @@ def _signature(forces: Any, lane: int) -> Any:
         slots,
         cube,
         _tuple(Cross, pairs, table, table, table),
-        _tuple(Noise, slots, pairs, cube, _array(2, u8), _array(1, u4), table, b1),
+        _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
         _tuple(Series, slots, blocks),
         _tuple(Forced, slots, table),
         _tuple(State, *[block] * 11, _array(2 + lane, f4)),

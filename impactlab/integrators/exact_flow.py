@@ -12,7 +12,6 @@ from impactlab.integrators.base import Cross, Flows, Group, Integrator, compiled
 from impactlab.kernels.flow import (
     COEFFICIENTS,
     GAUSS,
-    add_noise,
     flow,
     flow_between,
     noise_columns,
@@ -245,9 +244,7 @@ def _advance(  # type: ignore[no-untyped-def]
         if cross.bodies.shape[0]:
             copy(v, before)
         cycle = now % coefficients.shape[0]
-        flow(coefficients, cycle, x, v, after)
-        if noise.bodies.shape[0]:
-            add_noise(noise, cycle, sample, state.normals, now % 4, after, v)
+        flow(coefficients, cycle, noise, sample, state.normals, now % 4, x, v, after)
         if cross.bodies.shape[0]:
             flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after

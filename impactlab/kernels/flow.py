@@ -226,8 +226,8 @@ def noise_root(q: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def flow(coefficients, phase, x, v, result):  # type: ignore[no-untyped-def]
-    """Carry all bodies over one step, without noise.
+def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # type: ignore[no-untyped-def]
+    """Carry all bodies over one step.
 
     Parameters
     ----------
@@ -235,30 +235,8 @@ def flow(coefficients, phase, x, v, result):  # type: ignore[no-untyped-def]
         The flow.
     phase : int
         Which step of the method's cycle it is.
-    x, v : [body, lane]
-        State; v is changed in place.
-    result : [body, lane]
-        Displacements after the step.
-    """
-    for body in range(coefficients.shape[2]):
-        a_xx, a_xv = coefficients[phase, 0, body], coefficients[phase, 1, body]
-        a_vx, a_vv = coefficients[phase, 2, body], coefficients[phase, 3, body]
-        for lane in range(result.shape[1]):
-            displacement, velocity = x[body, lane], v[body, lane]
-            result[body, lane] = a_xx * displacement + a_xv * velocity
-            v[body, lane] = a_vx * displacement + a_vv * velocity
-
-
-@kernel
-def add_noise(noise, phase, sample, normals, column, x, v):  # type: ignore[no-untyped-def]
-    """Add the noise of one step to displacements and velocities.
-
-    Parameters
-    ----------
     noise : Noise
         Rows of noise.
-    phase : int
-        Which step of the method's cycle it is.
     sample : int
         Row of ``noise.scale`` that belongs to the step.
     normals : (4, row, lane) ndarray
@@ -266,19 +244,41 @@ def add_noise(noise, phase, sample, normals, column, x, v):  # type: ignore[no-u
     column : int
         First index of `normals` to be used.
     x, v : [body, lane]
-        State, changed in place.
+        State; v is changed in place.
+    result : [body, lane]
+        Displacements after the step.
     """
     for run in range(noise.runs.shape[0]):
-        row, body, count = noise.runs[run, 0], noise.runs[run, 1], noise.runs[run, 2]
-        some_x, some_v = x[body : body + count], v[body : body + count]
-        of_x, of_v = noise.amplitude[phase, 0, row : row + count], noise.amplitude[phase, 1, row : row + count]
+        begin, row, count = noise.runs[run, 0], noise.runs[run, 1], noise.runs[run, 2]
+        end = begin + count
+        a_xx, a_xv = coefficients[phase, 0, begin:end], coefficients[phase, 1, begin:end]
+        a_vx, a_vv = coefficients[phase, 2, begin:end], coefficients[phase, 3, begin:end]
+        before, velocity, after = x[begin:end], v[begin:end], result[begin:end]
+        if row < 0:
+            for body in range(after.shape[0]):
+                c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
+                for lane in range(after.shape[1]):
+                    place, speed = before[body, lane], velocity[body, lane]
+                    after[body, lane] = c_xx * place + c_xv * speed
+                    velocity[body, lane] = c_vx * place + c_vv * speed
+            continue
         scale, some = noise.scale[sample, row : row + count], normals[column, row : row + count]
-        for member in range(some_x.shape[0]):
-            l_x, l_v = scale[member] * of_x[member], scale[member] * of_v[member]
-            for lane in range(some_x.shape[1]):
-                z = some[member, lane]
-                some_x[member, lane] += l_x * z
-                some_v[member, lane] += l_v * z
+        of_x, of_v = noise.amplitude[phase, 0, row : row + count], noise.amplitude[phase, 1, row : row + count]
+        for body in range(after.shape[0]):
+            c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
+            l_x, l_v = scale[body] * of_x[body], scale[body] * of_v[body]
+            for lane in range(after.shape[1]):
+                place, speed, z = before[body, lane], velocity[body, lane], some[body, lane]
+                after[body, lane] = c_xx * place + c_xv * speed + l_x * z
+                velocity[body, lane] = c_vx * place + c_vv * speed + l_v * z
+    for row in range(noise.seconds, noise.bodies.shape[0]):
+        body = noise.bodies[row]
+        l_x = noise.scale[sample, row] * noise.amplitude[phase, 0, row]
+        l_v = noise.scale[sample, row] * noise.amplitude[phase, 1, row]
+        for lane in range(result.shape[1]):
+            z = normals[column, row, lane]
+            result[body, lane] += l_x * z
+            v[body, lane] += l_v * z
 
 
 @kernel
@@ -292,7 +292,7 @@ def flow_between(cross, rows, normals, column, x, v, result, after):  # type: ig
     rows : (2, body) ndarray of int
         Both rows of each body's noise, -1 for a body without.
     normals, column
-        As in `add_noise`.
+        As in `flow`.
     x, v : [body, lane]
         State before the step.
     result, after : [body, lane]

@@ -18,32 +18,48 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
     total : [body, lane]
         Result; 0 for the wall, which is the last body.
     """
-    at = indices[1] + 2
-    for _ in range(indices[indices[1]]):  # bodies in a row: first, number, contact and sign of two terms
-        count = indices[at + 1]
-        result = total[indices[at] : indices[at] + count]
+    begin = indices[1]
+    at = begin + 6
+    for _ in range(indices[begin]):  # bodies in a row: the first, number, contact and sign of two terms
+        body, count = indices[at], indices[at + 1]
         sign, other = float(indices[at + 3]), float(indices[at + 5])
-        one = contact_force[indices[at + 2] : indices[at + 2] + count]
-        two = contact_force[indices[at + 4] : indices[at + 4] + count]
+        result, one, two = total[body : body + count], contact_force[indices[at + 2] :], contact_force[indices[at + 4] :]
         at += 6
-        if sign == 0.0:
-            clear(result)
-        elif other == 0.0:
-            for row in range(result.shape[0]):
-                for lane in range(result.shape[1]):
-                    result[row, lane] = sign * one[row, lane]
-        else:
-            for row in range(result.shape[0]):
-                for lane in range(result.shape[1]):
-                    result[row, lane] = sign * one[row, lane] + other * two[row, lane]
-    for _ in range(indices[indices[1] + 1]):  # further contacts: first body, number, contact and sign
-        count, sign = indices[at + 1], float(indices[at + 3])
-        result = total[indices[at] : indices[at] + count]
-        one = contact_force[indices[at + 2] : indices[at + 2] + count]
+        for row in range(result.shape[0]):
+            for lane in range(result.shape[1]):
+                result[row, lane] = sign * one[row, lane] + other * two[row, lane]
+    for _ in range(indices[begin + 1]):  # their further terms: the first body, number, contact and sign
+        body, count, sign = indices[at], indices[at + 1], float(indices[at + 3])
+        result, one = total[body : body + count], contact_force[indices[at + 2] :]
         at += 4
         for row in range(result.shape[0]):
             for lane in range(result.shape[1]):
                 result[row, lane] += sign * one[row, lane]
+    # other bodies without a contact, with one, with more, and their further terms; columns of a table each
+    none, one, more, rest = indices[begin + 2], indices[begin + 3], indices[begin + 4], indices[begin + 5]
+    for body in indices[at : at + none]:
+        for lane in range(total.shape[1]):
+            total[body, lane] = 0.0
+    at += none
+    bodies, contacts, signs = indices[at : at + one], indices[at + one : at + 2 * one], indices[at + 2 * one :]
+    for row in range(one):
+        body, first, sign = bodies[row], contacts[row], float(signs[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] = sign * contact_force[first, lane]
+    at += 3 * one
+    bodies, contacts, signs = indices[at : at + more], indices[at + more : at + 2 * more], indices[at + 2 * more :]
+    seconds, others = indices[at + 3 * more :], indices[at + 4 * more :]
+    for row in range(more):
+        body, first, second = bodies[row], contacts[row], seconds[row]
+        sign, other = float(signs[row]), float(others[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] = sign * contact_force[first, lane] + other * contact_force[second, lane]
+    at += 5 * more
+    bodies, contacts, signs = indices[at : at + rest], indices[at + rest : at + 2 * rest], indices[at + 2 * rest :]
+    for row in range(rest):
+        body, first, sign = bodies[row], contacts[row], float(signs[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] += sign * contact_force[first, lane]
     for lane in range(total.shape[1]):
         total[-1, lane] = 0.0
 
@@ -61,16 +77,21 @@ def differences(indices, a, result):  # type: ignore[no-untyped-def]
     result : [contact, lane]
         Result.
     """
-    at = indices[0] + 1
-    for _ in range(indices[indices[0]]):  # contacts in a row: the first and its bodies, number
-        count = indices[at + 3]
-        some = result[indices[at] : indices[at] + count]
-        first = a[indices[at + 1] : indices[at + 1] + count]
-        second = a[indices[at + 2] : indices[at + 2] + count]
+    begin = indices[0]
+    at = begin + 2
+    for _ in range(indices[begin]):  # contacts in a row: the first and its bodies, number
+        contact, count = indices[at], indices[at + 3]
+        some, first, second = result[contact : contact + count], a[indices[at + 1] :], a[indices[at + 2] :]
         at += 4
         for row in range(some.shape[0]):
             for lane in range(some.shape[1]):
                 some[row, lane] = first[row, lane] - second[row, lane]
+    others = indices[begin + 1]
+    contacts, firsts, seconds = indices[at : at + others], indices[at + others :], indices[at + 2 * others :]
+    for row in range(others):
+        contact, one, two = contacts[row], firsts[row], seconds[row]
+        for lane in range(result.shape[1]):
+            result[contact, lane] = a[one, lane] - a[two, lane]
 
 
 @kernel

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -48,10 +49,23 @@ def single_text(text: str) -> str:
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
+_instead: dict[Function, Function] = {}
+
+
+def instead_of(compiled: Function) -> Callable[[Function], Function]:
+    """Take the text for blocks of one lane from another function, which has loops over lanes as well."""
+
+    def decorate(function: Function) -> Function:
+        _instead[compiled] = function
+        return function
+
+    return decorate
+
+
 @cache
 def single(compiled: Function) -> Function:
     """Return a kernel for blocks of one lane."""
-    return kernel(without_lanes(compiled))
+    return kernel(without_lanes(_instead.get(compiled, compiled)))
 
 
 def without_lanes(function: Function) -> Function:
