@@ -1,5 +1,6 @@
 """The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
 
+from impactlab.again import rerun as rerun
 from impactlab.check import NetworkCheck as NetworkCheck
 from impactlab.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.component import Component as Component
@@ -41,9 +42,9 @@ from impactlab.record import Trajectory as Trajectory
 from impactlab.reference import ExactReference as ExactReference
 from impactlab.reference import compare as compare
 from impactlab.reference import exact as exact
-from impactlab.simulation import rerun as rerun
 from impactlab.simulation import simulate as simulate
 from impactlab.study import Study as Study
 from impactlab.study import run_study as run_study
+from impactlab.sweeps import sweep as sweep
 
 __version__: str

@@ -138,7 +138,7 @@ def _plugins(_: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from impactlab.plugins import make_study, parse_setting
-    from impactlab.run import checked_items, checked_workers
+    from impactlab.run import checked_workers, simulations
 
     checked_workers(options.workers)
     study = make_study(options.study, quick=options.quick)
@@ -146,7 +146,7 @@ def _run(options: argparse.Namespace) -> int:
     study = make_study(study, settings)
     options.out = options.out or str(Path("results", study.name))
     if options.dry_run:
-        return _dry_run(study, checked_items(study), options.json)
+        return _dry_run(study, simulations(study).items, options.json)
     return _execute(study, options)
 
 

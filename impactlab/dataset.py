@@ -145,11 +145,14 @@ def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) 
     if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):
         raise InvalidInput(f"Give a dataset that simulate returned, or the path of a file of one; got {source!r}.")
     dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
-    if CONFIGURATION not in dataset.attrs:
+    stored = dataset.attrs.get(CONFIGURATION)
+    if isinstance(dataset, xr.Dataset) and CONFIGURATION in dataset and dataset[CONFIGURATION].ndim == 0:
+        stored = dataset[CONFIGURATION].item()  # a point of a sweep
+    if stored is None:
         raise InvalidInput(
             f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
         )
-    configuration: dict[str, Any] = json.loads(dataset.attrs[CONFIGURATION])
+    configuration: dict[str, Any] = json.loads(stored)
     return configuration
 
 
@@ -168,7 +171,8 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> Network:
     """
     configuration = configuration_of(source)
     if "network" not in configuration:
-        raise InvalidInput("The configuration that is stored describes no network.")
+        advice = " Select one point of the sweep." if "sweep" in configuration else ""
+        raise InvalidInput(f"The configuration that is stored describes no network.{advice}")
     return Network.from_dict(configuration["network"])
 
 

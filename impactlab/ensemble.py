@@ -17,12 +17,15 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
+from impactlab.kernels.series import interleave
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
-from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
+from impactlab.series import Cosines, sample_count
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
+
+_TOGETHER = 8  # realizations whose series are copied together: as many as fill a line of the cache
 
 Tick = Callable[[int], None]
 
@@ -64,14 +67,6 @@ def run(
     Diverged
         If a realization left the range of finite numbers.
     """
-    shared_memory = executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
-    if executor is not None and not shared_memory:
-        waiting = [executor.submit(run_block, plan, k) for k in range(plan.blocks)]
-        try:
-            return [future.result() for future in waiting]
-        finally:
-            for future in waiting:
-                future.cancel()
     total = plan.realizations * (plan.spin_up_steps + plan.steps)
     done, stop, lock = [0], threading.Event(), threading.Lock()
 
@@ -83,20 +78,35 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        futures = [pool.submit(run_block, plan, k, tick) for k in range(plan.blocks)]
+        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
+        report = (tick,) if shared_memory else ()  # a lock cannot go to another process
+        futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
         try:
             pending = set(futures)
             while pending:
                 finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
                 for future in finished:
                     future.result()
-                progress(done[0] / total)
+                progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
         except BaseException:
             stop.set()
             for future in futures:
                 future.cancel()
             raise
     return [future.result() for future in futures]
+
+
+class SharedThreads(concurrent.futures.ThreadPoolExecutor):
+    """Threads on which several simulations run at a time: each needs only its share of them."""
+
+    def __init__(self, threads: int, simulations: int) -> None:
+        super().__init__(threads)
+        self.share = -(-threads // max(simulations, 1))
+
+
+def workers_of(executor: concurrent.futures.Executor | None) -> int:
+    """Number of blocks that a simulation on an executor should run at once."""
+    return executor.share if isinstance(executor, SharedThreads) else cores()
 
 
 def cores() -> int:
@@ -119,6 +129,7 @@ class _Block:
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
         self.single = plan.lanes == 1
+        self.responses: list[Cosines] = []
         self.module = build(plan.text)
         self.loop = plan.integrator.loop(self.single)
         self.realizations = plan.realizations_of(index)
@@ -147,36 +158,35 @@ class _Block:
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
-        self.attempts = self._start()
-        self.series = self._synthesize()
+        if plan.lines:
+            self.series = self._start_with_series()
+        else:
+            self._start(np.arange(lanes))
+            self.series = Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
         if plan.integrator.kicks:
             self._half_kick()
 
     # start
 
-    def _start(self) -> np.ndarray:
-        """Set the state at the beginning; return the attempt that each lane took."""
+    def _start(self, lanes: np.ndarray) -> int:
+        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
         plan, state = self.plan, self.state
-        lanes = len(self.realizations)
-        attempts = np.zeros(lanes, dtype=np.int64)
+        attempt = 0
         if isinstance(plan.start, np.ndarray):
-            state.x[:-1], state.v[:-1] = plan.start[0][:, None], plan.start[1][:, None]
+            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start[0][:, None], plan.start[1][:, None]
         elif plan.start == "stationary":
-            open_lanes = np.zeros(lanes, dtype=bool)
+            redraw = lanes
             for attempt in range(ATTEMPTS):
-                redraw = np.flatnonzero(~open_lanes)
-                attempts[redraw] = attempt
                 state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
-                open_lanes[redraw] = ~self._closed(redraw)
-                if open_lanes.all():
+                redraw = redraw[self._closed(redraw)]
+                if not redraw.size:
                     break
             else:
-                rest = np.flatnonzero(~open_lanes)
-                state.x[:-1, rest] = plan.rest[:, None]
-                state.v[:, rest] = 0.0
+                state.x[:-1, redraw] = plan.rest[:, None]
+                state.v[:, redraw] = 0.0
         else:
-            state.x[:-1] = plan.rest[:, None]
-        return attempts
+            state.x[:-1, lanes] = plan.rest[:, None]
+        return attempt
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
@@ -189,10 +199,9 @@ class _Block:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for lines, (slots, response) in zip(plan.lines, plan.responses, strict=True):
+        for (slots, _), cosines in zip(plan.responses, self.responses, strict=True):
             for column, realization in enumerate(realizations):
-                phase = phases(plan.seed, lines, int(realization), attempt)
-                steady = response_amplitudes(lines, response, phase).real.sum(axis=1)
+                steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
         return x, v
@@ -204,28 +213,28 @@ class _Block:
         closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
         return closed
 
-    def _synthesize(self) -> Series:
-        """Sample the series of all realizations, for the whole run."""
+    def _start_with_series(self) -> Series:
+        """Start the realizations one after the other, and sample the series of each for the whole run."""
         plan, method = self.plan, self.plan.integrator
-        if not plan.lines:
-            return Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
-        counts = {sample_count(lines.frequencies, interval, needed) for lines in plan.lines}
-        kept = max(counts) if len(counts) == 1 else max(needed, *counts)  # different periods: the whole run
-        ends = (2 if method.takes_response else 1) * np.cumsum([len(slots) for slots, _ in plan.responses])
-        samples = np.empty((kept, ends[-1], len(self.realizations)))
-        for lines, (_, response), end in zip(plan.lines, plan.responses, ends, strict=True):
-            for lane, realization in enumerate(self.realizations):
-                self.tick(0)
-                phase = phases(plan.seed, lines, int(realization), int(self.attempts[lane]))
-                if method.takes_response:
-                    amplitudes = response_amplitudes(lines, response, phase)
-                else:
-                    amplitudes = force_amplitudes(lines, phase)
-                series = synthesize(lines.frequencies, amplitudes, interval, kept)
-                repeated = np.resize(series, (kept, len(amplitudes))) if len(series) < kept else series
-                samples[:, end - len(amplitudes) : end, lane] = repeated
+        self.responses = sampled = [
+            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
+            for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
+        ]
+        if not method.takes_response:
+            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
+        ends = np.cumsum([item.channels for item in sampled])
+        lanes = len(self.realizations)
+        samples = np.empty((sample_count(plan.lines, interval, needed), ends[-1], lanes))
+        together = np.empty((min(lanes, _TOGETHER), *samples.shape[1::-1]))
+        for lane, realization in enumerate(self.realizations):
+            self.tick(0)
+            attempt = self._start(np.array([lane]))
+            for item, end in zip(sampled, ends, strict=True):
+                item.sample(int(realization), attempt, together[lane % _TOGETHER, end - item.channels : end])
+            if (lane + 1) % _TOGETHER == 0 or lane + 1 == lanes:
+                interleave(together[: lane % _TOGETHER + 1], lane // _TOGETHER * _TOGETHER, samples)
         return Series(np.concatenate([slots for slots, _ in plan.responses]), samples)
 
     def _half_kick(self) -> None:
@@ -297,7 +306,16 @@ class _Block:
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
             scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.noise_runs, self.seconds, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
+        return Noise(
+            plan.noise_rows,
+            plan.noise_runs,
+            self.seconds,
+            plan.amplitude,
+            plan.streams,
+            self.realizations,
+            scale,
+            plan.coarse,
+        )
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

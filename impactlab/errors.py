@@ -32,9 +32,9 @@ class AccuracyWarning(ImpactLabWarning):
     """A result is complete, but less is known of its accuracy than was asked for."""
 
 
-def warn(message: str) -> None:
-    """Give an `AccuracyWarning` at the line outside of impactlab that led to it."""
+def warn(message: str, category: type[Warning] = AccuracyWarning) -> None:
+    """Give a warning at the line outside of impactlab that led to it."""
     level = 2
     while sys._getframe(level - 1).f_globals.get("__name__", "").startswith("impactlab."):
         level += 1
-    warnings.warn(message, AccuracyWarning, stacklevel=level)
+    warnings.warn(message, category, stacklevel=level)

@@ -26,7 +26,8 @@ from impactlab.network import Network
 if TYPE_CHECKING:
     import xarray as xr
 
-    from impactlab.study import Item, Study
+    from impactlab.items import Item
+    from impactlab.study import Study
 
 MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
 

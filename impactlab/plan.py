@@ -12,6 +12,7 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
+from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.kernels.random import stream
 from impactlab.linear import (
@@ -23,7 +24,7 @@ from impactlab.linear import (
     relaxation_time,
     responses,
 )
-from impactlab.model import Model, runs
+from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
@@ -39,6 +40,7 @@ from impactlab.rules import (
     warn_of_bands,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
+from impactlab.series import sample_count
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -249,9 +251,10 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    if given is None and period is not None and all(_divides(interval, period) for interval in intervals[:1]):
-        intervals.append(period)
-    step, steps = fit_step(chosen, given is not None, intervals, duration)
+    periods = [] if given is not None or period is None else [period]
+    if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
+        intervals += periods
+    step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
@@ -265,9 +268,9 @@ def make_plan(
     lines = lines_of(model)
     moved = responses(model, flowing_systems(model))
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
-    lanes, steps_per_call = block_shape(
-        model, realizations, workers, 8 * rows * integrator.samples_per_step * (spin_up_steps + steps)
-    )
+    samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
+    kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
+    lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(

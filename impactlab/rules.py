@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ RELAXATION_TIMES = 12.0
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
-SERIES_BYTES = 40e6
+SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
 
 KINK_HEATING = 5e-4
@@ -105,11 +105,14 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
     return result
 
 
-def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) -> tuple[float, int]:
+def fit_step(
+    step: float, fixed: bool, intervals: list[float], duration: float, smooth: bool = False
+) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
     A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration.
+    there is none, until it divides the duration. If the number of steps there is to be
+    `smooth`, it has no prime factor above 5, which an FFT takes best.
 
     Raises
     ------
@@ -119,8 +122,11 @@ def fit_step(step: float, fixed: bool, intervals: list[float], duration: float) 
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
+        from scipy.fft import next_fast_len  # loaded only where a simulation is planned
+
         whole = intervals[0] if intervals else duration
-        step = whole / math.ceil(whole / step * (1.0 - 1e-12))
+        count = math.ceil(whole / step * (1.0 - 1e-12))
+        step = whole / (next_fast_len(count, real=True) if smooth else count)
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
@@ -204,20 +210,29 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     return lanes, max(1, int(CALL_SECONDS / cost))
 
 
-def seed_of(rng: Any) -> tuple[int, int]:
+class Seed(NamedTuple):
+    """128 bits as two words of 64 bits."""
+
+    low: int
+    high: int
+
+
+def seed_of(rng: Any) -> Seed:
     """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7).
 
     An integer or a SeedSequence gives the same seed every time; a Generator or
-    BitGenerator gives two words and moves on; None gives fresh entropy.
+    BitGenerator gives two words and moves on; None gives fresh entropy. A seed is itself.
 
     Raises
     ------
     InvalidInput
         If it is none of these.
     """
+    if isinstance(rng, Seed):
+        return rng
     if isinstance(rng, np.random.Generator | np.random.BitGenerator):
         words = np.random.default_rng(rng).integers(0, 2**64, 2, dtype=np.uint64)
-        return int(words[0]), int(words[1])
+        return Seed(int(words[0]), int(words[1]))
     try:
         sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
     except (TypeError, ValueError) as error:
@@ -225,7 +240,7 @@ def seed_of(rng: Any) -> tuple[int, int]:
             f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, {rng!r} was given."
         ) from error
     low, high = sequence.generate_state(2, np.uint64)
-    return int(low), int(high)
+    return Seed(int(low), int(high))
 
 
 def start_of(initial: Any, model: Model) -> str | np.ndarray:

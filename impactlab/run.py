@@ -3,41 +3,62 @@
 from __future__ import annotations
 
 import sys
-import threading
-import warnings
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
-from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
+from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.folder import plain
+from impactlab.items import Item, SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from impactlab.folder import Folder
-    from impactlab.study import Item, Study
+    from impactlab.study import Study
+    from impactlab.sweeps import Sweep
+    from impactlab.together import Job
 
-AT_ONCE = 2
-"""Items that run at a time: what one does on a single core fills the gaps of the other."""
+
+class Simulations(NamedTuple):
+    """What a study simulates, and the sweeps that some items are points of, by key."""
+
+    items: list[Item]
+    sweeps: dict[str, Sweep]
 
 
-def checked_items(study: Study) -> list[Item]:
-    """Return the items of a study.
+def simulations(study: Study) -> Simulations:
+    """Return what a study simulates, each point of a sweep as an item.
 
     Raises
     ------
     InvalidInput
-        If two have the same key, or an option is not plain data.
+        If two items have the same key, an option is not plain data, or a point is refused.
     """
-    items = list(study.items())
-    keys = [item.key.casefold() for item in items]  # they are names of files
-    for item, key in zip(items, keys, strict=True):
-        if keys.count(key) > 1:
-            raise InvalidInput(f"The study {study.name!r} has two items with the key {item.key!r}.")
+    found: list[Item] = []
+    sweeps: dict[str, Sweep] = {}
+    keys = []
+    for entry in study.items():
+        keys.append(entry.key)
+        if not isinstance(entry, SweepItem):
+            found.append(entry)
+            continue
+        from impactlab.sweeps import make_sweep  # what is only described needs nothing that simulates
+
+        sweeps[entry.key] = sweep = make_sweep(entry.make_network, entry.over, **entry.options)
+        for point in sweep.points:
+            key = f"{entry.key}, {point.key}"
+            if point.network is None:
+                raise InvalidInput(f"Item {key!r}: {point.refusal}")
+            keys.append(key)
+            found.append(Item(key, point.network, point.options))
+    folded = [key.casefold() for key in keys]  # they are names of files
+    for key in keys:
+        if folded.count(key.casefold()) > 1:
+            raise InvalidInput(f"The study {study.name!r} has two items with the key {key!r}.")
+    for item in found:
         plain(item.options)
-    return items
+    return Simulations(found, sweeps)
 
 
 def checked_workers(workers: int | None) -> None:
@@ -46,14 +67,16 @@ def checked_workers(workers: int | None) -> None:
         raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
 
 
-def run_items(items: list[Item], folder: Folder | None, workers: int | None, progress: bool) -> dict[str, xr.Dataset]:
-    """Simulate what is not in the folder yet, two items at a time, with threads that they share.
+def run_simulations(
+    wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
+) -> dict[str, xr.Dataset]:
+    """Simulate what is not in the folder yet, several items at a time, on threads that they share.
 
     An item with a tolerance may spend a time on it: then each has the cores for itself.
 
     Parameters
     ----------
-    items : list of Item
+    wanted : Simulations
     folder : Folder, optional
         Where each result is kept as soon as it and all before it are there.
     workers : int, optional
@@ -64,66 +87,43 @@ def run_items(items: list[Item], folder: Folder | None, workers: int | None, pro
     Returns
     -------
     dict of str to Dataset
-        Results by key, in the order of the items.
+        Results of items and sweeps by key.
     """
-    from impactlab.ensemble import cores
+    from impactlab.together import run_together
 
-    results: dict[str, xr.Dataset] = {}
-    heard: dict[tuple[type[Warning], str], set[str]] = {}
-    parts = dict.fromkeys((item.key for item in items), 0.0)
-    running: dict[int, str] = {}  # key by thread
-    stop = threading.Event()
-    threads = cores() if workers is None else workers
-    at_once = 1 if any("tolerance" in item.options for item in items) else min(AT_ONCE, threads)
-    pool, turns = ThreadPoolExecutor(threads), ThreadPoolExecutor(at_once)
+    items = wanted.items
+    by_key = {item.key: item for item in items}
+    numbers = {key: number for number, key in enumerate(by_key, start=1)}
+    kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
+    results = {key: result for key, result in kept.items() if result is not None}
+    shown: dict[str, Callable[[float], None]] = {}
 
-    def simulated(item: Item) -> xr.Dataset:
-        def note(part: float) -> None:
-            if stop.is_set():
-                raise Interrupted("The study was stopped.")
-            parts[item.key] = part
+    def job(item: Item) -> Job:
+        return lambda pool, note: impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
 
-        note(0.0)
-        running[threading.get_ident()] = item.key
-        return impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
+    def finished(key: str, outcome: xr.Dataset | ImpactLabError) -> None:
+        if isinstance(outcome, ImpactLabError):
+            raise type(outcome)(f"Item {key!r}: {outcome}") from outcome
+        results[key] = outcome
+        if folder is not None:
+            folder.save_item(by_key[key], outcome)
 
-    def hear(message: Warning | str, category: type[Warning], *_: object) -> None:
-        heard.setdefault((category, str(message)), set()).add(running.get(threading.get_ident(), key))
+    def watch(key: str, parts: Mapping[str, float]) -> None:
+        if key not in shown:
+            shown[key] = _reporter(f"[{numbers[key]}/{len(items)}] {key}", progress)
+        shown[key](parts[key])
 
+    jobs = {key: job(item) for key, item in by_key.items() if key not in results}
+    alone = any("tolerance" in item.options for item in items)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always")
-            warnings.showwarning = hear  # type: ignore[assignment]  # the rest of its arguments is not needed
-            key = items[0].key if items else ""
-            kept = {item.key: folder.load_item(item) for item in items} if folder is not None else {}
-            futures = {item.key: turns.submit(simulated, item) for item in items if kept.get(item.key) is None}
-            for number, item in enumerate(items, start=1):
-                key = item.key
-                show = _reporter(f"[{number}/{len(items)}] {key}", progress)
-                saved = kept.get(key)
-                if saved is not None:
-                    results[key] = saved
-                    continue
-                future = futures.pop(key)
-                while not wait([future], 0.1).done:
-                    show(parts[key])
-                try:
-                    results[key] = future.result()
-                except ImpactLabError as error:
-                    raise type(error)(f"Item {key!r}: {error}") from error
-                if folder is not None:
-                    folder.save_item(item, results[key])
+        run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
     finally:
-        stop.set()
-        for executor in (turns, pool):
-            executor.shutdown(cancel_futures=True)
         if progress and sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    for (category, message), concerned in heard.items():  # once, however many items it concerns
-        first = next(item.key for item in items if item.key in concerned)
-        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
-        warnings.warn(f"Item {first!r}{others}: {message}", category, stacklevel=4)
-    return results
+    ordered = {item.key: results[item.key] for item in items}
+    for key, sweep in wanted.sweeps.items():
+        ordered[key] = sweep.dataset({point.key: ordered.pop(f"{key}, {point.key}") for point in sweep.points})
+    return ordered
 
 
 def _reporter(text: str, progress: bool) -> Callable[[float], None]:

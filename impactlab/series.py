@@ -1,98 +1,106 @@
-"""Sums of cosines sampled in time: by FFT where the lines and the samples lie on one grid."""
+"""Sums of cosines with random phases, sampled in time: by FFT where lines and samples lie on one grid."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from impactlab.kernels.random import fill_uniforms, stream
+from impactlab.kernels.random import stream
+from impactlab.kernels.series import CHUNK, fold, one_sided
 from impactlab.linear import Lines, regular_lines
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
 
 
-def phases(seed: tuple[int, int], lines: Lines, realization: int, attempt: int) -> np.ndarray:
-    """Return the random phases of one realization, uniform on (0, 2π), (line,).
-
-    Each attempt has numbers of its own.
-    """
-    blocks = -(-len(lines.frequencies) // 4)
-    uniforms = np.empty(4 * blocks)
-    address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
-    fill_uniforms(address, np.uint32(realization), np.uint64(attempt * blocks), uniforms)
-    return 2.0 * np.pi * uniforms[: len(lines.frequencies)]
-
-
-def response_amplitudes(lines: Lines, response: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Return complex amplitudes of steady displacements and velocities, body by body, (2 body, line).
-
-    `response` are the displacements by unit force, (line, body).
-    """
-    displacement = lines.amplitudes * np.exp(1j * phase) * response.T
-    both: np.ndarray = np.stack([displacement, 1j * lines.frequencies * displacement], axis=1)
-    return both.reshape(-1, len(phase))
-
-
-def force_amplitudes(lines: Lines, phase: np.ndarray) -> np.ndarray:
-    """Return complex amplitudes of the force, (1, line)."""
-    return (lines.amplitudes * np.exp(1j * phase))[None, :]
-
-
-def sample_count(frequencies: np.ndarray, interval: float, samples: int) -> int:
-    """Return the number of samples that `synthesize` returns: one period, or all."""
-    bins = _bins(frequencies, interval)
-    return samples if bins is None else bins[1]
-
-
-def synthesize(frequencies: np.ndarray, amplitudes: np.ndarray, interval: float, samples: int) -> np.ndarray:
-    """Sample ``Re Σ a_k exp(i ω_k t)`` at t = 0, interval, 2 interval, …
-
-    If the lines are whole multiples of one frequency and the period is a whole number of
-    intervals, one period comes from one FFT; lines above the Nyquist frequency of the
-    samples are folded, which leaves the values at the samples exact. Other lines that are
-    equally far apart are summed by a chirp transform. Any others are summed in blocks,
-    ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
+class Cosines:
+    """What the sum of cosines on one body does, realization by realization.
 
     Parameters
     ----------
-    frequencies : (line,) ndarray
-        Angular frequencies (rad s-1).
-    amplitudes : (channel, line) ndarray of complex
-        Amplitudes.
-    interval : float
-        Time between samples (s).
-    samples : int
-        Number of samples that are needed.
+    seed : tuple of int
+        128 bits.
+    lines : Lines
+        Frequencies and amplitudes of the force.
+    gains : (row, line) ndarray of complex
+        What each line does by unit force.
+    derivatives : bool
+        Whether the derivative of each row is wanted too.
+    interval : float, optional
+        Time between samples (s); without it there are no samples.
 
-    Returns
-    -------
-    (sample, channel) ndarray
-        One period, to be continued periodically, or `samples` values.
+    Attributes
+    ----------
+    channels : int
+        Number of rows, with derivatives: row, its derivative, next row, …
     """
-    bins = _bins(frequencies, interval)
-    if bins is None:
-        spacing = _spacing(frequencies)
-        if spacing:
-            return np.stack([_chirp(frequencies[0], spacing, a, interval, samples) for a in amplitudes], axis=1)
-        starts = np.arange(0, samples, _BLOCK) * interval
-        within = np.exp(1j * np.outer(frequencies, np.arange(_BLOCK) * interval))
-        result = np.empty((samples, len(amplitudes)))
-        for channel, amplitude in enumerate(amplitudes):
-            rows = np.exp(1j * np.outer(starts, frequencies)) * amplitude
-            result[:, channel] = (rows @ within).real.reshape(-1)[:samples]
+
+    def __init__(
+        self, seed: tuple[int, int], lines: Lines, gains: np.ndarray, derivatives: bool, interval: float | None
+    ) -> None:
+        self._frequencies, self._interval = lines.frequencies, interval
+        self._address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
+        amplitudes = lines.amplitudes * gains
+        self._real, self._imaginary = np.ascontiguousarray(amplitudes.real), np.ascontiguousarray(amplitudes.imag)
+        self._grid = None if interval is None else _grid(lines.frequencies, interval)
+        self._lowest, bins = self._grid or (0, CHUNK if interval is None else len(lines.frequencies))
+        self._folded = np.empty((len(gains), 4 if derivatives else 2, bins))
+        self.channels = len(gains) * (2 if derivatives else 1)
+        self._spectrum = np.empty((self.channels, bins // 2 + 1), dtype=complex)
+        self._drawn: tuple[int, int] | None = None
+
+    def start(self, realization: int, attempt: int) -> np.ndarray:
+        """Return the values at t = 0, (channel,).
+
+        Each attempt of a realization has phases of its own.
+        """
+        self._draw(realization, attempt)
+        result: np.ndarray = self._folded[:, ::2].sum(axis=-1).ravel()
         return result
-    index, period = bins
-    folded = index % period
-    upper = folded > period // 2
-    target = np.where(upper, period - folded, folded)
-    values = np.where(upper, amplitudes.conj(), amplitudes) * (0.5 * period)
-    values = np.where((target == 0) | (2 * target == period), 2.0 * values.real, values)
-    spectrum = np.zeros((len(amplitudes), period // 2 + 1), dtype=complex)
-    for channel, value in enumerate(values):
-        if 2 * index.max() <= period:  # nothing is folded, every line has a bin of its own
-            spectrum[channel, target] = value
-        else:
-            np.add.at(spectrum[channel], target, value)
-    return np.fft.irfft(spectrum, period, axis=1).T
+
+    def sample(self, realization: int, attempt: int, samples: np.ndarray) -> None:
+        """Write the values at t = 0, interval, 2 interval, … to `samples`, (channel, time).
+
+        They are ``Re Σ a_k exp(i ω_k t)``. If the lines are whole multiples of one frequency and
+        the period is a whole number of intervals, one period comes from one FFT; lines above
+        the Nyquist frequency of the samples are folded, which leaves the values at the samples
+        exact. Other lines that are equally far apart are summed by a chirp transform. Any
+        others are summed in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
+        """
+        self._draw(realization, attempt)
+        bins, count = self._folded.shape[2], samples.shape[1]
+        if self._grid is not None:
+            one_sided(self._folded, self._spectrum)
+            period = samples if count == bins else np.empty((self.channels, bins))
+            np.fft.irfft(self._spectrum, bins, axis=1, norm="forward", out=period)
+            for begin in range(0, 0 if period is samples else count, bins):
+                samples[:, begin : begin + bins] = period[:, : count - begin]
+            return
+        assert self._interval is not None
+        amplitudes = (self._folded[:, ::2] + 1j * self._folded[:, 1::2]).reshape(self.channels, bins)
+        spacing = _spacing(self._frequencies)
+        if spacing:
+            for channel, amplitude in enumerate(amplitudes):
+                samples[channel] = _chirp(self._frequencies[0], spacing, amplitude, self._interval, count)
+            return
+        starts = np.arange(0, count, _BLOCK) * self._interval
+        within = np.exp(1j * np.outer(self._frequencies, np.arange(_BLOCK) * self._interval))
+        for channel, amplitude in enumerate(amplitudes):
+            rows = np.exp(1j * np.outer(starts, self._frequencies)) * amplitude
+            samples[channel] = (rows @ within).real.reshape(-1)[:count]
+
+    def _draw(self, realization: int, attempt: int) -> None:
+        """Fold the amplitudes of a realization, unless they are those of the last call."""
+        if self._drawn != (realization, attempt):
+            self._drawn = realization, attempt
+            number = np.uint32(realization)
+            parts = self._frequencies, self._real, self._imaginary, self._folded
+            fold(self._address, number, attempt, self._lowest, *parts)
+
+
+def sample_count(lines: tuple[Lines, ...], interval: float, needed: int) -> int:
+    """Return how many samples are to be kept, to be continued periodically: one period of all, or what is needed."""
+    grids = [_grid(item.frequencies, interval) for item in lines]
+    periods = {grid[1] if grid else needed for grid in grids}
+    return min(needed, *periods) if len(periods) == 1 else needed
 
 
 def _spacing(frequencies: np.ndarray) -> float:
@@ -118,12 +126,12 @@ def _chirp(first: float, spacing: float, amplitudes: np.ndarray, interval: float
     return result
 
 
-def _bins(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, int] | None:
-    """Return the index of every line and the number of samples in a period, if both are whole."""
+def _grid(frequencies: np.ndarray, interval: float) -> tuple[int, int] | None:
+    """Return the index of the first line and the number of samples in a period, if all are whole."""
     regular = regular_lines(frequencies)
     if regular is None:
         return None
     period = regular[1] / interval
     if abs(period - round(period)) > 1e-7 * period or round(period) < 2:
         return None
-    return regular[0], round(period)
+    return int(regular[0][0]), round(period)

@@ -1,9 +1,8 @@
-"""Simulate a network: plan, run, estimate, label; and do it again."""
+"""Simulate a network: plan, run, estimate, label."""
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
@@ -13,8 +12,8 @@ import xarray as xr
 
 import impactlab.density  # noqa: F401  (its records must be known when one is made again)
 from impactlab.build import digest
-from impactlab.dataset import VARIABLES, configuration_of, provenance, statistics
-from impactlab.ensemble import cores, merged, run
+from impactlab.dataset import VARIABLES, provenance, statistics
+from impactlab.ensemble import merged, run, workers_of
 from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
@@ -123,28 +122,18 @@ def simulate(
     return result if asked else without_realizations(result)
 
 
-def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
-    """Simulate again what a dataset or a file was made from, with the same numbers.
-
-    On the same machine and versions they are the same bit for bit.
-
-    Parameters
-    ----------
-    source : Dataset, str or path
-        What `simulate` returned, or a netCDF file of it.
-    executor : concurrent.futures.Executor, optional
-        Where to run; see `simulate`.
+def repeat(
+    configuration: Mapping[str, Any],
+    executor: Executor | None = None,
+    progress: bool | Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Simulate again what a configuration of `simulate` describes.
 
     Raises
     ------
     InvalidInput
-        If no simulation is stored, or a component's kernel has changed since.
+        If a component's kernel has changed since.
     """
-    configuration = configuration_of(source)
-    if "simulate" not in configuration:
-        study = configuration.get("study")
-        advice = f" It is a result of the study {study['name']!r}: use il.run_study." if study else ""
-        raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
     network = Network.from_dict(configuration["network"])
     if digest(generate(Model.of(network))) != configuration["text"]:
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
@@ -152,7 +141,7 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     low, high = options.pop("seed")
     options["integrator"] = Integrator.from_dict(options["integrator"])
     options["record"] = [Record.from_dict(item) for item in options["record"]]
-    return _simulate(network, **options, seed=(low, high), executor=executor, progress=None)
+    return _simulate(network, **options, seed=(low, high), executor=executor, progress=progress)
 
 
 def _simulate(
@@ -166,14 +155,15 @@ def _simulate(
     records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
+    workers = workers_of(executor)
     plan = make_plan(
         network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
-        initial=initial, records=records, seed=seed, workers=cores(), coarse=coarse,
+        initial=initial, records=records, seed=seed, workers=workers, coarse=coarse,
     )  # fmt: skip
-    if plan.seconds(cores()) > seconds:
+    if plan.seconds(workers) > seconds:
         raise InvalidInput(
             f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
-            f"{plan.seconds(cores()):.2g} s, {max(seconds, 0.0):.2g} s are left. Give max_seconds= or a larger "
+            f"{plan.seconds(workers):.2g} s, {max(seconds, 0.0):.2g} s are left. Give max_seconds= or a larger "
             "tolerance."
         )
     results = run(plan, executor, reporter(progress))

@@ -7,13 +7,14 @@ import functools
 import os
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from impactlab.component import Component, finite
 from impactlab.errors import InvalidInput
-from impactlab.network import Network
+from impactlab.items import Item as Item
+from impactlab.items import SweepItem as SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,14 +24,6 @@ if TYPE_CHECKING:
 
 VERDICTS = ("holds", "holds partly", "does not hold", "sampling error", "not testable")
 """What can be said of a claim."""
-
-
-class Item(NamedTuple):
-    """One simulation of a study: pure data, ``il.simulate(network, **options)``."""
-
-    key: str
-    network: Network
-    options: dict[str, Any]
 
 
 class Check(NamedTuple):
@@ -60,11 +53,11 @@ class Study(Component):
 
     if TYPE_CHECKING:
 
-        def items(self) -> list[Item]:
-            """Return the simulations of the study, pure data."""
+        def items(self) -> Sequence[Item | SweepItem]:
+            """Return the simulations and sweeps of the study."""
 
         def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
-            """Return the result of the study from the items' datasets by key."""
+            """Return the result of the study from the datasets of simulations and sweeps by key."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -206,16 +199,16 @@ def run_study(
     """
     from impactlab.folder import Folder
     from impactlab.plugins import make_study
-    from impactlab.run import checked_items, checked_workers, run_items
+    from impactlab.run import checked_workers, run_simulations, simulations
 
     checked_workers(workers)
     made = make_study(study, settings, quick)
-    items = checked_items(made)
+    wanted = simulations(made)
     folder = None if out is None else Folder(out)
     if folder is not None:
         folder.claim(made)
     begin = time.perf_counter()
-    results = run_items(items, folder, workers, sys.stderr.isatty() if progress is None else progress)
+    results = run_simulations(wanted, folder, workers, sys.stderr.isatty() if progress is None else progress)
     result = judged(made, made.collect(results), folder)
     if folder is not None:
         from impactlab.report import publish

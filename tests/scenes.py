@@ -3,6 +3,7 @@
 import numpy as np
 
 import impactlab as il
+from impactlab.kernels.random import philox_words, stream
 
 
 def base(ratio=16.0, clearance=0.05, **changes):
@@ -32,3 +33,15 @@ def deviations(dataset, reference, names, relative=0.0):
         beyond = np.abs(np.asarray(dataset[name]) - expected) - relative * np.abs(expected)
         result[name] = float(np.max(beyond / error))
     return result
+
+
+def phases(seed, lines, realization, attempt):
+    """Phases of the lines of one realization, word by word from their stream."""
+    low, high, word = stream(seed, lines.name, "phases")
+    blocks = -(-len(lines.frequencies) // 4)
+    counters = attempt * blocks + np.arange(blocks, dtype=np.uint64)
+    rows = np.empty((blocks, 6), dtype=np.uint64)
+    rows[:, 0], rows[:, 1], rows[:, 2:] = counters & 0xFFFFFFFF, counters >> 32, [realization, word, low, high]
+    words = np.empty((blocks, 4), dtype=np.uint64)
+    philox_words(rows, words)
+    return 2.0 * np.pi * ((words.ravel() + 0.5) / 2.0**32)[: len(lines.frequencies)]

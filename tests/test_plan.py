@@ -120,7 +120,7 @@ def test_blocks_hold_every_realization_once(realizations, workers):
 
 
 def test_blocks_are_small_where_series_are_long():
-    lanes, _ = block_shape(Model.of(base()), 1000, 2, int(20e6))
+    lanes, _ = block_shape(Model.of(base()), 1000, 2, int(80e6))
     assert lanes == 2
     assert block_shape(Model.of(base()), 1000, 2, int(1e12))[0] == 1
 

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from scenes import linear
+from scenes import linear, phases
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.stats import kstest
 
 import impactlab as il
 from impactlab.linear import Lines, linear_variances, lines_of, receptance_of
 from impactlab.model import Model
 from impactlab.rules import seed_of
-from impactlab.series import force_amplitudes, phases, response_amplitudes, sample_count, synthesize
+from impactlab.series import Cosines, sample_count
 
 SEED = (1, 2)
 
@@ -23,6 +22,20 @@ def lines_with(noise):
 def alone(lines, mass, damping, stiffness):
     """Displacements of one body by unit force."""
     return receptance_of(mass, damping, stiffness, lines.frequencies)[:, None]
+
+
+def response_amplitudes(lines, response, phase):
+    """Complex amplitudes of displacements and velocities, body by body."""
+    displacement = lines.amplitudes * np.exp(1j * phase) * response.T
+    return np.stack([displacement, 1j * lines.frequencies * displacement], axis=1).reshape(-1, len(phase))
+
+
+def sampled(lines, gains, derivatives, interval, samples, realization=0, attempt=0, seed=SEED):
+    """Values of a sum of cosines from its FFT, (sample, channel)."""
+    cosines = Cosines(seed, lines, gains, derivatives, interval)
+    result = np.full((cosines.channels, sample_count((lines,), interval, samples)), np.nan)
+    cosines.sample(realization, attempt, result)
+    return result.T
 
 
 def direct(frequencies, amplitudes, times):
@@ -42,32 +55,44 @@ GRIDS = {  # band, components, interval
 
 
 @pytest.mark.parametrize(("band", "components", "interval"), GRIDS.values(), ids=GRIDS)
-def test_synthesis_is_the_direct_sum(band, components, interval):
+@pytest.mark.parametrize("wanted", [200, 1500, 3000])
+def test_samples_are_the_direct_sum(band, components, interval, wanted):
     lines = lines_with(il.ShinozukaNoise(1.0, band=band, components=components))
-    phase = phases(SEED, lines, 3, 0)
-    amplitudes = np.concatenate(
-        [force_amplitudes(lines, phase), response_amplitudes(lines, alone(lines, 1.0, 2.0, 400.0), phase)]
-    )
-    wanted = 1500
-    count = sample_count(lines.frequencies, interval, wanted)
-    samples = synthesize(lines.frequencies, amplitudes, interval, wanted)
-    assert len(samples) == count
-    times = interval * np.arange(wanted)
-    expected = direct(lines.frequencies, amplitudes, times)
+    gains = np.concatenate([alone(lines, 1.0, 2.0, 400.0), alone(lines, 2.0, 1.0, 10.0)], axis=1)
+    amplitudes = response_amplitudes(lines, gains, phases(SEED, lines, 3, 2))
+    cosines = Cosines(SEED, lines, gains.T, True, interval)
     scale = np.abs(amplitudes).sum(axis=1)
-    error = np.abs(samples[np.arange(wanted) % count] - expected) / scale
-    assert error.max() < 1e-11
+    np.testing.assert_allclose(cosines.start(3, 2) / scale, amplitudes.sum(axis=1).real / scale, rtol=0.0, atol=1e-14)
+    samples = np.full((4, wanted), np.nan)
+    cosines.sample(3, 2, samples)
+    some = np.unique(np.linspace(0, wanted - 1, 1500).astype(int))
+    expected = direct(lines.frequencies, amplitudes, interval * some)
+    assert (np.abs(samples.T[some] - expected) / scale).max() < 1e-11
 
 
-def test_only_regular_grids_are_taken_by_fft():
-    def count(name):
-        band, components, interval = GRIDS[name]
-        return sample_count(il.ShinozukaNoise(1.0, band=band, components=components).lines()[0], interval, 1500)
+def test_lines_at_any_distance_are_summed_directly():
+    frequencies = np.array([0.3, 1.0, 7.7, 20.0])
+    lines = Lines(0, "a", frequencies, np.array([1.0, 2.0, 3.0, 4.0]))
+    amplitudes = (lines.amplitudes * np.exp(1j * phases(SEED, lines, 0, 0)))[None]
+    expected = direct(frequencies, amplitudes, 0.1 * np.arange(700))
+    np.testing.assert_allclose(sampled(lines, np.ones((1, 4)), False, 0.1, 700), expected, rtol=0.0, atol=1e-11)
 
-    assert count("on the grid") == 10_000
+
+def test_one_period_is_kept_or_what_is_needed():
+    def count(*names, needed=1500):
+        grids = [GRIDS[name] for name in names]
+        lines = tuple(
+            lines_with(il.ShinozukaNoise(1.0, band=band, components=components)) for band, components, _ in grids
+        )
+        return sample_count(lines, grids[0][2], needed)
+
+    assert count("on the grid") == 1500
+    assert count("on the grid", needed=20_000) == 10_000
     assert count("folded above Nyquist") == 250
     assert count("off the grid of samples") == 1500
     assert count("lower end no multiple of the spacing") == 1500
+    assert count("folded above Nyquist", "folded above Nyquist") == 250
+    assert count("folded above Nyquist", "one line") == 1500  # two periods: the whole run
 
 
 def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
@@ -78,7 +103,7 @@ def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
     np.testing.assert_allclose(lines.amplitudes, amplitude, rtol=1e-14)
     np.testing.assert_allclose(lines.frequencies, 2.0 * np.pi * spacing * np.arange(1, 401), rtol=1e-14)
     assert noise.period == pytest.approx(1.0 / spacing)
-    force = synthesize(lines.frequencies, force_amplitudes(lines, phases(SEED, lines, 0, 0)), 0.005, 8000)[:, 0]
+    force = sampled(lines, np.ones((1, 400)), False, 0.005, 8000)[:, 0]
     assert len(force) == 4000  # one period
     assert np.abs(force).max() <= 400 * amplitude
     assert abs(force.mean()) < 1e-12
@@ -88,22 +113,17 @@ def test_force_is_bounded_periodic_and_has_its_variance_and_spectrum():
     assert spectrum[401:].max() < 1e-9
 
 
-def test_the_bound_is_reached_when_all_phases_agree():
-    lines = lines_with(il.ShinozukaNoise(1.0, band=(0.0, 5.0), components=50))
-    force = synthesize(lines.frequencies, force_amplitudes(lines, np.zeros(50)), 0.01, 100)
-    assert force[0, 0] == pytest.approx(lines.amplitudes.sum(), rel=1e-13)
-
-
-def test_phases_are_uniform_and_belong_to_realization_attempt_body_and_seed():
+def test_phases_belong_to_realization_attempt_body_and_seed():
     lines = lines_with(il.ShinozukaNoise(1.0, components=50000))
-    phase = phases(SEED, lines, 0, 0)
-    assert kstest(phase / (2.0 * np.pi), "uniform").pvalue > 1e-3
+
+    def drawn(seed=SEED, lines=lines, realization=0, attempt=0):
+        return sampled(lines, np.ones((1, 50000)), False, 1e-3, 100_000, realization, attempt, seed)[:, 0]
+
+    force = drawn()
     other_body = Lines(0, "b", lines.frequencies, lines.amplitudes)
-    addresses = [(SEED, lines, 1, 0), (SEED, lines, 0, 1), ((2, 2), lines, 0, 0), (SEED, other_body, 0, 0)]
-    for address in addresses:
-        other = phases(*address)
-        assert abs(np.corrcoef(phase, other)[0, 1]) * np.sqrt(len(phase)) < 4.0
-        assert not np.isin(phase, other).mean() > 1e-3
+    for other in (drawn(realization=1), drawn(attempt=1), drawn(seed=(2, 2)), drawn(lines=other_body)):
+        assert abs(np.corrcoef(force, other)[0, 1]) * np.sqrt(len(force)) < 4.0
+    np.testing.assert_array_equal(drawn(), force)
 
 
 @pytest.mark.parametrize("linear_part", [(1.0, 2.0, 400.0), (2.0, 0.1, 50.0), (0.5, 5.0, 0.0)], ids=str)
@@ -111,7 +131,7 @@ def test_response_solves_the_equation_of_motion(linear_part):
     m, c, k = linear_part
     lines = lines_with(il.ShinozukaNoise(1.0, band=(1.0, 6.0), components=20))
     phase = phases(SEED, lines, 0, 0)
-    force = force_amplitudes(lines, phase)
+    force = (lines.amplitudes * np.exp(1j * phase))[None]
     response = response_amplitudes(lines, alone(lines, *linear_part), phase)
 
     def rhs(t, y):

@@ -16,8 +16,8 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.plugins import make_study, parse_setting, plugins, study_class, toml
-from impactlab.run import checked_items
-from impactlab.study import Item, Study
+from impactlab.run import simulations
+from impactlab.study import Item, Study, SweepItem
 
 PLUGIN = Path(__file__).parent / "plugin_example"
 CONFIGURATIONS = sorted((Path(__file__).parents[1] / "studies").glob("*.toml"))
@@ -188,7 +188,7 @@ def test_options_must_be_data(monkeypatch, example):
     items = [Item("one", network, {"duration": 1.0, "rng": np.random.default_rng(1)})]
     monkeypatch.setattr(example, "items", lambda _: items)
     with pytest.raises(il.InvalidInput, match="plain data"):
-        checked_items(example())
+        simulations(example())
 
 
 def test_a_study_must_be_complete():
@@ -315,6 +315,58 @@ def test_a_warning_names_the_items_once(monkeypatch):
     with pytest.warns(il.AccuracyWarning, match=r"Item 'clearance/0\.5' and 1 more: little is known") as caught:
         il.run_study("example", settings=SHORT)
     assert len(caught) == 1
+
+
+# sweeps
+
+
+def swept(example, make=None):
+    """A study that simulates what the example does as one sweep, beside one item."""
+
+    class SweptStudy(Study):
+        name = "swept"
+        title = "A sweep"
+
+        def items(self):
+            whole = example(**SHORT)
+            by_clearance = {item.network.contacts["stop"].clearance: item.network for item in whole.items()}
+            values = {"clearance": list(by_clearance)}
+            options = {**whole.items()[0].options, "common_random_numbers": True}
+            return [
+                SweepItem("all", make or (lambda clearance: by_clearance[clearance]), values, options),
+                *whole.items(),
+            ]
+
+        def collect(self, results):
+            return xr.DataTree.from_dict(
+                {"/swept": results.pop("all"), "/statistics": example().collect(results).statistics.to_dataset()}
+            )
+
+    return SweptStudy()
+
+
+def test_a_sweep_of_a_study_is_one_result(example, tmp_path, simulated):
+    tree = il.run_study(swept(example)).tree
+    for name in tree["statistics"].data_vars:
+        np.testing.assert_array_equal(tree["swept"][name], tree["statistics"][name])
+    simulated.stop_at = 1.0
+    with pytest.raises(KeyboardInterrupt):
+        il.run_study(swept(example), out=tmp_path)
+    assert [path.name for path in (tmp_path / "items").iterdir()] == ["all, clearance=0.5.nc"]
+    simulated.stop_at = None
+    simulated.done.clear()
+    continued = il.run_study(swept(example), out=tmp_path).tree
+    assert sorted(simulated.done) == [0.5, 1.0, 1.0]  # the first point of the sweep was kept
+    xr.testing.assert_identical(continued["swept"].to_dataset().drop_attrs(), tree["swept"].to_dataset().drop_attrs())
+
+
+def test_a_study_is_refused_with_a_point_of_its_sweep(example, simulated):
+    def refuse(clearance):
+        raise il.InvalidInput("too close")
+
+    with pytest.raises(il.InvalidInput, match=r"Item 'all, clearance=0\.5': too close"):
+        il.run_study(swept(example, refuse))
+    assert simulated.done == []
 
 
 # folders

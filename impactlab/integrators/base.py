@@ -102,7 +102,9 @@ def _array(dimensions: int, kind: Any = f8) -> Any:
 
 
 def _tuple(kind: Any, *items: Any) -> Any:
-    return types.NamedTuple(items, kind) if len(set(items)) > 1 else types.NamedUniTuple(items[0], len(items), kind)
+    """Type of a named tuple."""
+    constructor: Any = types.NamedTuple if len(set(items)) > 1 else types.NamedUniTuple
+    return constructor(items, kind) if len(set(items)) > 1 else constructor(items[0], len(items), kind)
 
 
 def _signature(forces: Any, lane: int) -> Any:
@@ -121,9 +123,7 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Forced, slots, table),
         _tuple(State, *[block] * 11, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(
-            Sums, _array(3 + lane), blocks, slots, numbers, numbers, blocks, block, block, blocks, pairs
-        ),
+        _tuple(Sums, _array(3 + lane), blocks, slots, numbers, numbers, blocks, block, block, blocks, pairs),
         blocks,
         f8,
         b1,

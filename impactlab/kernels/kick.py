@@ -23,7 +23,11 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
     for _ in range(indices[begin]):  # bodies in a row: the first, number, contact and sign of two terms
         body, count = indices[at], indices[at + 1]
         sign, other = float(indices[at + 3]), float(indices[at + 5])
-        result, one, two = total[body : body + count], contact_force[indices[at + 2] :], contact_force[indices[at + 4] :]
+        result, one, two = (
+            total[body : body + count],
+            contact_force[indices[at + 2] :],
+            contact_force[indices[at + 4] :],
+        )
         at += 6
         for row in range(result.shape[0]):
             for lane in range(result.shape[1]):

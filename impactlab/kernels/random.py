@@ -165,30 +165,6 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_uniforms(address, realization, block, uniforms):  # type: ignore[no-untyped-def]
-    """Write uniforms on (0, 1) of one stream and realization, four a block, from `block` on.
-
-    Parameters
-    ----------
-    address : (3,) uint64
-        Address as `stream` returns it.
-    realization : uint32
-        Index of the realization.
-    block : uint64
-        Index of the first block.
-    uniforms : (4 n,) float64
-        Result.
-    """
-    k0, k1, c3 = address[0], address[1], np.uint32(address[2])
-    for index in range(uniforms.shape[0] // 4):
-        counter = np.uint64(block) + np.uint64(index)
-        c0, c1 = np.uint32(counter & _LOW), np.uint32(counter >> _32)
-        words = philox(c0, c1, np.uint32(realization), c3, k0, k1)
-        for part in range(4):
-            uniforms[4 * index + part] = (np.float64(np.int64(words[part])) + 0.5) * 2.0**-32
-
-
-@kernel
 def philox_words(counters_and_keys, words):  # type: ignore[no-untyped-def]
     """Apply Philox4x32-10 to rows (c0, c1, c2, c3, k0, k1); for tests against known answers."""
     for row in range(counters_and_keys.shape[0]):

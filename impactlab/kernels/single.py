@@ -41,7 +41,9 @@ def single_text(text: str) -> str:
     body = tree.body
     for place, node in enumerate(body):
         if isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.jit":
-            node.names = [ast.alias("FORCES_OF_ONE", "FORCES") if item.name == "FORCES" else item for item in node.names]
+            node.names = [
+                ast.alias("FORCES_OF_ONE", "FORCES") if item.name == "FORCES" else item for item in node.names
+            ]
         elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.kick":
             singles = [f"{item.name} = single({item.name})" for item in node.names]
             lines = ["from impactlab.kernels.single import single", *singles]

@@ -179,7 +179,13 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
 def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
     """Do what `add_flux` does, in loops over all contacts that vectorise."""
     a, b, c, d = slots
-    indentation, sums, closing, kick, push = history.indentation, target.contacts, target.closing, target.kick, target.push
+    indentation, sums, closing, kick, push = (
+        history.indentation,
+        target.contacts,
+        target.closing,
+        target.kick,
+        target.push,
+    )
     for place in range(4):
         differences(target.indices, history.v[slots[place]], closing[place])
     for contact in range(sums.shape[1]):

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import impactlab as il
 from impactlab.component import suggestion
-from impactlab.study import Check, Item, Study
+from impactlab.study import Check, Item, Study, SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -174,7 +173,7 @@ class TwoSystemStudy(Study):
             record += [
                 il.Density(quantity, bins=self.bins, limits=limits) for quantity, limits in self.limits(ratio).items()
             ]
-        common = {"duration": self.duration, "record": record, "rng": self.seed}
+        common = {"duration": self.duration, "record": record}
         if variant == "accurate":
             return {**common, "realizations": self.ensemble(ratio)}
         return {**common, "realizations": 1, **self.paper_options()}
@@ -183,17 +182,19 @@ class TwoSystemStudy(Study):
         """Return how the paper integrates: Runge-Kutta with a fixed step, from rest, nothing left out."""
         return {"integrator": il.RungeKutta4(), "step": self.paper_step, "initial": "rest", "spin_up": 0.0}
 
-    def items(self) -> list[Item]:
-        """The cases of all variants, and what the corrections to the paper need besides."""
-        items = [
-            Item(
-                f"{variant}_{ratio:g}_{clearance:g}",
-                self.network(ratio, clearance, variant),
-                self.options(variant, ratio, clearance),
-            )
-            for variant, ratio, clearance in product(self.variants, self.frequency_ratios, self.clearances)
-        ]
-        return items + (self.demonstrations() if "paper" in self.variants else [])
+    def items(self) -> list[Item | SweepItem]:
+        """A sweep for each variant, and what the corrections to the paper need besides."""
+        return [*map(self.sweep, self.variants), *(self.demonstrations() if "paper" in self.variants else [])]
+
+    def sweep(self, variant: str) -> SweepItem:
+        """All cases of a variant, with the same random numbers."""
+
+        def case(frequency_ratio: float, clearance: float) -> tuple[il.Network, dict[str, Any]]:
+            place = frequency_ratio, clearance
+            return self.network(*place, variant), self.options(variant, *place)
+
+        values = {"frequency_ratio": self.frequency_ratios, "clearance": self.clearances}
+        return SweepItem(variant, case, values, {"rng": self.seed, "common_random_numbers": True})
 
     def demonstrations(self) -> list[Item]:
         """Many records in the paper's way, each with one thing changed."""

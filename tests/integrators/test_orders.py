@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import phases
 from scipy.integrate import solve_ivp
 
 import impactlab as il
@@ -11,7 +12,6 @@ from impactlab.compiled import CompiledNetwork
 from impactlab.linear import lines_of
 from impactlab.model import Model
 from impactlab.rules import seed_of
-from impactlab.series import phases
 
 
 def concrete(cls=il.Integrator):

@@ -12,13 +12,14 @@ from impactlab_two_system.claims import CLAIMS
 from impactlab_two_system.results import Measured, Results
 
 import impactlab as il
+from impactlab.run import run_simulations, simulations
 from impactlab.study import VERDICTS
 
 ROOT = Path(__file__).parents[2]
 
 
 def simulated(study: TwoSystemStudy) -> dict:
-    return {item.key: il.simulate(item.network, **item.options) for item in study.items()}
+    return run_simulations(simulations(study), None, 1, False)
 
 
 @pytest.fixture(scope="module")
@@ -78,11 +79,12 @@ def test_the_normalisations_of_the_series():
 
 def test_items_have_keys_of_their_own_and_follow_the_settings():
     study = TwoSystemStudy()
-    keys = [item.key for item in study.items()]
+    items = simulations(study).items
+    keys = [item.key for item in items]
     assert len(keys) == len(set(keys)) == 2 * 11 * 3 + 8
     accurate = study.replace(variants=("accurate",))
-    assert {item.key.split("_")[0] for item in accurate.items()} == {"accurate"}
-    paper = next(item for item in study.items() if item.key == "paper_256_0.1")
+    assert [item.key for item in accurate.items()] == ["accurate"]
+    paper = next(item for item in items if item.key == "paper, frequency_ratio=256.0, clearance=0.1")
     assert paper.options["step"] == 0.001
     assert paper.options["spin_up"] == 0.0
     assert paper.network.excitations["one"].period == pytest.approx(100.0)

@@ -1,0 +1,72 @@
+"""Simulations and sweeps done again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.dataset import CONFIGURATION, configuration_of, load
+from impactlab.errors import InvalidInput
+from impactlab.network import Network
+from impactlab.simulation import repeat
+from impactlab.sweeps import DONE, Point, Sweep, run_points
+from impactlab.together import Job
+
+
+def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+    """Simulate again what a dataset or a file was made from, with the same numbers.
+
+    On the same machine and versions they are the same bit for bit.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` or `sweep` returned, a part of a sweep, or a netCDF file of it.
+    executor : concurrent.futures.Executor, optional
+        Where to run; see `simulate`.
+
+    Raises
+    ------
+    InvalidInput
+        If no simulation is stored, or a component's kernel has changed since.
+    """
+    configuration = configuration_of(source)
+    if "sweep" in configuration:
+        dataset = source if isinstance(source, xr.Dataset) else load(source)
+        assert isinstance(dataset, xr.Dataset)
+        return _rerun_sweep(dataset, configuration["sweep"]["reference"], executor)
+    if "simulate" not in configuration:
+        study = configuration.get("study")
+        advice = f" It is a result of the study {study['name']!r}: use il.run_study." if study else ""
+        raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
+    return repeat(configuration, executor)
+
+
+def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
+    """Simulate again what was done; a point that was refused keeps its status."""
+    if CONFIGURATION not in dataset or "status" not in dataset:
+        raise InvalidInput(f"The sweep has lost its variables 'status' and {CONFIGURATION!r}; give it whole.")
+    stored = dataset[CONFIGURATION]
+    points, jobs = [], {}
+    for place in np.ndindex(stored.shape):
+        configuration = json.loads(str(stored.values[place]))
+        status = str(dataset["status"].values[place])
+        labels = {str(name): dataset[name].values[index].item() for name, index in zip(stored.dims, place, strict=True)}
+        network = Network.from_dict(configuration["network"]) if "network" in configuration else None
+        point = Point(", ".join(f"{name}={label!r}" for name, label in labels.items()), network, {}, status)
+        if status == DONE:
+            point = point._replace(refusal="")
+            jobs[point.key] = _job(configuration)
+        points.append(point)
+    coordinates = {str(name): dataset[name].variable for name in stored.dims}
+    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, None))
+
+
+def _job(configuration: Mapping[str, Any]) -> Job:
+    return lambda pool, note: repeat(configuration, pool, note)

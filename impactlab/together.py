@@ -1,0 +1,103 @@
+"""Several simulations at a time, on threads that they share."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from typing import TYPE_CHECKING
+
+from impactlab.ensemble import SharedThreads, cores
+from impactlab.errors import ImpactLabError, Interrupted, warn
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FOREIGN = 16
+"""Simulations at a time on a given executor, whose number of workers is not known."""
+
+Job = Callable[[Executor, Callable[[float], None]], "xr.Dataset"]
+"""Simulates something on an executor and calls back with the part that is done."""
+
+
+def run_together(
+    jobs: Mapping[str, Job],
+    finished: Callable[[str, xr.Dataset | ImpactLabError], None],
+    *,
+    kind: str,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    alone: bool = False,
+    watch: Callable[[str, Mapping[str, float]], None] = lambda key, parts: None,
+) -> None:
+    """Run jobs side by side, so that what one does on a single core fills the gaps of the others.
+
+    When a function that is called here raises an error, or Ctrl-C is pressed, all jobs stop.
+
+    Parameters
+    ----------
+    jobs : mapping of str to callable
+    finished : callable
+        Called in the order of the jobs with the key of each and its dataset, or the error that it
+        raised on purpose.
+    kind : str
+        What a job is called in warnings, which are given once, however many jobs they concern.
+    executor : Executor, optional
+        Where blocks run; by default threads.
+    workers : int, optional
+        Number of threads; by default one per core.
+    alone : bool
+        Whether each job has the cores for itself, as it measures its time.
+    watch : callable
+        Called now and then with the key of the job that is waited for and the parts that are done.
+    """
+    threads = cores() if workers is None else workers
+    parts = dict.fromkeys(jobs, 0.0)
+    heard: dict[tuple[type[Warning], str], set[str]] = {}
+    running: dict[int, str] = {}  # key by thread
+    waiting_for = next(iter(jobs), "")
+    stop = threading.Event()
+    at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
+    pool = executor or SharedThreads(threads, at_once)
+    turns = ThreadPoolExecutor(at_once)
+
+    def outcome(key: str) -> xr.Dataset | ImpactLabError:
+        def note(part: float) -> None:
+            if stop.is_set():
+                raise Interrupted(f"{kind} {key!r} was stopped.")
+            parts[key] = max(parts[key], part)
+
+        note(0.0)
+        running[threading.get_ident()] = key
+        try:
+            return jobs[key](pool, note)
+        except ImpactLabError as error:
+            return error
+        finally:
+            parts[key] = 1.0
+
+    def hear(message: Warning | str, category: type[Warning], *_: object) -> None:
+        heard.setdefault((category, str(message)), set()).add(running.get(threading.get_ident(), waiting_for))
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.showwarning = hear  # type: ignore[assignment]  # the rest of its arguments is not needed
+            futures = {key: turns.submit(outcome, key) for key in jobs}
+            for waiting_for in jobs:
+                future = futures.pop(waiting_for)
+                watch(waiting_for, parts)
+                while not wait([future], 0.1).done:
+                    watch(waiting_for, parts)
+                finished(waiting_for, future.result())
+                watch(waiting_for, parts)
+    finally:
+        stop.set()
+        turns.shutdown(cancel_futures=True)
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+    for (category, message), concerned in heard.items():
+        first = next(key for key in jobs if key in concerned)
+        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
+        warn(f"{kind} {first!r}{others}: {message}", category)

@@ -1,0 +1,65 @@
+"""Phases of cosines and their folded amplitudes, against numpy's functions."""
+
+import numpy as np
+import pytest
+from scenes import phases
+from scipy.stats import kstest
+
+from impactlab.kernels.random import stream
+from impactlab.kernels.series import fill_phases, fold
+from impactlab.linear import Lines
+
+SEED = (1, 2)
+ADDRESS = np.array(stream(SEED, "body", "phases"), dtype=np.uint64)
+
+
+def drawn(count, realization=3, block=0):
+    """Cosine and sine of some phases."""
+    words, cosine, sine = np.empty(count, np.uint32), np.empty(count), np.empty(count)
+    fill_phases(ADDRESS, np.uint32(realization), block, words, cosine, sine)
+    return cosine, sine, words
+
+
+def test_phases_never_change():
+    cosine, sine, words = drawn(4)
+    answer = "0x1.feac5c4400000p-3 0x1.a610875e00000p-2 0x1.bd4a61c400000p-3 0x1.f5faeb3800000p-4"
+    turns = np.array([float.fromhex(number) for number in answer.split()])
+    np.testing.assert_array_equal((words + 0.5) / 2.0**32, turns)
+    np.testing.assert_allclose([cosine, sine], [np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], atol=1e-15)
+
+
+@pytest.mark.parametrize(("realization", "block"), [(0, 0), (9, 2**32 - 1), (2**32 - 1, 2**56 - 2)])
+def test_cosine_and_sine_are_those_of_the_addressed_words(realization, block):
+    lines = Lines(0, "body", np.ones(4), np.ones(4))
+    expected = phases(SEED, lines, realization, block)
+    cosine, sine, _ = drawn(4, realization, block)
+    np.testing.assert_allclose([cosine, sine], [np.cos(expected), np.sin(expected)], rtol=0.0, atol=1.5e-15)
+
+
+def test_all_quadrants_are_as_accurate_as_their_rounding():
+    cosine, sine, words = drawn(2**16)
+    angle = 2.0 * np.pi * (words + 0.5) / 2.0**32
+    assert np.abs(cosine - np.cos(angle)).max() < 1.5e-15  # the rounding of an angle near 2π is 4e-16
+    assert np.abs(sine - np.sin(angle)).max() < 1.5e-15
+    assert np.abs(cosine**2 + sine**2 - 1.0).max() < 1e-15
+
+
+def test_phases_are_uniform():
+    cosine, sine, _ = drawn(2**18)
+    assert kstest(np.arctan2(sine, cosine) / (2.0 * np.pi) + 0.5, "uniform").pvalue > 1e-4
+
+
+@pytest.mark.parametrize("bins", [7, 512, 700, 5000])
+@pytest.mark.parametrize("lines", [1, 511, 1301])
+def test_folding_adds_up_lines_of_one_bin(lines, bins):
+    rng = np.random.default_rng(1)
+    frequencies, gains = rng.uniform(1.0, 2.0, lines), rng.normal(size=(2, lines)) + 1j * rng.normal(size=(2, lines))
+    amplitudes = gains * np.exp(1j * phases(SEED, Lines(0, "body", frequencies, gains), 5, 2))
+    folded = np.full((2, 4, bins), np.nan)
+    fold(ADDRESS, np.uint32(5), 2, 11, frequencies, gains.real.copy(), gains.imag.copy(), folded)
+    expected = np.zeros((2, 4, bins))
+    for part, values in enumerate([amplitudes, 1j * frequencies * amplitudes]):
+        for row in range(2):
+            np.add.at(expected[row, 2 * part], (11 + np.arange(lines)) % bins, values[row].real)
+            np.add.at(expected[row, 2 * part + 1], (11 + np.arange(lines)) % bins, values[row].imag)
+    np.testing.assert_allclose(folded, expected, rtol=0.0, atol=1e-12)
