@@ -14,8 +14,9 @@ import xarray as xr
 from impactlab.dataset import CONFIGURATION, configuration_of, load
 from impactlab.errors import InvalidInput
 from impactlab.network import Network
+from impactlab.points import Point
 from impactlab.simulation import repeat
-from impactlab.sweeps import DONE, Point, Sweep, run_points
+from impactlab.sweeps import DONE, Sweep, run_points
 from impactlab.together import Job
 
 

@@ -17,15 +17,13 @@ from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.series import interleave
+from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
-
-_TOGETHER = 8  # realizations whose series are copied together: as many as fill a line of the cache
 
 Tick = Callable[[int], None]
 
@@ -162,7 +160,7 @@ class _Block:
             self.series = self._start_with_series()
         else:
             self._start(np.arange(lanes))
-            self.series = Series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
+            self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
         if plan.integrator.kicks:
             self._half_kick()
 
@@ -226,16 +224,14 @@ class _Block:
             sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
-        samples = np.empty((sample_count(plan.lines, interval, needed), ends[-1], lanes))
-        together = np.empty((min(lanes, _TOGETHER), *samples.shape[1::-1]))
+        samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))
         for lane, realization in enumerate(self.realizations):
             self.tick(0)
             attempt = self._start(np.array([lane]))
             for item, end in zip(sampled, ends, strict=True):
-                item.sample(int(realization), attempt, together[lane % _TOGETHER, end - item.channels : end])
-            if (lane + 1) % _TOGETHER == 0 or lane + 1 == lanes:
-                interleave(together[: lane % _TOGETHER + 1], lane // _TOGETHER * _TOGETHER, samples)
-        return Series(np.concatenate([slots for slots, _ in plan.responses]), samples)
+                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
+        slots = np.concatenate([slots for slots, _ in plan.responses])
+        return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
 
     def _half_kick(self) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there."""
@@ -273,7 +269,7 @@ class _Block:
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self.loop(
                 self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
-                Series(self.series.bodies, self._seen(self.series.samples)), self._forced(count), *self._blocks(),
+                self.series._replace(near=self._seen(self.series.near)), self._forced(count), *self._blocks(),
                 self._seen(snapshots), plan.step,
                 plan.dissipative, sampler is not None, self.now, count, every, phase,
             )  # fmt: skip

@@ -182,6 +182,7 @@ def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
     return np.asarray(result)
 
 
+@lru_cache(maxsize=8)
 def line_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
@@ -286,6 +287,7 @@ def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np
         return np.where(dynamic != 0.0, 1.0 / dynamic, np.inf)
 
 
+@lru_cache(maxsize=8)
 def lines_of(model: Model) -> tuple[Lines, ...]:
     """Return the sums of cosines of a network."""
     result = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.random import stream
-from impactlab.kernels.series import CHUNK, fold, one_sided
+from impactlab.kernels.series import CHUNK, fill_spectrum
 from impactlab.linear import Lines, regular_lines
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
@@ -41,10 +41,13 @@ class Cosines:
         amplitudes = lines.amplitudes * gains
         self._real, self._imaginary = np.ascontiguousarray(amplitudes.real), np.ascontiguousarray(amplitudes.imag)
         self._grid = None if interval is None else _grid(lines.frequencies, interval)
-        self._lowest, bins = self._grid or (0, CHUNK if interval is None else len(lines.frequencies))
-        self._folded = np.empty((len(gains), 4 if derivatives else 2, bins))
+        self._lowest, self._period = self._grid or (
+            1,
+            2 * CHUNK if interval is None else 2 * len(lines.frequencies) + 2,
+        )
         self.channels = len(gains) * (2 if derivatives else 1)
-        self._spectrum = np.empty((self.channels, bins // 2 + 1), dtype=complex)
+        bins = min(self._period // 2 + 1, self._lowest + len(lines.frequencies))  # above, there is nothing
+        self._spectrum = np.empty((self.channels, bins), dtype=complex)
         self._drawn: tuple[int, int] | None = None
 
     def start(self, realization: int, attempt: int) -> np.ndarray:
@@ -53,7 +56,9 @@ class Cosines:
         Each attempt of a realization has phases of its own.
         """
         self._draw(realization, attempt)
-        result: np.ndarray = self._folded[:, ::2].sum(axis=-1).ravel()
+        real = self._spectrum.real
+        last = real[:, -1] if 2 * (real.shape[1] - 1) == self._period else 0.0
+        result: np.ndarray = 2.0 * real.sum(axis=1) - real[:, 0] - last
         return result
 
     def sample(self, realization: int, attempt: int, samples: np.ndarray) -> None:
@@ -66,16 +71,15 @@ class Cosines:
         others are summed in blocks, ``exp(iω(s + r)) = exp(iωs) exp(iωr)``, as a matrix product.
         """
         self._draw(realization, attempt)
-        bins, count = self._folded.shape[2], samples.shape[1]
+        bins, count = self._period, samples.shape[1]
         if self._grid is not None:
-            one_sided(self._folded, self._spectrum)
             period = samples if count == bins else np.empty((self.channels, bins))
             np.fft.irfft(self._spectrum, bins, axis=1, norm="forward", out=period)
             for begin in range(0, 0 if period is samples else count, bins):
                 samples[:, begin : begin + bins] = period[:, : count - begin]
             return
         assert self._interval is not None
-        amplitudes = (self._folded[:, ::2] + 1j * self._folded[:, 1::2]).reshape(self.channels, bins)
+        amplitudes = 2.0 * self._spectrum[:, 1:]
         spacing = _spacing(self._frequencies)
         if spacing:
             for channel, amplitude in enumerate(amplitudes):
@@ -88,12 +92,12 @@ class Cosines:
             samples[channel] = (rows @ within).real.reshape(-1)[:count]
 
     def _draw(self, realization: int, attempt: int) -> None:
-        """Fold the amplitudes of a realization, unless they are those of the last call."""
+        """Draw the spectrum of a realization, unless they are those of the last call."""
         if self._drawn != (realization, attempt):
             self._drawn = realization, attempt
             number = np.uint32(realization)
-            parts = self._frequencies, self._real, self._imaginary, self._folded
-            fold(self._address, number, attempt, self._lowest, *parts)
+            parts = self._frequencies, self._real, self._imaginary, self._spectrum
+            fill_spectrum(self._address, number, attempt, self._lowest, self._period, *parts)
 
 
 def sample_count(lines: tuple[Lines, ...], interval: float, needed: int) -> int:

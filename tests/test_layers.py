@@ -24,6 +24,7 @@ LAYERS = [
     {"record", "moments", "ensemble"},
     {"density", "estimate", "tolerance", "together"},
     {"simulation"},
+    {"points"},
     {"sweeps"},
     {"again"},
     {"folder", "plugins"},

@@ -150,12 +150,13 @@ def test_a_refused_point_loses_no_other():
     assert_same(ds, il.rerun(ds))
 
 
-def test_a_point_that_simulate_refuses():
+def test_a_point_that_simulate_refuses(tmp_path):
     ds = il.sweep(base, {"ratio": [2.0, 256.0]}, step=5e-3, **SHORT)
     assert ds.status.values[0] == "done"
     assert "too large" in ds.status.values[1]
     assert il.network_of(ds.sel(ratio=256.0)) == base(256.0)
-    assert_same(ds, il.rerun(ds))
+    il.save(ds, tmp_path / "sweep.nc")
+    assert_same(ds, il.rerun(tmp_path / "sweep.nc"))
 
 
 def test_a_sweep_that_is_refused_everywhere_says_why():

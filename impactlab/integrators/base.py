@@ -44,7 +44,8 @@ class Series(NamedTuple):
     """Sums of cosines on some bodies, sampled in time."""
 
     bodies: np.ndarray  # (row,) slots
-    samples: np.ndarray  # (time, row or 2 row, lane): the force, or the response x and v
+    samples: np.ndarray  # (lane, row or 2 row, time): the force, or the response x and v
+    near: np.ndarray  # (NEAR + 1, row or 2 row, lane): those of the next times, lanes side by side
 
 
 class Forced(NamedTuple):
@@ -119,7 +120,7 @@ def _signature(forces: Any, lane: int) -> Any:
         cube,
         _tuple(Cross, pairs, table, table, table),
         _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
-        _tuple(Series, slots, blocks),
+        _tuple(Series, slots, cube, blocks),
         _tuple(Forced, slots, table),
         _tuple(State, *[block] * 11, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),

@@ -9,6 +9,7 @@ from impactlab.integrators.base import ExplicitIntegrator, compiled
 from impactlab.kernels.jit import borrow
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_steps
+from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
 
@@ -48,7 +49,9 @@ def _advance(  # type: ignore[no-untyped-def]
             sample = index if noise.scale.shape[0] > 1 else 0
             add_held_noise(noise, sample, state.normals, now % 4, external)
         if series.bodies.shape[0]:
-            add_series(series.samples, now, series.bodies, external)
+            if index == 0 or now % NEAR == 0:
+                bring_near(series, now // NEAR * NEAR)
+            add_series(series, now % NEAR, external)
         if forced.bodies.shape[0]:
             add_forced(forced.force, index, forced.bodies, external)
         forces(x, v, parameters, indices, indentation, contact_force, total)

@@ -26,6 +26,7 @@ from impactlab.kernels.flow import (
 from impactlab.kernels.jit import borrow
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_steps
+from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model
@@ -235,9 +236,11 @@ def _advance(  # type: ignore[no-untyped-def]
         after, middle, total = history.x[slot], history.v[slot], history.force[slot]
         indentation, contact_force = history.indentation[slot], history.contact_force[slot]
         if series.bodies.shape[0]:
+            if index == 0 or now % NEAR == 0:
+                bring_near(series, now // NEAR * NEAR)
             copy(x, y)
             x = y
-            add_response(series.samples, now, -1.0, series.bodies, x, v)
+            add_response(series, now % NEAR, -1.0, x, v)
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
             fill_steps(noise, now // 4, state.normals)
         sample = index if noise.scale.shape[0] > 1 else 0
@@ -255,7 +258,7 @@ def _advance(  # type: ignore[no-untyped-def]
             scaled_sum(v, coefficients, _PUSH_V, push, v)
             push_between(cross, push, x, v)
         if series.bodies.shape[0]:
-            add_response(series.samples, now + 1, 1.0, series.bodies, x, v)
+            add_response(series, now % NEAR + 1, 1.0, x, v)
         # the conservative force at x says where the kick is read
         forces(x, state.rest, parameters, indices, indentation, contact_force, total)
         scaled_sum(x, coefficients, _SHIFT, total, y)

@@ -9,6 +9,7 @@ from impactlab.integrators.base import ExplicitIntegrator, compiled
 from impactlab.kernels.jit import borrow
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine, copy
 from impactlab.kernels.random import fill_steps
+from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, keep, write_snapshot
 
 
@@ -48,6 +49,8 @@ def _advance(  # type: ignore[no-untyped-def]
         slot = now % SLOTS
         if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
             fill_steps(noise, now // 4, state.normals)
+        if series.bodies.shape[0] and (index == 0 or 2 * now % NEAR == 0):
+            bring_near(series, 2 * now // NEAR * NEAR)
         copy(x, stage_x)
         copy(v, stage_v)
         clear(slope_x)
@@ -60,7 +63,7 @@ def _advance(  # type: ignore[no-untyped-def]
                     sample = index if noise.scale.shape[0] > 1 else 0
                     add_held_noise(noise, sample, state.normals, now % 4, external)
                 if series.bodies.shape[0]:
-                    add_series(series.samples, 2 * now + offset, series.bodies, external)
+                    add_series(series, 2 * now % NEAR + offset, external)
                 if forced.bodies.shape[0]:
                     add_forced(forced.force, 2 * index + offset, forced.bodies, external)
             forces(stage_x, stage_v, parameters, indices, indentation, contact_force, total)

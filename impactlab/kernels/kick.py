@@ -144,25 +144,23 @@ def combine(a, factor, b, result):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_response(samples, sample, sign, bodies, x, v):  # type: ignore[no-untyped-def]
-    """Add or subtract a sampled linear response, rows 2 r (x) and 2 r + 1 (v), periodic."""
-    index = sample % samples.shape[0]
-    for row in range(bodies.shape[0]):
-        body = bodies[row]
+def add_response(series, index, sign, x, v):  # type: ignore[no-untyped-def]
+    """Add or subtract a linear response of `series.near`, rows 2 r (x) and 2 r + 1 (v)."""
+    for row in range(series.bodies.shape[0]):
+        body = series.bodies[row]
         for lane in range(x.shape[1]):
-            x[body, lane] += sign * samples[index, 2 * row, lane]
+            x[body, lane] += sign * series.near[index, 2 * row, lane]
         for lane in range(v.shape[1]):
-            v[body, lane] += sign * samples[index, 2 * row + 1, lane]
+            v[body, lane] += sign * series.near[index, 2 * row + 1, lane]
 
 
 @kernel
-def add_series(samples, sample, bodies, force):  # type: ignore[no-untyped-def]
-    """Add a sampled force, periodic, to ``force[body, lane]``."""
-    index = sample % samples.shape[0]
-    for row in range(bodies.shape[0]):
-        body = bodies[row]
+def add_series(series, index, force):  # type: ignore[no-untyped-def]
+    """Add the force of `series.near` to ``force[body, lane]``."""
+    for row in range(series.bodies.shape[0]):
+        body = series.bodies[row]
         for lane in range(force.shape[1]):
-            force[body, lane] += samples[index, row, lane]
+            force[body, lane] += series.near[index, row, lane]
 
 
 @kernel

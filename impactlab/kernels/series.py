@@ -1,4 +1,4 @@
-"""Sums of cosines with random phases: their complex amplitudes, folded onto the frequencies of an FFT.
+"""Sums of cosines with random phases: their complex amplitudes, folded into the spectrum of an FFT.
 
 The phase of line n is ``2π (w + ½) / 2³²``, where w is word n of the stream; see
 `impactlab.kernels.random`. Its quadrant is in the first bits of the word, so that no number is
@@ -17,6 +17,9 @@ from impactlab.kernels.random import philox
 
 CHUNK = 512
 """Lines that are worked on together, so that their numbers stay in the cache; a multiple of 4."""
+
+NEAR = 32
+"""Samples that are put side by side for the loops at a time; an even number."""
 
 _LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
 _EIGHTH, _QUARTER, _HALF = np.uint32(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
@@ -88,10 +91,43 @@ def _add_product(sign, a, b, result):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fold(address, realization, attempt, lowest, frequencies, real, imaginary, folded):  # type: ignore[no-untyped-def]
-    """Add up complex amplitudes of lines whose samples cannot be told apart.
+def _add_lines(address, realization, blocks, first, spacing, frequencies, real, imaginary, sums):  # type: ignore[no-untyped-def]
+    """Add to the sums of neighbouring bins, (row, part, bin), all lines there: first, first + spacing, … in bin 0."""
+    words, cosine, sine = np.empty(CHUNK + 8, np.uint32), np.empty(CHUNK + 8), np.empty(CHUNK + 8)
+    a, b = np.empty(CHUNK), np.empty(CHUNK)
+    sums[:] = 0.0
+    for line in range(first, real.shape[1], spacing):
+        begin, end = max(line, 0), min(line + sums.shape[2], real.shape[1])
+        if begin >= end:
+            continue
+        before, at, until = begin % 4, begin - line, end - line
+        count = end - begin
+        size = before + count
+        whole = (size + 3) // 4 * 4
+        fill_phases(address, realization, blocks + begin // 4, words[:whole], cosine[:size], sine[:size])
+        omega = frequencies[begin:end]
+        for row in range(real.shape[0]):
+            turned = cosine[before:], sine[before:], a[:count], b[:count]
+            _turn(real[row, begin:end], imaginary[row, begin:end], *turned)
+            _add(a, sums[row, 0, at:until])
+            _add(b, sums[row, 1, at:until])
+            if sums.shape[1] > 2:
+                _add_product(-1.0, b, omega, sums[row, 2, at:until])
+                _add_product(1.0, a, omega, sums[row, 3, at:until])
 
-    Line n has bin ``(lowest + n) mod bins``.
+
+@kernel
+def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type: ignore[no-untyped-def]
+    for k in range(spectrum.shape[0]):
+        spectrum[k] = complex(0.5 * (real[k] + mirrored_real[k]), 0.5 * (imaginary[k] - mirrored_imaginary[k]))
+
+
+@kernel
+def fill_spectrum(address, realization, attempt, lowest, samples, frequencies, real, imaginary, spectrum):  # type: ignore[no-untyped-def]
+    """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
+
+    Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin
+    k mod samples and, as the conjugate, to −k mod samples.
 
     Parameters
     ----------
@@ -102,70 +138,47 @@ def fold(address, realization, attempt, lowest, frequencies, real, imaginary, fo
     attempt : int
         Which set of its phases.
     lowest : int
-        Bin of the first line, before it is folded.
+        Number of the first line.
+    samples : int
+        Number of samples in a period.
     frequencies : (line,) ndarray
         Angular frequencies (rad s-1).
     real, imaginary : (row, line) ndarray
-        Amplitudes at phase 0.
-    folded : (row, 2 or 4, bin) ndarray
-        Result: real and imaginary part, and if there is room those of the derivative.
+        Amplitudes a at phase 0.
+    spectrum : (channel, samples // 2 + 1 or less) ndarray of complex
+        Result, up to some bin: each row, or if there is room each row and its derivative.
     """
-    rows, lines = real.shape
-    bins = folded.shape[2]
-    words, cosine, sine = np.empty(CHUNK, np.uint32), np.empty(CHUNK), np.empty(CHUNK)
-    a, b = np.empty(CHUNK), np.empty(CHUNK)
-    folded[:] = 0.0
-    blocks = attempt * ((lines + 3) // 4)
-    for first in range(0, lines, CHUNK):
-        fill_phases(address, realization, blocks + first // 4, words, cosine, sine)
-        count = min(CHUNK, lines - first)
+    blocks = attempt * ((real.shape[1] + 3) // 4)
+    rows, bins = real.shape[0], spectrum.shape[1]
+    derivatives = spectrum.shape[0] // rows
+    for low in range(0, bins, CHUNK):
+        high = min(low + CHUNK, bins)
+        own, mirrored = np.empty((rows, 2 * derivatives, high - low)), np.empty((rows, 2 * derivatives, high - low))
+        for first, sums in ((low, own), (1 - high, mirrored)):
+            line = (first - lowest) % samples - samples
+            _add_lines(address, realization, blocks, line, samples, frequencies, real, imaginary, sums)
         for row in range(rows):
-            chunk = slice(first, first + count)
-            _turn(real[row, chunk], imaginary[row, chunk], cosine, sine, a[:count], b[:count])
-            begin = 0
-            while begin < count:
-                low = (lowest + first + begin) % bins
-                end = min(count, begin + bins - low)
-                high = low + end - begin
-                _add(a[begin:end], folded[row, 0, low:high])
-                _add(b[begin:end], folded[row, 1, low:high])
-                if folded.shape[1] > 2:
-                    omega = frequencies[first + begin : first + end]
-                    _add_product(-1.0, b[begin:end], omega, folded[row, 2, low:high])
-                    _add_product(1.0, a[begin:end], omega, folded[row, 3, low:high])
-                begin = end
+            for part in range(derivatives):
+                parts = own[row, 2 * part], own[row, 2 * part + 1]
+                others = mirrored[row, 2 * part, ::-1], mirrored[row, 2 * part + 1, ::-1]
+                _join(*parts, *others, spectrum[derivatives * row + part, low:high])
 
 
 @kernel
-def one_sided(folded, spectrum):  # type: ignore[no-untyped-def]
-    """Write what an inverse real FFT takes that is not normalized, (channel, bins // 2 + 1) complex.
-
-    ``Re Σ a_k exp(2πi k n/M)`` does not change if a bin k of the upper half goes, as the
-    conjugate, to M − k.
-
-    Parameters
-    ----------
-    folded : (row, part, bin) ndarray
-        Result of `fold`.
-    spectrum : (channel, bins // 2 + 1) ndarray of complex
-        Result; a channel is a row or its derivative.
-    """
-    rows, parts, _ = folded.shape
-    for row in range(rows):
-        for part in range(0, parts, 2):
-            channel = row * (parts // 2) + part // 2
-            spectrum[channel, 0] = folded[row, part, 0]
-            real, imaginary = folded[row, part, 1:], folded[row, part + 1, 1:]
-            other_real, other_imaginary, result = real[::-1], imaginary[::-1], spectrum[channel, 1:]
-            for k in range(result.shape[0]):
-                x, y = real[k] + other_real[k], imaginary[k] - other_imaginary[k]
-                result[k] = complex(0.5 * x, 0.5 * y)
+def bring_near(series, first):  # type: ignore[no-untyped-def]
+    """Write samples first, first + 1, … of all lanes, which are periodic, to `series.near`."""
+    near, samples = series.near, series.samples
+    for row in range(near.shape[1]):
+        done = 0
+        while done < near.shape[0]:
+            begin = (first + done) % samples.shape[2]
+            count = min(8, near.shape[0] - done, samples.shape[2] - begin)  # a line of the cache
+            _transpose(samples[:, row, begin : begin + count], near[done : done + count, row])
+            done += count
 
 
 @kernel
-def interleave(rows, lane, samples):  # type: ignore[no-untyped-def]
-    """Write series of some lanes, (lane, row, time), to ``samples[time, row, lane …]``."""
-    for time in range(samples.shape[0]):
-        for row in range(samples.shape[1]):
-            for index in range(rows.shape[0]):
-                samples[time, row, lane + index] = rows[index, row, time]
+def _transpose(source, result):  # type: ignore[no-untyped-def]
+    for time in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[time, lane] = source[lane, time]

@@ -17,22 +17,27 @@ from typing import Any
 from impactlab.kernels.jit import Function, is_kernel, kernel
 
 
+def _is_lane(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and node.id == "lane"
+
+
 class _WithoutLanes(ast.NodeTransformer):
-    """Drops loops over lanes and the index of the lane."""
+    """Drops loops over lanes and a last index that is the lane; elsewhere the lane is the first."""
 
     def visit_For(self, node: ast.For) -> Any:
         self.generic_visit(node)
-        return node.body if isinstance(node.target, ast.Name) and node.target.id == "lane" else node
+        return node.body if _is_lane(node.target) else node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
-        self.generic_visit(node)
         index = node.slice
-        if isinstance(index, ast.Name) and index.id == "lane":
-            node.slice = ast.Constant(0)
-        elif isinstance(index, ast.Tuple) and isinstance(index.elts[-1], ast.Name) and index.elts[-1].id == "lane":
+        if isinstance(index, ast.Tuple) and _is_lane(index.elts[-1]):
             del index.elts[-1]
             node.slice = index.elts[0] if len(index.elts) == 1 else index
+        self.generic_visit(node)
         return node
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return ast.Constant(0) if _is_lane(node) and isinstance(node.ctx, ast.Load) else node
 
 
 def single_text(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Phases of cosines and their folded amplitudes, against numpy's functions."""
+"""Phases of cosines and the spectrum of their sums, against numpy's functions."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scenes import phases
 from scipy.stats import kstest
 
 from impactlab.kernels.random import stream
-from impactlab.kernels.series import fill_phases, fold
+from impactlab.kernels.series import fill_phases, fill_spectrum
 from impactlab.linear import Lines
 
 SEED = (1, 2)
@@ -49,17 +49,18 @@ def test_phases_are_uniform():
     assert kstest(np.arctan2(sine, cosine) / (2.0 * np.pi) + 0.5, "uniform").pvalue > 1e-4
 
 
-@pytest.mark.parametrize("bins", [7, 512, 700, 5000])
+@pytest.mark.parametrize("samples", [2, 3, 7, 512, 700, 1400, 5000, 5001])
 @pytest.mark.parametrize("lines", [1, 511, 1301])
-def test_folding_adds_up_lines_of_one_bin(lines, bins):
+def test_spectrum_holds_every_line_where_its_samples_are(lines, samples):
     rng = np.random.default_rng(1)
     frequencies, gains = rng.uniform(1.0, 2.0, lines), rng.normal(size=(2, lines)) + 1j * rng.normal(size=(2, lines))
     amplitudes = gains * np.exp(1j * phases(SEED, Lines(0, "body", frequencies, gains), 5, 2))
-    folded = np.full((2, 4, bins), np.nan)
-    fold(ADDRESS, np.uint32(5), 2, 11, frequencies, gains.real.copy(), gains.imag.copy(), folded)
-    expected = np.zeros((2, 4, bins))
+    spectrum = np.full((4, samples // 2 + 1), np.nan, dtype=complex)
+    parts = frequencies, gains.real.copy(), gains.imag.copy(), spectrum
+    fill_spectrum(ADDRESS, np.uint32(5), 2, 11, samples, *parts)
+    two_sided = np.zeros((4, samples), dtype=complex)
     for part, values in enumerate([amplitudes, 1j * frequencies * amplitudes]):
         for row in range(2):
-            np.add.at(expected[row, 2 * part], (11 + np.arange(lines)) % bins, values[row].real)
-            np.add.at(expected[row, 2 * part + 1], (11 + np.arange(lines)) % bins, values[row].imag)
-    np.testing.assert_allclose(folded, expected, rtol=0.0, atol=1e-12)
+            np.add.at(two_sided[2 * row + part], (11 + np.arange(lines)) % samples, values[row])
+    expected = np.fft.rfft(np.fft.ifft(two_sided, axis=1, norm="forward").real, axis=1, norm="forward")
+    np.testing.assert_allclose(spectrum, expected, rtol=0.0, atol=1e-12)
