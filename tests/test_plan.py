@@ -119,6 +119,25 @@ def test_blocks_hold_every_realization_once(realizations, workers):
     np.testing.assert_array_equal(held, np.arange(realizations))
 
 
+@pytest.mark.parametrize(
+    ("bodies", "realizations", "lanes"),
+    [
+        (2, 1, 1),
+        (15, 1, 1),
+        (10, 10_000, 400),  # as many bodies and lanes as stay in the cache
+        (60, 10_000, 64),
+        (150, 10_000, 64),
+        (200, 10_000, 1),
+        (300, 8, 1),
+        (15, 8, 8),
+        (64, 4, 1),
+    ],
+)
+def test_blocks_of_large_networks_stay_in_the_cache_or_have_one_lane(bodies, realizations, lanes):
+    network = il.chain(bodies, il.LinearOscillator(stiffness=1.0), il.HertzContact(1e4))
+    assert block_shape(Model.of(network), realizations, 1, 0)[0] == lanes
+
+
 def test_blocks_are_small_where_series_are_long():
     lanes, _ = block_shape(Model.of(base()), 1000, 2, int(80e6))
     assert lanes == 2
