@@ -12,9 +12,10 @@ import dataclasses
 import difflib
 import functools
 import inspect
+import itertools
 import math
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -218,6 +219,54 @@ class Component:
                 f"The kernel {type(self).__name__}.{name} failed for {self!r}: {type(error).__name__}: {error}."
             ) from error
         return np.broadcast_to(result, shape)
+
+
+def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray) -> np.ndarray:
+    """Evaluate a kernel of many components in Python, each on its row of arrays.
+
+    Parameters
+    ----------
+    components : sequence of Component
+        Of any classes that have the kernel.
+    name : str
+        Name of the kernel.
+    *kinematic : (component, point) ndarray
+        All kinematic arguments of the family's kernel, in order.
+
+    Returns
+    -------
+    (component, point) ndarray
+        NaN where a function of Python overflows, which compiled ones do not.
+    """
+    result = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
+    by_class: dict[type[Component], list[int]] = {}
+    for row, component in enumerate(components):
+        by_class.setdefault(type(component), []).append(row)
+    for cls, rows in by_class.items():
+        function, used, fields = cls.kernel(name)
+        values = dict(zip(cls.kernels[name], kinematic, strict=True))
+        shape = len(rows), result.shape[1]
+        columns = [np.broadcast_to(values[item], result.shape)[rows].ravel().tolist() for item in used]
+        for field in fields:
+            columns.append([value for row in rows for value in [getattr(components[row], field)] * shape[1]])
+        points = zip(*columns, strict=True) if columns else itertools.repeat((), shape[0] * shape[1])
+        try:
+            result[rows] = np.fromiter(itertools.starmap(_without_overflow(function), points), float).reshape(shape)
+        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError):
+            for row in rows:  # which says what is wrong, and where
+                components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
+            raise
+    return result
+
+
+def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
+    def guarded(*arguments: Any) -> float:
+        try:
+            return function(*arguments)
+        except OverflowError:
+            return math.nan
+
+    return guarded
 
 
 @functools.cache

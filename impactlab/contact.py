@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.component import Component, parameter
+from impactlab.component import Component, call_each, parameter
 from impactlab.errors import InvalidInput
 
 
@@ -45,6 +45,12 @@ class ContactLaw(Component):
         indentation = np.asarray(indentation, dtype=float)
         force = self.call("force", np.maximum(indentation, 0.0), rate)
         return np.where(indentation > 0.0, force, 0.0)
+
+
+def contact_forces(laws: Sequence[ContactLaw], indentation: np.ndarray) -> np.ndarray:
+    """Return what `ContactLaw.evaluate` gives for many laws, each at its row of indentations, (law, point)."""
+    force = call_each(laws, "force", np.maximum(indentation, 0.0), np.zeros_like(indentation))
+    return np.where(indentation > 0.0, force, 0.0)
 
 
 class HertzContact(ContactLaw):

@@ -15,10 +15,11 @@ import numpy as np
 from impactlab.build import build
 from impactlab.errors import Diverged, Interrupted
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
+from impactlab.integrators.jumps import jumping_loop, work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
 
@@ -126,10 +127,11 @@ class _Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.single = plan.lanes == 1
-        self.responses: list[Cosines] = []
+        self.single = plan.lanes == 1 and plan.jumps is None
+        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.known: list[np.ndarray] = []
         self.module = build(plan.text)
-        self.loop = plan.integrator.loop(self.single)
+        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
         self.now = 0
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
@@ -145,17 +147,19 @@ class _Block:
         self.sums = Sums(
             np.zeros(shape),
             np.zeros((CONTACT_ROWS, contacts, lanes)),
+            plan.ends,
             plan.indices,
             plan.window,
             plan.half_kick,
-            np.zeros((4, contacts, lanes)),
-            np.zeros((len(plan.half_kick), lanes)),
-            np.zeros((contacts, lanes)),
+            np.zeros((4, contacts * self.single, lanes)),
+            np.zeros((len(plan.half_kick) * self.single, lanes)),
+            np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
+        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
         if plan.lines:
             self.series = self._start_with_series()
         else:
@@ -176,7 +180,7 @@ class _Block:
             redraw = lanes
             for attempt in range(ATTEMPTS):
                 state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
-                redraw = redraw[self._closed(redraw)]
+                redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
                 if not redraw.size:
                     break
             else:
@@ -190,25 +194,28 @@ class _Block:
         """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        normals = np.empty((4, plan.linear.shape[1], len(lanes)), dtype=np.float32)
-        fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-        x, v = plan.deviations[0][:, None] * normals[0], plan.deviations[1][:, None] * normals[1]
+        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
+        if plan.deviations.any() or plan.factors:
+            normals = np.empty((4, len(x), len(lanes)), dtype=np.float32)
+            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
+            x, v = plan.deviations[0][:, None] * normals[0], plan.deviations[1][:, None] * normals[1]
         for slots, factor in plan.factors:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines in zip(plan.responses, self.responses, strict=True):
+        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
             for column, realization in enumerate(realizations):
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
+            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
+                break  # the rest does not matter: these will be drawn again
         return x, v
 
-    def _closed(self, lanes: np.ndarray) -> np.ndarray:
-        """Whether a contact is closed in each of some lanes."""
-        first, second = self.plan.ends.T
-        x = self.state.x[:, lanes]
-        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[:, None], axis=0)
+    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
+        """Whether one of some contacts is closed at these displacements of the bodies and the wall, (lane,)."""
+        first, second = self.plan.ends[contacts].T
+        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:
@@ -220,6 +227,10 @@ class _Block:
             Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
             for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
         ]
+        last = np.full(plan.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.responses):
+            last[slots] = index
+        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
         if not method.takes_response:
             sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
@@ -263,16 +274,24 @@ class _Block:
         done = 0
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
-            whole = max(SLOTS, plan.steps_per_call // SLOTS * SLOTS)
+            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
+            whole = max(unit, plan.steps_per_call // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
-            self.loop(
-                self.module.forces, plan.parameters, plan.indices, plan.coefficients, plan.cross, self._noise(count),
-                self.series._replace(near=self._seen(self.series.near)), self._forced(count), *self._blocks(),
-                self._seen(snapshots), plan.step,
-                plan.dissipative, sampler is not None, self.now, count, every, phase,
-            )  # fmt: skip
+            network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
+            how = plan.dissipative, sampler is not None, self.now, count, every, phase
+            if plan.jumps is None:
+                series = self.series._replace(near=self._seen(self.series.near))
+                self.loop(
+                    *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
+                    self._seen(snapshots), plan.step, *how,
+                )  # fmt: skip
+            else:
+                self.loop(
+                    *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                    snapshots, *how,
+                )  # fmt: skip
             self.now += count
             done += count
             self._guard()
@@ -364,6 +383,8 @@ class _Block:
                     keeper.add(snapshots, batch)
 
             self.advance(end - begin, sample)
+            if plan.jumps is not None:
+                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
             bodies.append(self.sums.bodies.copy())
             contacts.append(self.sums.contacts.copy())
             products.append(self.sums.products.copy())

@@ -8,6 +8,7 @@ is that of a linear regression on the balances, at balance 0 (control variates).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -30,6 +31,8 @@ ROUNDING = 1e-15
 
 BROKEN = 6.0
 """Balance, in standard errors, from which it counts as not closed."""
+
+_ROWS = 1000  # regressions at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +76,23 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     counts = np.array([plan.counts(*pair) for pair in pairwise((0, *plan.boundaries))])
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
-    whole = statistics_of(
-        plan, bodies.sum(axis=0), counts.sum(axis=0), *(part.sum(axis=0) / plan.steps for part in (contacts, products))
-    )
+    sums, of_contacts, of_products = bodies.sum(axis=0), contacts.sum(axis=0), products.sum(axis=0)
+    total = np.repeat(counts.sum(axis=0)[:, None], realizations, axis=1)
     if enough_alone:
-        units, weights = whole, np.ones(realizations)
-    else:
-        means = (part / steps[:, None, None, None] for part in (contacts, products))
-        per_batch = [statistics_of(plan, *batch) for batch in zip(bodies, counts, *means, strict=True)]
-        units = {name: np.concatenate([item[name] for item in per_batch], axis=-1) for name in whole}
+        units = whole = statistics_of(plan, sums, total, of_contacts / plan.steps, of_products / plan.steps)
+        weights = np.ones(realizations)
+    else:  # realizations, then batch by batch
         weights = np.repeat(steps, realizations)
+        time = np.concatenate([np.full(realizations, float(plan.steps)), weights])
+        both = statistics_of(
+            plan,
+            _joined(sums, bodies),
+            np.concatenate([total, np.repeat(counts.T, realizations, axis=1)], axis=1),
+            _joined(of_contacts, contacts) / time,
+            _joined(of_products, products) / time,
+        )
+        whole = {name: item[:, :realizations] for name, item in both.items()}
+        units = {name: item[:, realizations:] for name, item in both.items()}
     if not plan.trusted and (len(plan.white) or plan.lines):
         _warn(plan)
     settled = plan.trusted and plan.spin_up_steps * plan.step >= SETTLED * plan.relaxation * (1.0 - 1e-9)
@@ -100,99 +110,136 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     )
 
 
+def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
+    """Put batches, on the first axis, behind what they add up to, along the last."""
+    units = np.moveaxis(np.concatenate([whole[None], batches]), 0, -2)
+    return units.reshape(*whole.shape[:-1], units.shape[-2] * units.shape[-1])
+
+
 def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool, settled: bool) -> tuple[Values, Values]:
     """Return values and standard errors, combined with the balances where these can be used."""
     balances = [name for name in units if name.startswith("balance_")]
     values, errors = {}, {}
     for name in balances:
         values[name], errors[name] = _mean(units[name], weights, trusted)
-    controls = _controls(plan, units, values, errors) if settled else {}
+    controls = _controls(plan, units, values, errors) if settled else None
+    prefix = "" if controls is None else "direct_"
     for name in units:
-        if name in balances:
-            continue
-        direct = _mean(units[name], weights, trusted)
-        values[name], errors[name] = _regressed(plan, name, units[name], controls, weights) if controls else direct
-        if controls:
-            values[f"direct_{name}"], errors[f"direct_{name}"] = direct
-    for prefix in ("", "direct_") if controls else ("",):
-        # the influence of a unit on E[x²] − E[x]² is that of x² − 2 E[x] x
-        mean = values[f"{prefix}mean_displacement"]
-        linear = units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"]
-        name = f"{prefix}variance_displacement"
-        plain = prefix or not controls
-        value, errors[name] = (
-            _mean(linear, weights, trusted) if plain else _regressed(plan, name, linear, controls, weights)
-        )
-        values[name] = value + mean**2
+        if name not in balances:
+            values[f"{prefix}{name}"], errors[f"{prefix}{name}"] = _mean(units[name], weights, trusted)
+    influence, square = _influence(units, values[f"{prefix}mean_displacement"])
+    mean, errors[f"{prefix}variance_displacement"] = _mean(influence, weights, trusted)
+    values[f"{prefix}variance_displacement"] = mean + square
+    if controls is None:
+        return values, errors
+    for of_contacts, near in ((False, _neighbours(plan)), (True, _touching(plan))):
+        names = [name for name in units if name not in balances and ("contact" in name) == of_contacts]
+        own = [*names] if of_contacts else [*names, "variance_displacement"]
+        count = len(plan.ends) if of_contacts else len(plan.bodies)
+        for name in own:
+            values[name], errors[name] = np.empty(count), np.empty(count)
+        for rows, chosen in _choices(near, controls[0], len(weights) // UNITS_PER_CONTROL, count):
+            regression = _Regression(controls[1][chosen], weights)
+            for name in names:
+                values[name][rows], errors[name][rows] = regression.at_zero(units[name][rows])
+            if not of_contacts:
+                mean = values["mean_displacement"][rows]
+                influence, square = _influence({name: units[name][rows] for name in names}, mean)
+                value, errors["variance_displacement"][rows] = regression.at_zero(influence)
+                values["variance_displacement"][rows] = value + square
     return values, errors
 
 
-def _controls(plan: Plan, units: Values, values: Values, errors: Values) -> dict[int, list[np.ndarray]]:
-    """Return the balances of each body that close, by its slot; nothing if one does not.
+def _influence(units: Values, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the influence of each unit on E[x²] − E[x]², which is that of x² − 2 E[x] x, and what is missing."""
+    return units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"], mean**2
 
-    A balance that is off says that the run is not stationary, or the step is beyond what
-    the theory covers; then no value is corrected by it.
+
+def _controls(plan: Plan, units: Values, values: Values, errors: Values) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return which balances of each body are controls, (body, balance), and all of them, (body, balance, unit).
+
+    None if one does not close. A balance that is off says that the run is not stationary, or
+    the step is beyond what the theory covers; then no value is corrected by it.
     """
-    controls: dict[int, list[np.ndarray]] = {}
-    for name in (name for name in units if name.startswith("balance_")):
-        for body in np.flatnonzero(np.isfinite(errors[name])):
-            scatter = errors[name][body]
-            if abs(values[name][body]) > BROKEN * scatter:
-                warn(
-                    f"{name} of {plan.bodies[body]!r} is {abs(values[name][body]) / scatter:.1f} standard errors "
-                    "off 0, so balances are not used: the spin-up may be too short, or the step too large."
-                )
-                return {}
-            if scatter > 0.0:
-                controls.setdefault(int(body), []).append(units[name][body])
-    return controls
+    names = [name for name in units if name.startswith("balance_")]
+    for name in names:
+        scatter = np.where(np.isfinite(errors[name]), errors[name], np.inf)
+        broken = np.flatnonzero(np.abs(values[name]) > BROKEN * scatter)
+        if broken.size:
+            body = broken[0]
+            warn(
+                f"{name} of {plan.bodies[body]!r} is {abs(values[name][body]) / scatter[body]:.1f} standard errors "
+                "off 0, so balances are not used: the spin-up may be too short, or the step too large."
+            )
+            return None
+    usable = np.array([np.isfinite(errors[name]) & (errors[name] > 0.0) for name in names])
+    if not usable.any():
+        return None
+    return usable.T, np.stack([units[name] for name in names], axis=1)
 
 
-def _regressed(
-    plan: Plan, name: str, units: np.ndarray, controls: dict[int, list[np.ndarray]], weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Regress each row of units on the balances of the bodies concerned.
+def _neighbours(plan: Plan) -> np.ndarray:
+    """Return pairs of a body and those it can touch or is coupled to, itself first, (pair, 2)."""
+    count = len(plan.bodies)
+    links = plan.links[(plan.links < count).all(axis=1)]  # a wall has no balances
+    keys = np.unique(np.concatenate([links, links[:, ::-1]]) @ [count + 1, 1] + 1)
+    keys = np.sort(np.concatenate([keys, np.arange(count) * (count + 1)]))
+    body, other = np.divmod(keys, count + 1)
+    return np.stack([body, np.where(other, other - 1, body)], axis=1)
 
-    They are the body and its neighbours, or the two bodies of a contact. The standard error
-    is that of the regression at balance 0: ``s² (1/n + ḡᵀ (Σ (g − ḡ)(g − ḡ)ᵀ)⁻¹ ḡ)``.
+
+def _touching(plan: Plan) -> np.ndarray:
+    """Return pairs of a contact and a body of it, the first body first, (pair, 2)."""
+    pairs = np.stack([np.repeat(np.arange(len(plan.ends)), 2), plan.ends.ravel()], axis=1)
+    return pairs[pairs[:, 1] < len(plan.bodies)]
+
+
+def _choices(
+    near: np.ndarray, usable: np.ndarray, most: int, count: int
+) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
+    """Give rows with equal numbers of controls, some at a time, and bodies and balances of these, (row, control)."""
+    pair, balance = np.nonzero(usable[near[:, 1]])
+    row, body = near[pair].T
+    rank = np.arange(len(row)) - np.searchsorted(row, row)
+    row, body, balance = (item[rank < most] for item in (row, body, balance))
+    numbers = np.bincount(row, minlength=count)
+    begins = np.cumsum(numbers) - numbers
+    for number in np.unique(numbers):
+        rows = np.flatnonzero(numbers == number)
+        for some in np.array_split(rows, len(rows) // _ROWS + 1):
+            places = begins[some, None] + np.arange(number)
+            yield some, (body[places], balance[places])
+
+
+class _Regression:
+    """Weighted linear regressions on controls, row by row, at control 0.
+
+    The standard error is ``s² (1/n + ḡᵀ (Σ (g − ḡ)(g − ḡ)ᵀ)⁻¹ ḡ)``.
     """
-    of_contacts = len(units) == len(plan.ends) and "contact" in name
-    result = np.empty((2, len(units)))
-    most = len(weights) // UNITS_PER_CONTROL
-    for row, values in enumerate(units):
-        near = plan.ends[row] if of_contacts else _neighbours(plan, row)
-        chosen = [control for body in near for control in controls.get(int(body), [])][:most]
-        result[:, row] = _regression(values, chosen, weights)
-    return result[0], result[1]
 
+    def __init__(self, controls: np.ndarray, weights: np.ndarray) -> None:
+        self.share = weights / weights.sum()
+        self.root = np.sqrt(self.share * len(weights))
+        offsets = (controls * self.share).sum(axis=-1)
+        centred = (controls - offsets[..., None]) * self.root
+        scale = np.sqrt((centred**2).sum(axis=-1))
+        scale = np.where(scale > 0.0, scale, 1.0)
+        u, s, vt = np.linalg.svd((centred / scale[..., None]).swapaxes(1, 2), full_matrices=False)
+        kept = s > 1e-7
+        self.u = u * kept[:, None]
+        self.shift = (vt @ (offsets / scale)[..., None])[..., 0] * kept / np.where(kept, s, 1.0)
+        self.freedom = len(weights) - 1 - kept.sum(axis=1)
 
-def _neighbours(plan: Plan, body: int) -> np.ndarray:
-    """Slots of a body and of those it can touch or is coupled to, itself first."""
-    joined = plan.links[(plan.links == body).any(axis=1)]
-    return np.concatenate([[body], np.unique(joined[joined != body])])
-
-
-def _regression(values: np.ndarray, controls: list[np.ndarray], weights: np.ndarray) -> tuple[float, float]:
-    """Return the value of a weighted linear regression at control 0, and its standard error."""
-    share = weights / weights.sum()
-    root = np.sqrt(share * len(weights))
-    mean = share @ values
-    g = np.array(controls).reshape(len(controls), len(values))
-    offsets = g @ share
-    centred = (g - offsets[:, None]) * root
-    scale = np.sqrt((centred**2).sum(axis=1))
-    used = scale > 0.0
-    u, s, vt = np.linalg.svd((centred[used] / scale[used, None]).T, full_matrices=False)
-    kept = s > 1e-7
-    u, s, vt = u[:, kept], s[kept], vt[kept]
-    residual = (values - mean) * root
-    slopes = u.T @ residual
-    shift = vt @ (offsets[used] / scale[used]) / s
-    residual = residual - u @ slopes
-    freedom = len(values) - 1 - len(s)
-    variance = residual @ residual / freedom * (1.0 / len(values) + shift @ shift)
-    value = float(mean - shift @ slopes)
-    return value, max(float(np.sqrt(variance)), ROUNDING * float(np.abs(values).max()))
+    def at_zero(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return values at control 0 and standard errors, from (row, unit)."""
+        mean = (values * self.share).sum(axis=1)
+        residual = (values - mean[:, None]) * self.root
+        slopes = (self.u.swapaxes(1, 2) @ residual[..., None])[..., 0]
+        residual = residual - (self.u @ slopes[..., None])[..., 0]
+        spread = 1.0 / len(self.share) + (self.shift**2).sum(axis=1)
+        error = np.sqrt((residual**2).sum(axis=1) / self.freedom * spread)
+        value = mean - (self.shift * slopes).sum(axis=1)
+        return value, np.maximum(error, ROUNDING * np.abs(values).max(axis=1))
 
 
 def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:

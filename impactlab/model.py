@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.component import Component, finite
+from impactlab.component import Component, call_each, finite
 from impactlab.contact import Wall
 from impactlab.incidence import differences, gathering, runs
 from impactlab.network import Network
@@ -236,8 +236,8 @@ class Model:
     def intensities(self, time: float = 0.0) -> np.ndarray:
         """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
         result = np.zeros(len(self.bodies))
-        for slot in self.white:
-            result[slot] = self.network.excitations[self.bodies[slot]].call("intensity", time)
+        excitations = [self.network.excitations[self.bodies[slot]] for slot in self.white]
+        result[list(self.white)] = call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
         return result
 
     def reference_intensities(self) -> np.ndarray:

@@ -11,6 +11,8 @@ from impactlab.plan import Plan
 
 Values = dict[str, np.ndarray]
 
+_CHUNK = 4096  # bodies whose equations are solved at a time
+
 
 def statistics_of(
     plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray
@@ -22,7 +24,7 @@ def statistics_of(
     plan : Plan
     sums : (phase, row, body, unit) ndarray
         Sums over the steps of each phase.
-    counts : (phase,) ndarray of int
+    counts : (phase, unit) ndarray of int
         How many steps these are.
     contacts, products : (row, contact or pair, unit) ndarray
         Mean sums.
@@ -32,28 +34,32 @@ def statistics_of(
     dict of str to (body or contact, unit) ndarray
     """
     seen = counts > 0
-    means = sums[seen] / counts[seen, None, None, None]
-    bodies = means.mean(axis=0)
+    complete = seen.all(axis=0)
+    means = sums / np.where(seen, counts, 1)[:, None, None]
+    bodies = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
     processed = {
         "mean_displacement": bodies[X],
         "mean_square_displacement": bodies[XX],
         "mean_velocity": bodies[V],
         "mean_square_velocity": bodies[VV],
     }
-    balances = {}
+    balances: Values = {}
     if plan.flows is not None:
-        means = means if seen.all() else np.full(sums.shape, np.nan)
+        if not complete.all():
+            means[..., ~complete] = np.nan
         closed = _closed_flow(plan)
         over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
-        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks)
-        balances = _balances(plan, plan.flows, means, closed, at_kicks)
-        for group in plan.flows.groups if seen.all() else ():
+        balances, mixed = _balances(plan, plan.flows, means, closed, at_kicks)
+        off = [balances["balance_mean_square_displacement"], mixed, balances["balance_mean_square_velocity"]]
+        known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
+        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
+        for group in plan.flows.groups:
             if not closed[group.slots].all():
                 continue
             of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
             for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
                 target = balances if name in balances else processed
-                target[name][group.slots] = values
+                target[name][group.slots] = np.where(complete, values, target[name][group.slots])
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
@@ -65,7 +71,7 @@ def statistics_of(
 
 def _processed(
     plan: Plan, flows: Flows, s: np.ndarray, at_kicks: Values, closed: np.ndarray, over_time: np.ndarray,
-    of_kicks: np.ndarray,
+    of_kicks: np.ndarray, off: list[np.ndarray | None],
 ) -> Values:  # fmt: skip
     """Moments over the time of a step, without the error of second order that those at the kick have.
 
@@ -73,14 +79,19 @@ def _processed(
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
     flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
     Only the flow of white noise of constant intensity is closed in this way; other bodies keep
-    the moments at the kick, and those in groups are left to `joint_statistics`.
+    the moments at the kick, and those in groups are left to `joint_statistics`. Where states are
+    samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
+    difference between kick and middle.
     """
     increment = _increment(plan)
     xv = s[:, XV] + 0.5 * increment * s[:, FX]
     vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
     xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
-    closed = (closed & ~plan.grouped & np.isfinite(s).all(axis=(0, 1, 3)))[:, None]
+    of_xx, of_xv, of_vv = off
+    if of_xx is not None:
+        xx, xv, vv = xx - of_xx, xv - of_xv, vv - of_vv
+    closed = (closed & ~plan.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
@@ -89,7 +100,8 @@ def _processed(
         name = f"mean_square_{quantity}"
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
         middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
-        result[name] = np.where(closed, (at_kicks[name] + 2.0 * middle.mean(axis=0)) / 3.0, at_kicks[name])
+        over_step = middle.mean(axis=0) if of_xx is None else middle.mean(axis=0) + (of_xx, of_vv)[row]
+        result[name] = np.where(closed, (at_kicks[name] + 2.0 * over_step) / 3.0, at_kicks[name])
     return result
 
 
@@ -102,30 +114,31 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
         NaN where there is no stationary mean.
     """
     _, damping, stiffness = plan.linear
-    a = flows.transition
+    a, increment = flows.transition, _increment(plan)
     phases = len(a)
     over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
-    for body, increment in enumerate(_increment(plan)[:, 0]):
-        if plan.grouped[body]:
-            continue
-        if stiffness[body] > 0.0:
-            over_time[body] = 1.0 / stiffness[body], 0.0
-            at_kicks[body] = _cycle(a[:, body], np.array([[0.0], [increment]]))
-        elif damping[body] > 0.0:
-            over_time[body, 1] = 1.0 / damping[body]
-            at_kicks[body, 1] = _cycle(a[:, body, 1:, 1:], np.array([[increment]]))[0]
-        at_kicks[body, 1] += 0.5 * increment / phases  # the velocity is read in the middle of the kick
+    held = ~plan.grouped & (stiffness > 0.0)
+    over_time[held] = np.column_stack([1.0 / stiffness[held], np.zeros(held.sum())])
+    push = np.stack([np.zeros_like(increment[held]), increment[held]], axis=1)
+    at_kicks[held] = _cycle(a[:, held], push)
+    free = ~plan.grouped & (stiffness == 0.0) & (damping > 0.0)
+    over_time[free, 1] = 1.0 / damping[free]
+    at_kicks[free, 1] = _cycle(a[:, free, 1:, 1:], increment[free, None])[:, 0]
+    at_kicks[:, 1] += 0.5 * increment / phases  # the velocity is read in the middle of the kick
     return over_time, at_kicks
 
 
-def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray) -> Values:
+def _balances(
+    plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray
+) -> tuple[Values, np.ndarray]:
     """Direct minus balance estimates of the moments at the kick; zero in expectation at any step.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
     K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those
     before the next one Σ + A (D + K) Aᵀ: linear equations for the D of all phases of the
     method's cycle. Where the linear law does not exist, a part of this remains: the
-    velocity of a damped free body, the power of the kicks on an undamped one.
+    velocity of a damped free body, the power of the kicks on an undamped one. Second comes that
+    of E[x v].
     """
     mass, damping, stiffness = plan.linear
     increment = _increment(plan)
@@ -133,33 +146,37 @@ def _balances(plan: Plan, flows: Flows, s: np.ndarray, closed: np.ndarray, of_ki
     intensity = np.zeros(len(mass))
     intensity[plan.white] = plan.intensity
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
-    mean, displacement, velocity = (np.full(s.shape[2:], np.nan) for _ in range(3))
-    for body in np.flatnonzero(closed & ~plan.grouped):
-        a = flows.transition[:, body]
-        if stiffness[body] > 0.0:
-            mean[body] = s[:, X, body].mean(axis=0) - weighted_sum(of_kicks[body, 0], s[:, F, body])
-        if damping[body] == 0.0:
-            if intensity[body] == 0.0:
-                velocity[body] = of_power[:, body].mean(axis=0)
-            continue
-        heat = np.pi * intensity[body] / (mass[body] * damping[body])
-        if stiffness[body] == 0.0:
-            gain = _cycle(a[:, 1:, 1:] ** 2, np.array([[2.0]]))[0]
-            velocity[body] = before[:, body].mean(axis=0) - heat - weighted_sum(gain, of_power[:, body])
-            continue
-        kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
-        gain = _cycle(np.stack([np.kron(item, item) for item in a]), kicks).reshape(4, len(a), 2)
-        known = [
-            weighted_sum(gain[row, :, 0], of_virial[:, body]) + weighted_sum(gain[row, :, 1], of_power[:, body])
-            for row in (0, 3)
-        ]
-        displacement[body] = s[:, XX, body].mean(axis=0) - heat * mass[body] / stiffness[body] - known[0]
-        velocity[body] = before[:, body].mean(axis=0) - heat - known[1]
-    return {
+    mean, displacement, mixed, velocity = (np.full(s.shape[2:], np.nan) for _ in range(4))
+    own, a, held, damped = closed & ~plan.grouped, flows.transition, stiffness > 0.0, damping > 0.0
+    bodies = own & held
+    mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
+    bodies = own & ~damped & (intensity == 0.0)
+    velocity[bodies] = of_power[:, bodies].mean(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        heat = (np.pi * intensity / (mass * damping))[:, None]
+    bodies = own & damped & ~held
+    gain = _cycle(a[:, bodies, 1:, 1:] ** 2, np.full((bodies.sum(), 1, 1), 2.0))[:, 0]
+    velocity[bodies] = before[:, bodies].mean(axis=0) - heat[bodies] - weighted_sum(gain.T, of_power[:, bodies])
+    bodies = own & damped & held
+    a = a[:, bodies]
+    squares = (a[..., :, None, :, None] * a[..., None, :, None, :]).reshape(*a.shape[:2], 4, 4)  # A ⊗ A
+    kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
+    gain = _cycle(squares, np.broadcast_to(kicks, (a.shape[1], 4, 2))).reshape(-1, 4, len(a), 2)
+    known = [
+        weighted_sum(gain[:, row, :, 0].T, of_virial[:, bodies])
+        + weighted_sum(gain[:, row, :, 1].T, of_power[:, bodies])
+        for row in (0, 1, 3)
+    ]
+    potential = heat[bodies] * mass[bodies, None] / stiffness[bodies, None]
+    displacement[bodies] = s[:, XX, bodies].mean(axis=0) - potential - known[0]
+    mixed[bodies] = (s[:, XV, bodies] - 0.5 * of_virial[:, bodies]).mean(axis=0) - known[1]
+    velocity[bodies] = before[:, bodies].mean(axis=0) - heat[bodies] - known[2]
+    balances = {
         "balance_mean_displacement": mean,
         "balance_mean_square_displacement": displacement,
         "balance_mean_square_velocity": velocity,
     }
+    return balances, mixed
 
 
 def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
@@ -167,26 +184,30 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    maps : (phase, n, n) ndarray
+    maps : (phase, body, n, n) ndarray
         L.
-    inputs : (n, m) ndarray
+    inputs : (body, n, m) ndarray
         B.
 
     Returns
     -------
-    (n, phase m) ndarray
+    (body, n, phase m) ndarray
     """
-    phases, size, _ = maps.shape
-    system = np.eye(phases * size)
-    given = np.zeros((phases * size, phases * inputs.shape[1]))
-    for phase, matrix in enumerate(maps):
-        rows = slice(phase * size, (phase + 1) * size)
-        last = (phase - 1) % phases
-        system[rows, last * size : (last + 1) * size] -= matrix
-        given[rows, last * inputs.shape[1] : (last + 1) * inputs.shape[1]] = matrix @ inputs
-    solved = np.linalg.solve(system, given)
-    mean: np.ndarray = solved.reshape(phases, size, -1).mean(axis=0)
-    return mean
+    phases, bodies, size, _ = maps.shape
+    columns = inputs.shape[2]
+    result = np.empty((bodies, size, phases * columns))
+    for first in range(0, bodies, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        system = np.tile(np.eye(phases * size), (len(inputs[part]), 1, 1))
+        given = np.zeros((len(system), phases * size, phases * columns))
+        for phase, matrices in enumerate(maps[:, part]):
+            rows = slice(phase * size, (phase + 1) * size)
+            last = (phase - 1) % phases
+            system[:, rows, last * size : (last + 1) * size] -= matrices
+            given[:, rows, last * columns : (last + 1) * columns] = matrices @ inputs[part]
+        solved = np.linalg.solve(system, given)
+        result[part] = solved.reshape(len(system), phases, size, -1).mean(axis=1)
+    return result
 
 
 def _increment(plan: Plan) -> np.ndarray:

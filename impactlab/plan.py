@@ -14,7 +14,9 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
-from impactlab.kernels.random import stream
+from impactlab.integrators.jumps import Jumps, WholeFlow
+from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, steady_flow
+from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
     flowing_systems,
@@ -28,6 +30,7 @@ from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
+    MOST_SAMPLES,
     RELAXATION_TIMES,
     batch_count,
     block_shape,
@@ -35,6 +38,7 @@ from impactlab.rules import (
     choose_step,
     enough_units,
     fit_step,
+    most_lanes,
     positive,
     start_of,
     warn_of_bands,
@@ -119,6 +123,10 @@ class Plan:
         Relaxation time of the slowest body (s), 0 if nothing is damped.
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
+    sampled : bool
+        Whether states are samples of a stationary motion, not all that there are.
+    jumps : Jumps or None
+        How intervals in which nothing can touch are covered at once.
     """
 
     text: str
@@ -165,6 +173,8 @@ class Plan:
     trusted: bool
     relaxation: float
     coarse: bool
+    sampled: bool
+    jumps: Jumps | None
 
     @property
     def blocks(self) -> int:
@@ -251,30 +261,47 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
+    steady = steady_flow(model, integrator, start, records)
+    if given is None and steady:
+        chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
+    window = 0.2 * gap_scale(model, stiffening.penetration)
+    deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
+    leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
+    if may_jump(model, integrator, start, records, deviations):
+        foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
+        for levels in range(foreseen, 0, -1):
+            longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
+            exact = all(round(interval / longer) % (leaf << levels) == 0 for interval in intervals)
+            if exact and longer > 0.8 * step and abs(count * longer - duration) <= 1e-3 * duration:
+                step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
+                break
+    jumping = unit > 1
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
-    strides = [min(record.stride(model, step), steps) for record in records]  # in a short run one sample at its end
+    # whole intervals; in a short run one sample at its end
+    strides = [min(-(-record.stride(model, step) // unit) * unit, steps) for record in records]
     every = math.gcd(*strides)
     batches = batch_count(realizations, duration, relaxation)
-    unit = max(every, 1)
+    spin_up_steps = math.ceil(spin_up / (unit * step) * (1.0 - 1e-12)) * unit
+    unit = max(every, unit)
     boundaries = [batch * steps // batches // unit * unit for batch in range(1, batches)]
     boundaries = [*sorted({end for end in boundaries if 0 < end < steps}), steps]
-    spin_up_steps = math.ceil(spin_up / step * (1.0 - 1e-12))
     lines = lines_of(model)
     moved = responses(model, flowing_systems(model))
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept)
+    most = JUMP_LANES if jumping else most_lanes(model, realizations, workers)
+    lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
-        text=generate(model, single=lanes == 1),
+        text=generate(model, single=lanes == 1 and not jumping),
         integrator=integrator,
         coefficients=np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1)),
         cross=integrator.cross(model, step),
@@ -284,7 +311,7 @@ def make_plan(
         linear=np.stack([model.mass, model.damping, model.stiffness]),
         ends=model.ends,
         clearance=model.clearance,
-        window=0.2 * gap_scale(model, stiffening.penetration),
+        window=window,
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
         dissipative=model.dissipative,
@@ -293,15 +320,15 @@ def make_plan(
         noise_rows=noise_rows,
         noise_runs=_noise_runs(noise_rows, len(model.bodies)),
         amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
-        streams=_streams(seed, [model.bodies[slot] for slot in noise_rows]),
-        starts=_addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
+        streams=streams_of(seed, [model.bodies[slot] for slot in noise_rows]),
+        starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
         lines=lines,
         responses=moved,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
-        deviations=_start_deviations(model, stiffening),
+        deviations=deviations,
         factors=start_factors(model, stiffening),
         rest=stiffening.rest,
         step=step,
@@ -320,6 +347,8 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
+        sampled=steady or jumping,
+        jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
 
 
@@ -341,20 +370,6 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
-
-
-def _addresses(seed: tuple[int, int], names: Sequence[str], purpose: str) -> np.ndarray:
-    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
-
-
-def _streams(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
-    """Addresses of the rows of noise; a second row of a body has a stream of its own."""
-    seen: set[str] = set()
-    rows = []
-    for name in names:
-        rows.append(stream(seed, name, "noise 2" if name in seen else "noise"))
-        seen.add(name)
-    return np.array(rows, dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
 def _noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:

@@ -36,12 +36,18 @@ class Record(Component):
 
     required: ClassVar[tuple[str, ...]] = ("keeper", "label")
 
+    every_step: ClassVar[bool] = False
+    """Whether the record needs statistics that are taken at every step."""
+
     keeper: ClassVar[Any] = None
     """``keeper(plan, realizations, ratio)`` returns the `Keeper` of a block; every `ratio`-th
     snapshot is the record's."""
 
     label: ClassVar[Any] = None
     """``label(plan, results, interval)`` returns variables from the results of all blocks."""
+
+    samples: ClassVar[bool] = True
+    """Whether it looks at the bodies' states, all at the same times."""
 
     @property
     def identity(self) -> tuple[str, ...]:
@@ -62,13 +68,22 @@ class Record(Component):
 
 
 class PerRealization(Record):
-    """Each statistic also for every realization, as ``<name>_by_realization``."""
+    """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps."""
+
+    every_step: ClassVar[bool] = True
+    samples: ClassVar[bool] = False
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return Keeper()
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         return {}  # the statistics are there already, one per realization
+
+
+class PairedRealizations(PerRealization):
+    """As `PerRealization`, but of whatever samples the ensemble's statistics are made."""
+
+    every_step: ClassVar[bool] = False
 
 
 class Trajectory(Record):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.component import finite, suggestion
+from impactlab.contact import contact_forces
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
 from impactlab.linear import linear_variances, lines_of, regular_lines
@@ -30,6 +31,9 @@ RELAXATION_TIMES = 12.0
 
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
+
+MOST_SAMPLES = 4096
+"""Steps per batch where every step is exact, so that the work does not grow with the time."""
 
 SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
@@ -87,38 +91,44 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
     tenth of the thermal penetration (1 for a linear law, 0.2 for Hertz contact). Friction takes
     it away; a body with little of it, or a contact that closes often, needs a smaller step.
     """
-    result = math.inf
     inverse_mass = np.append(1.0 / model.mass, 0.0)
     friction = np.append(model.damping / model.mass**2, 0.0)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         inverse_stiffness = np.append(1.0 / model.stiffness, 0.0)
-    for contact, ends, depth, tangent in zip(
-        model.network.contacts.values(), model.ends, stiffening.penetration, stiffening.contacts, strict=True
-    ):
-        mobility, compliance = inverse_mass[ends].sum(), inverse_stiffness[ends].sum()
-        decay = friction[ends].sum() / mobility
-        if not decay > 0.0 or not tangent > 0.0:
-            continue
-        early = float(contact.law.evaluate(0.1 * depth)) / (0.1 * depth * tangent)
-        # how often the gap crosses the point of contact, by Rice's formula
-        spring = 1.0 / compliance + (tangent if contact.clearance < 0.0 else 0.0)
-        spread = float(stiffening.energy[ends.min()]) * compliance
-        often = math.exp(-0.5 * max(contact.clearance, 0.0) ** 2 / spread) if 0.0 < spread < math.inf else 1.0
-        rate = math.sqrt(mobility * spring) / (2.0 * math.pi) * often
-        if rate > 0.0 and early > 0.0:
-            power = KINK_HEATING * decay / (0.016 * early**2 * rate)
-            result = min(result, power**0.25 / math.sqrt(tangent * mobility))
-    return result
+        mobility, compliance, decay = (
+            item[model.ends].sum(axis=1) for item in (inverse_mass, inverse_stiffness, friction)
+        )
+        decay = decay / mobility
+    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0))
+    depth, tangent, clearance = (
+        item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
+    )
+    mobility, compliance, decay = mobility[heated], compliance[heated], decay[heated]
+    laws = [contact.law for contact in model.network.contacts.values()]
+    early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
+    # how often the gap crosses the point of contact, by Rice's formula
+    spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
+    with np.errstate(invalid="ignore"):
+        spread = stiffening.energy[model.ends[heated].min(axis=1)] * compliance
+    known = (spread > 0.0) & (spread < np.inf)
+    exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
+    often = np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
+    rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
+    counted = (rate > 0.0) & (early > 0.0)
+    power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
+    roots = np.array([item**0.25 for item in power.tolist()])
+    return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 
 
 def fit_step(
-    step: float, fixed: bool, intervals: list[float], duration: float, smooth: bool = False
+    step: float, fixed: bool, intervals: list[float], duration: float, multiple: int = 1, smooth: bool = False
 ) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
-    A step that is not fixed is made smaller until it divides the first interval; if
-    there is none, until it divides the duration. If the number of steps there is to be
-    `smooth`, it has no prime factor above 5, which an FFT takes best.
+    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if
+    there is none, until it divides the duration. The number of steps is such a multiple. If the
+    number of steps in the interval is to be `smooth`, it has no prime factor above 5, which an FFT
+    takes best.
 
     Raises
     ------
@@ -131,14 +141,14 @@ def fit_step(
         from scipy.fft import next_fast_len  # loaded only where a simulation is planned
 
         whole = intervals[0] if intervals else duration
-        count = math.ceil(whole / step * (1.0 - 1e-12))
-        step = whole / (next_fast_len(count, real=True) if smooth else count)
+        count = math.ceil(whole / (multiple * step) * (1.0 - 1e-12))
+        step = whole / (multiple * (next_fast_len(count, real=True) if smooth else count))
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
                 f"An interval of {interval:g} s is not a whole number of steps of {step:g} s; change one of them."
             )
-    return step, max(1, round(duration / step))
+    return step, multiple * max(1, round(duration / (multiple * step)))
 
 
 def check_periods(model: Model, total: float) -> float | None:
@@ -195,7 +205,15 @@ def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> b
     return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
 
 
-def block_shape(model: Model, realizations: int, workers: int, series_bytes: int) -> tuple[int, int]:
+def most_lanes(model: Model, realizations: int, workers: int) -> int:
+    """Return the largest number of lanes that a block should have; 1 where loops over bodies cost less."""
+    bodies = len(model.mass)
+    if bodies >= min(MANY, LONG * -(-realizations // workers)):
+        return 1
+    return min(LANES, max(FEW, CACHED // bodies // 8 * 8))
+
+
+def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 
     Parameters
@@ -204,10 +222,11 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     realizations, workers : int
     series_bytes : int
         Memory that the series of one realization take.
+    most : int
+        Largest number of lanes.
     """
     bodies = len(model.mass)
-    most = min(LANES, max(FEW, CACHED // bodies // 8 * 8))
-    if bodies >= min(MANY, LONG * -(-realizations // workers)):
+    if most == 1:
         cost = STEP_SECONDS + LANE_STEP_SECONDS * (bodies + len(model.links))
         return 1, max(1, int(CALL_SECONDS / cost))
     blocks = -(-realizations // (most * workers)) * workers  # as many for each worker

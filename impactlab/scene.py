@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from impactlab.contact import ContactLaw
+from impactlab.component import call_each
+from impactlab.contact import ContactLaw, contact_forces
 from impactlab.linear import (
     coupled_systems,
     flexibility,
@@ -21,9 +22,6 @@ from impactlab.linear import (
     white_variances,
 )
 from impactlab.model import Model
-from impactlab.oscillator import Oscillator
-
-Force = Callable[[np.ndarray], np.ndarray]
 
 
 def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
@@ -59,10 +57,15 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
     place = np.append(displacement, 0.0)
     result = np.append(energy, 0.0)
-    for contact, (first, second) in zip(model.network.contacts.values(), model.ends, strict=True):
-        result[[first, second]] += _work(contact.law.evaluate, place[first] - place[second] - contact.clearance)
-    for coupling, (first, second) in zip(model.network.couplings.values(), model.coupled, strict=True):
-        result[[first, second]] += max(_work(coupling.law.evaluate, place[second] - place[first]), 0.0)
+    first, second = model.ends.T
+    laws = [contact.law for contact in model.network.contacts.values()]
+    of_contacts = _work(_Contacts(laws), place[first] - place[second] - model.clearance)
+    np.add.at(result, model.ends.ravel(), np.repeat(of_contacts, 2))
+    first, second = model.coupled.T
+    of_couplings = _work(
+        _Couplings([item.law for item in model.network.couplings.values()]), place[second] - place[first]
+    )
+    np.add.at(result, model.coupled.ravel(), np.repeat(np.maximum(of_couplings, 0.0), 2))
     return result[:-1]
 
 
@@ -105,57 +108,85 @@ class Stiffening:
         The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
         ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
         """
-        known: dict[tuple[Any, ...], tuple[float, float, float]] = {}
-        of_contacts = np.zeros((3, len(model.ends)))
         yielding = np.append(flexibility(model), 0.0)  # a wall does not
-        for slot, contact in enumerate(model.network.contacts.values()):
-            overlap = max(-contact.clearance, 0.0)
-            compliance = float(yielding[model.ends[slot]].sum()) if overlap else 0.0
-            key = (contact.law, float(energy[model.ends[slot].min()]), overlap, compliance)
-            if key not in known:
-                known[key] = _penetration(*key)
-            of_contacts[:, slot] = known[key]
+        overlap = np.maximum(-model.clearance, 0.0)
+        compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
+        laws = [contact.law for contact in model.network.contacts.values()]
+        columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
+        of_contacts = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3)
         penetration, tangent, force = of_contacts
         rest = np.zeros(len(model.mass) + 1)
         np.add.at(rest, model.ends[:, 0], -force)
         np.add.at(rest, model.ends[:, 1], force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)[:-1]
-        members = zip(model.network.couplings.values(), model.coupling[0], model.coupled, strict=True)
-        couplings = np.array(
-            [
-                linear or _largest_tangent(item.law.evaluate, 0.0, float(energy[pair.min()]))
-                for item, linear, pair in members
-            ]
-        )
-        bodies = np.array(
-            [
-                _largest_tangent(partial(_residual, body), body.stiffness, float(heat))
-                if body.has_kernel("residual")
-                else 0.0
-                for body, heat in zip(model.network.oscillators.values(), energy, strict=True)
-            ]
-        )
+        couplings = model.coupling[0].copy()
+        nonlinear = np.flatnonzero(couplings == 0.0)
+        forces = [coupling.law for coupling in model.network.couplings.values()]
+        heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
+        rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
+        couplings[nonlinear] = _of_unique(partial(_tangents, _Couplings), rows, 1)[0]
+        bodies = np.zeros(len(model.mass))
+        oscillators = list(model.network.oscillators.values())
+        residual = [slot for slot, body in enumerate(oscillators) if body.has_kernel("residual")]
+        rows = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
+        bodies[residual] = _of_unique(partial(_tangents, _Residuals), rows, 1)[0]
         return cls(energy, penetration, tangent, couplings, bodies, rest)
 
 
-def _residual(body: Oscillator, displacement: np.ndarray) -> np.ndarray:
-    return body.call("residual", displacement, 0.0)
+class _Forces:
+    """Forces of some members in the rows of an array of places, (member, point)."""
+
+    def __init__(self, members: Sequence[Any]) -> None:
+        self.members = members
+
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return call_each(self.members, "force", place, np.zeros_like(place))
+
+    def of(self, rows: np.ndarray) -> Self:
+        """Return those of some of the members."""
+        return type(self)([self.members[row] for row in rows])
 
 
-def _largest_tangent(force: Force, stiffness: float, energy: float) -> float:
-    """Largest tangent stiffness of a force within the amplitude where it and a spring have stored the energy."""
+class _Couplings(_Forces):
+    pass
 
-    def outward(x: np.ndarray) -> np.ndarray:
-        return np.asarray(stiffness * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
 
-    def stored(amplitude: float) -> float:
-        return min(_work(outward, amplitude), _work(outward, -amplitude))
+class _Contacts(_Forces):
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return contact_forces(self.members, place)
 
-    if not 0.0 < energy < math.inf:
-        return 0.0
+
+class _Residuals(_Forces):
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return call_each(self.members, "residual", place, np.zeros_like(place))
+
+
+def _of_unique(function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int) -> np.ndarray:
+    """Return ``function(members, *arrays)``, (count, row), worked out once for rows that are equal."""
+    places = {row: index for index, row in enumerate(dict.fromkeys(rows))}
+    if not rows:
+        return np.zeros((count, 0))
+    members, *columns = zip(*places, strict=True)
+    found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
+    return found[:, [places[row] for row in rows]]
+
+
+def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    """Largest tangent stiffness of forces within the amplitudes where they and a spring have stored the energy."""
+    forces = kind(members)
+
+    def stored(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        force, spring = forces.of(rows), stiffness[rows, None]
+
+        def outward(x: np.ndarray) -> np.ndarray:
+            return np.asarray(spring * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
+
+        return np.minimum(_work(outward, amplitude), _work(outward, -amplitude))
+
     amplitude = _solve(stored, energy)
-    x = np.linspace(-amplitude, amplitude, 65)
-    return max(float(np.gradient(force(x), x).max()), 0.0) if amplitude else 0.0
+    x = np.linspace(-amplitude, amplitude, 65, axis=1)
+    steepest = [np.gradient(*pair).max() if pair[1][-1] else 0.0 for pair in zip(forces(x), x, strict=True)]
+    return np.maximum(steepest, 0.0)
 
 
 def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -191,43 +222,80 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-def _work(force: Force, length: float) -> float:
-    """Integral of a force from 0 to a length, of either sign (J)."""
-    return float(0.5 * length * (_WEIGHTS * force(0.5 * length * (_NODES + 1.0))).sum())
+def _work(force: Callable[[np.ndarray], np.ndarray], length: np.ndarray) -> np.ndarray:
+    """Integrals of forces from 0 to some lengths, of either sign, (row,) (J)."""
+    places = 0.5 * length[:, None] * (_NODES + 1.0)
+    return np.asarray(0.5 * length * (_WEIGHTS * force(places)).sum(axis=1))
 
 
-def _penetration(law: ContactLaw, energy: float, overlap: float, compliance: float) -> tuple[float, float, float]:
-    """Penetration, tangent stiffness there, and static force of a contact."""
+def _penetrations(
+    laws: Sequence[ContactLaw], energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
+) -> np.ndarray:
+    """Penetrations, tangent stiffnesses there, and static forces of contacts, (3, contact)."""
+    forces = _Contacts(laws)
 
-    def stored(depth: float) -> float:
-        return _work(law.evaluate, depth)
+    def stored(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return _work(forces.of(rows), depth)
 
-    def pressed(depth: float) -> float:
-        return depth + compliance * float(law.evaluate(depth))
+    def pressed(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return depth + compliance[rows] * forces.of(rows)(depth[:, None])[:, 0]
 
-    thermal = _solve(stored, energy) if 0.0 < energy < math.inf else 0.0
-    static = _solve(pressed, overlap) if overlap > 0.0 and compliance < math.inf else 0.0
+    thermal = _solve(stored, energy)
+    static = _solve(pressed, np.where(compliance < np.inf, overlap, 0.0))
     depth = thermal + static
-    if depth == 0.0:
-        return 0.0, 0.0, 0.0
     width = 1e-3 * depth
-    low, high = law.evaluate([depth - width, depth + width])
-    return depth, max(float(high - low) / (2.0 * width), 0.0), float(law.evaluate(static))
+    low, high, at_rest = forces(np.stack([depth - width, depth + width, static], axis=1)).T
+    closed = depth > 0.0
+    tangent = np.divide(high - low, 2.0 * width, out=np.zeros_like(depth), where=closed)
+    return np.stack([depth, np.maximum(tangent, 0.0), at_rest])
 
 
-def _solve(increasing: Any, target: float) -> float:
-    """Solve ``increasing(depth) = target`` by bisection of the logarithm; 0 if it never gets there."""
+_LOWEST, _HIGHEST = -60.0, 40.0  # logarithms between which roots are looked for
 
-    def reached(logarithm: float) -> bool:
-        try:
-            return bool(increasing(10.0**logarithm) >= target)
-        except OverflowError:  # Python's functions raise it where compiled ones return infinity
-            return True
 
-    low, high = -60.0, 40.0
-    if not reached(high):
-        return 0.0
+def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: np.ndarray) -> np.ndarray:
+    """Solve ``increasing(depth, rows) = target[rows]`` for all rows by bisection of the logarithm, (row,).
+
+    0 where it never gets there or the target is not positive and finite.
+    """
+
+    def at(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return increasing(_powers(logarithm), rows)
+
+    def reached(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        values = at(logarithm, rows)
+        return np.asarray((values >= target[rows]) | np.isnan(values))  # NaN is an overflow
+
+    rows = np.flatnonzero((target > 0.0) & (target < np.inf))
+    rows = rows[reached(np.full(len(rows), _HIGHEST), rows)]
+    below, above = _bracket(at, reached, rows, target[rows])
+    low, high = np.full(len(rows), _LOWEST), np.full(len(rows), _HIGHEST)
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if reached(middle) else (middle, high)
-    return float(10.0 ** (0.5 * (low + high)))
+        up = middle >= above
+        unknown = np.flatnonzero((below < middle) & (middle < above))
+        up[unknown] = reached(middle[unknown], rows[unknown])
+        low, high = np.where(up, low, middle), np.where(up, middle, high)
+    result = np.zeros(len(target))
+    result[rows] = _powers(0.5 * (low + high))
+    return result
+
+
+def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return narrow bounds of the roots that a few secants find, as they do for powers, else infinite ones."""
+    last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
+    with np.errstate(all="ignore"):
+        off = np.log10(at(last, rows) / target)
+        for _ in range(4):
+            now = np.log10(at(guess, rows) / target)
+            shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
+            last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
+    guess = np.where(np.isnan(guess), _HIGHEST, guess)
+    below, above = guess - 1e-13, guess + 1e-13
+    sure = ~reached(below, rows) & reached(above, rows)
+    return np.where(sure, below, -np.inf), np.where(sure, above, np.inf)
+
+
+def _powers(logarithm: np.ndarray) -> np.ndarray:
+    """Powers of ten one by one: NumPy's own depend on the processor."""
+    return np.array([10.0**item for item in logarithm.tolist()])

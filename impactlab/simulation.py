@@ -21,9 +21,10 @@ from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.model import Model
 from impactlab.network import Network
+from impactlab.parts import joined, split
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter
-from impactlab.record import PerRealization, Record
+from impactlab.record import PairedRealizations, PerRealization, Record
 from impactlab.rules import check_integrator, positive, seed_of
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
@@ -111,7 +112,7 @@ def simulate(
 
     records = _records(record)
     asked = any(isinstance(item, PerRealization) for item in records)
-    kept = records if asked else [*records, PerRealization()]
+    kept = records if asked else [*records, PairedRealizations()]
 
     def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
         return _simulate(
@@ -155,11 +156,37 @@ def _simulate(
     records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
-    workers = workers_of(executor)
-    plan = make_plan(
-        network, duration=duration, realizations=realizations, step=step, integrator=integrator, spin_up=spin_up,
-        initial=initial, records=records, seed=seed, workers=workers, coarse=coarse,
-    )  # fmt: skip
+    configuration = {
+        "network": network.to_dict(),
+        "simulate": _plain({
+            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
+            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
+            "seed": list(seed),
+        }),
+        "text": digest(generate(Model.of(network))),
+    }  # fmt: skip
+
+    def run_part(part: Network, chosen: float | None, as_coarse: bool) -> xr.Dataset:
+        workers = workers_of(executor)
+        plan = make_plan(
+            part, duration=duration, realizations=realizations, step=chosen, integrator=integrator, spin_up=spin_up,
+            initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
+        )  # fmt: skip
+        return _run(plan, executor, progress, seconds, workers, configuration)
+
+    apart = split(network, integrator, initial, records)
+    if apart is None:
+        return run_part(network, step, coarse)
+    busy, idle = apart
+    dataset = run_part(busy, step, coarse)
+    return joined(network, dataset, run_part(idle, None, False))
+
+
+def _run(
+    plan: Plan, executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float,
+    workers: int, configuration: dict[str, Any],
+) -> xr.Dataset:  # fmt: skip
+    """Run a plan and return its dataset."""
     if plan.seconds(workers) > seconds:
         raise InvalidInput(
             f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
@@ -174,15 +201,6 @@ def _simulate(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
-    configuration = {
-        "network": network.to_dict(),
-        "simulate": _plain({
-            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
-            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
-            "seed": list(seed),
-        }),
-        "text": digest(plan.text),
-    }  # fmt: skip
     return _labelled(plan, estimates, results, configuration)
 
 
@@ -215,7 +233,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
     observation = plan.steps * plan.step
     attributes: dict[str, Any] = {
         **provenance("Statistics of a network of oscillators with contacts", configuration),
-        "integrator": type(plan.integrator).__name__,
+        "integrator": configuration["simulate"]["integrator"]["type"],
         "step": plan.step,
         "duration": observation,
         "spin_up": plan.spin_up_steps * plan.step,
@@ -223,6 +241,8 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
     }
+    if plan.jumps is not None:
+        attributes["longest_jump"] = plan.jumps.steps * plan.step
     dataset = statistics(list(plan.bodies), list(plan.contacts), values, errors, **attributes)
     if "peak_contact_force" in dataset:
         dataset["observation_time"] = (

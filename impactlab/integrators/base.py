@@ -87,6 +87,7 @@ class Sums(NamedTuple):
 
     bodies: np.ndarray  # (phase, row, body, lane)
     contacts: np.ndarray  # (4, contact, lane)
+    ends: np.ndarray  # (contact, 2)
     indices: np.ndarray  # `impactlab.model.Model.indices`
     window: np.ndarray  # (contact,) half width for the rate (m)
     half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
@@ -124,7 +125,7 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Forced, slots, table),
         _tuple(State, *[block] * 11, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(Sums, _array(3 + lane), blocks, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
         blocks,
         f8,
         b1,

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from impactlab.component import parameter
 from impactlab.integrators.base import Cross, Flows, Group, Integrator, compiled, coupling_rate, frequencies
 from impactlab.kernels.flow import (
     COEFFICIENTS,
@@ -23,7 +24,7 @@ from impactlab.kernels.flow import (
     system_transition,
     transition,
 )
-from impactlab.kernels.jit import borrow
+from impactlab.kernels.jit import borrow, kernel
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
@@ -60,7 +61,16 @@ class ExactFlow(Integrator):
     right temperature. Bodies without contacts, and those with friction over a step of more
     than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
     couplings of which one is stiff or strongly damped; other couplings kick.
+
+    Parameters
+    ----------
+    jumps : bool
+        Whether realizations in which nothing can touch for a while take that time in one exact
+        transition, where this saves work (default). It changes no path; statistics of
+        displacements and velocities are sampled once per interval then, contacts at every step.
     """
+
+    jumps: bool = parameter(True)
 
     order: ClassVar[float] = 2.0
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
@@ -259,14 +269,10 @@ def _advance(  # type: ignore[no-untyped-def]
             push_between(cross, push, x, v)
         if series.bodies.shape[0]:
             add_response(series, now % NEAR + 1, 1.0, x, v)
-        # the conservative force at x says where the kick is read
-        forces(x, state.rest, parameters, indices, indentation, contact_force, total)
-        scaled_sum(x, coefficients, _SHIFT, total, y)
-        forces(y, v, parameters, indices, indentation, contact_force, total)
-        if dissipative:  # once more, with the velocity in the middle of the kick
-            scaled_sum(v, coefficients, _HALF_KICK, total, middle)
-            forces(y, middle, parameters, indices, indentation, contact_force, total)
-        apply_kick(coefficients, _KICK, total, v, middle)
+        kick(
+            forces, parameters, indices, coefficients, dissipative, state.rest, x, v, y, middle, total, indentation,
+            contact_force,
+        )  # fmt: skip
         if summing:
             close_slot(history, slot, index == count - 1, sums)
         if every and (phase + index + 1) % every == 0:
@@ -275,3 +281,18 @@ def _advance(  # type: ignore[no-untyped-def]
     copy(x, state.x)
     copy(history.v[last], state.velocity)
     copy(history.contact_force[last], state.contact_force)
+
+
+@kernel
+def kick(  # type: ignore[no-untyped-def]
+    forces, parameters, indices, coefficients, dissipative, rest, x, v, y, middle, total, indentation, contact_force,
+):  # fmt: skip
+    """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
+    # the conservative force at x says where the kick is read
+    forces(x, rest, parameters, indices, indentation, contact_force, total)
+    scaled_sum(x, coefficients, _SHIFT, total, y)
+    forces(y, v, parameters, indices, indentation, contact_force, total)
+    if dissipative:  # once more, with the velocity in the middle of the kick
+        scaled_sum(v, coefficients, _HALF_KICK, total, middle)
+        forces(y, middle, parameters, indices, indentation, contact_force, total)
+    apply_kick(coefficients, _KICK, total, v, middle)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import hashlib
+import math
 import os
 import shutil
 import sys
@@ -23,7 +24,9 @@ from typing import Any
 import numba
 import numpy as np
 from numba import f8, i8, types, void
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 Function = Callable[..., Any]
 
@@ -42,6 +45,8 @@ _EVALUATE = void(FORCES, *FORCES.signature.args)
 _EVALUATE_ONE = void(FORCES_OF_ONE, *FORCES_OF_ONE.signature.args)
 
 config: Any = numba.config
+_unpack_tuple: Any = cgutils.unpack_tuple
+_populate_array: Any = populate_array
 
 DISABLED = bool(config.DISABLE_JIT)
 """Whether functions run as they are, without a compiler."""
@@ -124,6 +129,36 @@ def borrow(value):  # type: ignore[no-untyped-def]
     Every view of it and every call would else count references, atomically: 0.3 µs a step.
     """
     return value if DISABLED else _unmanaged(value)  # type: ignore[call-arg]
+
+
+@intrinsic
+def _first_lanes(typing_context, block, lanes):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(block)(context, builder, arguments[0])
+        shape = [*_unpack_tuple(builder, array.shape)[:-1], arguments[1]]
+        size = array.itemsize
+        strides: list[Any] = []
+        for length in reversed(shape):
+            strides.insert(0, size)
+            size = builder.mul(size, length)
+        items = builder.udiv(size, array.itemsize)
+        _populate_array(array, array.data, shape, strides, array.itemsize, None)
+        array.nitems = items
+        return array._getvalue()
+
+    return block(block, types.intp), codegen
+
+
+@scalar
+def dense(block, lanes):  # type: ignore[no-untyped-def]
+    """Return the memory of a block (…, lane), or its beginning, as a block of fewer lanes without gaps.
+
+    As with `borrow`, somebody else must hold the memory.
+    """
+    if DISABLED:
+        rows = block.shape[:-1]
+        return block.reshape(-1)[: math.prod(rows) * lanes].reshape(*rows, lanes)
+    return _first_lanes(block, lanes)  # type: ignore[call-arg]
 
 
 def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:

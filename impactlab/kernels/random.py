@@ -20,6 +20,7 @@ These numbers are fixed: a faster implementation must return the same ones.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -64,6 +65,17 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
     digest = hashlib.blake2b(name.encode(), digest_size=12, key=key, person=purpose.encode()).digest()
     low, high, word = (int.from_bytes(digest[4 * k : 4 * k + 4], "little") for k in range(3))
     return low, high, word
+
+
+def addresses(seed: tuple[int, int], names: Iterable[str], purpose: str) -> np.ndarray:
+    """Return the addresses of the streams of several bodies, (3, body) of uint64."""
+    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
+
+
+def streams_of(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
+    """Return the addresses of rows of noise, (3, row); a second row of a body has a stream of its own."""
+    number = len(set(names))  # second rows come last
+    return np.hstack([addresses(seed, names[:number], "noise"), addresses(seed, names[number:], "noise 2")])
 
 
 @scalar

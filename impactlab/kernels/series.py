@@ -53,10 +53,10 @@ def cosine_and_sine(word):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_phases(address, realization, block, words, cosine, sine):  # type: ignore[no-untyped-def]
-    """Write cosine and sine of the phases of lines 4 block, 4 block + 1, … of one realization, (line,) each.
+def fill_words(address, realization, block, words):  # type: ignore[no-untyped-def]
+    """Write words 4 block, 4 block + 1, … of one realization, (4 n,) of uint32.
 
-    `address` is what `impactlab.kernels.random.stream` returns; `words` is work space, (line,) of uint32.
+    `address` is what `impactlab.kernels.random.stream` returns.
     """
     k0, k1, c3 = address[0], address[1], np.uint32(address[2])
     for index in range(words.shape[0] // 4):
@@ -67,53 +67,38 @@ def fill_phases(address, realization, block, words, cosine, sine):  # type: igno
         words[4 * index + 1] = np.uint32(w1)
         words[4 * index + 2] = np.uint32(w2)
         words[4 * index + 3] = np.uint32(w3)
-    for index in range(cosine.shape[0]):
-        cosine[index], sine[index] = cosine_and_sine(words[index])
 
 
 @kernel
-def _turn(real, imaginary, cosine, sine, a, b):  # type: ignore[no-untyped-def]
-    for index in range(a.shape[0]):
-        a[index] = real[index] * cosine[index] - imaginary[index] * sine[index]
-        b[index] = real[index] * sine[index] + imaginary[index] * cosine[index]
-
-
-@kernel
-def _add(a, result):  # type: ignore[no-untyped-def]
-    for index in range(result.shape[0]):
-        result[index] += a[index]
-
-
-@kernel
-def _add_product(sign, a, b, result):  # type: ignore[no-untyped-def]
-    for index in range(result.shape[0]):
-        result[index] += sign * (a[index] * b[index])
+def _add(words, real, imaginary, frequencies, x, y, u, v):  # type: ignore[no-untyped-def]
+    for index in range(x.shape[0]):
+        cosine, sine = cosine_and_sine(words[index])
+        a = real[index] * cosine - imaginary[index] * sine
+        b = real[index] * sine + imaginary[index] * cosine
+        x[index] += a
+        y[index] += b
+        u[index] -= b * frequencies[index]
+        v[index] += a * frequencies[index]
 
 
 @kernel
 def _add_lines(address, realization, blocks, first, spacing, frequencies, real, imaginary, sums):  # type: ignore[no-untyped-def]
-    """Add to the sums of neighbouring bins, (row, part, bin), all lines there: first, first + spacing, … in bin 0."""
-    words, cosine, sine = np.empty(CHUNK + 8, np.uint32), np.empty(CHUNK + 8), np.empty(CHUNK + 8)
-    a, b = np.empty(CHUNK), np.empty(CHUNK)
+    """Write to `sums`, (row, part, bin), the sums of all lines there: first, first + spacing, … are in bin 0.
+
+    The parts are real and imaginary part of the amplitude and of that of its derivative.
+    """
+    words = np.empty(CHUNK + 8, np.uint32)
     sums[:] = 0.0
     for line in range(first, real.shape[1], spacing):
         begin, end = max(line, 0), min(line + sums.shape[2], real.shape[1])
         if begin >= end:
             continue
         before, at, until = begin % 4, begin - line, end - line
-        count = end - begin
-        size = before + count
-        whole = (size + 3) // 4 * 4
-        fill_phases(address, realization, blocks + begin // 4, words[:whole], cosine[:size], sine[:size])
-        omega = frequencies[begin:end]
+        fill_words(address, realization, blocks + begin // 4, words[: (before + end - begin + 3) // 4 * 4])
         for row in range(real.shape[0]):
-            turned = cosine[before:], sine[before:], a[:count], b[:count]
-            _turn(real[row, begin:end], imaginary[row, begin:end], *turned)
-            _add(a, sums[row, 0, at:until])
-            _add(b, sums[row, 1, at:until])
-            if sums.shape[1] > 2:
-                _add_product(-1.0, b, omega, sums[row, 2, at:until])
-                _add_product(1.0, a, omega, sums[row, 3, at:until])
+            lines = words[before:], real[row, begin:end], imaginary[row, begin:end], frequencies[begin:end]
+            x, y, u, v = sums[row, 0, at:until], sums[row, 1, at:until], sums[row, 2, at:until], sums[row, 3, at:until]
+            _add(*lines, x, y, u, v)
 
 
 @kernel
@@ -153,7 +138,7 @@ def fill_spectrum(address, realization, attempt, lowest, samples, frequencies, r
     derivatives = spectrum.shape[0] // rows
     for low in range(0, bins, CHUNK):
         high = min(low + CHUNK, bins)
-        own, mirrored = np.empty((rows, 2 * derivatives, high - low)), np.empty((rows, 2 * derivatives, high - low))
+        own, mirrored = np.empty((rows, 4, high - low)), np.empty((rows, 4, high - low))
         for first, sums in ((low, own), (1 - high, mirrored)):
             line = (first - lowest) % samples - samples
             _add_lines(address, realization, blocks, line, samples, frequencies, real, imaginary, sums)

@@ -155,8 +155,7 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
     a, b, c, d = slots
     v, indentation, force, sums = history.v, history.indentation, history.force, target.contacts
     for contact in range(sums.shape[1]):
-        at = target.indices[2] + 2 * contact
-        first, second = target.indices[at], target.indices[at + 1]
+        first, second = target.ends[contact, 0], target.ends[contact, 1]
         half = target.window[contact]
         curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):

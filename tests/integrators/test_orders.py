@@ -104,6 +104,7 @@ def measured_order(network, integrator, steps, starts=STARTS[:2], duration=2.0, 
 # order for smooth forces, for one Hertz contact, and the steps at which it shows
 EXPECTED = {
     "ExactFlow": (2.0, 2.0, 0.25 / 2.0 ** np.arange(4, 9)),
+    "WholeFlow": (2.0, 2.0, 0.25 / 2.0 ** np.arange(4, 9)),
     "RungeKutta4": (4.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "EulerMaruyama": (1.0, 1.0, 0.25 / 2.0 ** np.arange(10, 14)),
 }

@@ -51,7 +51,7 @@ def empty_sums(phases, rows, half_kick=()):
     tables = differences(ENDS), gathering(ENDS, BODIES), ENDS.ravel()
     indices = np.concatenate([np.cumsum([3, *map(len, tables[:2])]), *tables])
     work = np.zeros((4, 2, LANES)), np.zeros((len(half_kick), LANES)), np.zeros((2, LANES))
-    return Sums(bodies, contacts, indices, WINDOW, np.array(half_kick), *work, products, PAIRS)
+    return Sums(bodies, contacts, ENDS, indices, WINDOW, np.array(half_kick), *work, products, PAIRS)
 
 
 @pytest.mark.parametrize("phases", [1, 2])

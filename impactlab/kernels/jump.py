@@ -1,0 +1,257 @@
+"""Exact transitions over many steps, for realizations that nothing can touch meanwhile.
+
+The noise of an interval is a random object of its own, whether anybody looks at its parts or not:
+`w` is what it adds to (x, v) over the whole interval, normal with covariance Q. Parts of it are
+drawn where they are wanted, given the whole: `w = A w_a + w_b` for the two halves, or one term
+for every step. So a realization has the same noise in any order of drawing.
+"""
+
+from __future__ import annotations
+
+from impactlab.kernels.jit import kernel
+
+
+@kernel
+def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyped-def]
+    """Draw the noise of an interval.
+
+    Parameters
+    ----------
+    factors : (body, 3) ndarray
+        Cholesky factors l_xx, l_vx, l_vv of its covariance.
+    rows : (body,) ndarray of int
+        Row of each body's normals, -1 for a body without noise.
+    normals : (4, row, lane) ndarray
+        Standard normals.
+    column : int
+        First of the two indices of `normals` to be used.
+    wx, wv : [body, lane]
+        Result.
+    size : [body, lane]
+        Sum of the squares of the normals.
+    """
+    for body in range(rows.shape[0]):
+        row = rows[body]
+        if row < 0:
+            for lane in range(wx.shape[1]):
+                wx[body, lane] = 0.0
+                wv[body, lane] = 0.0
+                size[body, lane] = 0.0
+            continue
+        l_xx, l_vx, l_vv = factors[body, 0], factors[body, 1], factors[body, 2]
+        for lane in range(wx.shape[1]):
+            first, second = float(normals[column, row, lane]), float(normals[column + 1, row, lane])
+            wx[body, lane] = l_xx * first
+            wv[body, lane] = l_vx * first + l_vv * second
+            size[body, lane] = first * first + second * second
+
+
+@kernel
+def jump(transition, x, v, wx, wv, after_x, after_v):  # type: ignore[no-untyped-def]
+    """Carry bodies over an interval with some noise; `transition` is (body, 4)."""
+    for body in range(transition.shape[0]):
+        a_xx, a_xv, a_vx, a_vv = transition[body]
+        for lane in range(after_x.shape[1]):
+            displacement, velocity = x[body, lane], v[body, lane]
+            after_x[body, lane] = a_xx * displacement + a_xv * velocity + wx[body, lane]
+            after_v[body, lane] = a_vx * displacement + a_vv * velocity + wv[body, lane]
+    hold_wall(after_x)
+    hold_wall(after_v)
+
+
+@kernel
+def hold_wall(block):  # type: ignore[no-untyped-def]
+    """Put the wall, the last body of a block, to 0; in the memory of a dense block anything may stand there."""
+    wall = block.shape[0] - 1
+    for lane in range(block.shape[1]):
+        block[wall, lane] = 0.0
+
+
+@kernel
+def bound(reach, ends, limit, x, v, size, worst):  # type: ignore[no-untyped-def]
+    """Bound the indentation of all contacts during an interval, from the size of each body's state and noise.
+
+    With z = (x/s_x, v/s_v, normals) the mean path between the ends of the interval is ``b(t)·z``, so that
+    ``|z| max |b(t)|`` bounds it.
+
+    Parameters
+    ----------
+    reach : (body, 3) ndarray
+        1/s_x, 1/s_v and the largest |b| (m) of each body and the wall.
+    ends : (contact, 2) ndarray of int
+        Bodies of the contacts.
+    limit : (contact,) ndarray
+        Extension of the gap that cannot be closed by what is not in the mean path (m).
+    x, v : [body, lane]
+        State at the beginning.
+    size : [body, lane]
+        What `draw` returned; overwritten by the bounds of the displacements.
+    worst : (1, lane) ndarray
+        Largest excess over `limit`; the lanes where it is positive may touch.
+    """
+    for body in range(reach.shape[0]):
+        of_x, of_v, most = reach[body]
+        for lane in range(worst.shape[1]):
+            displacement, velocity = of_x * x[body, lane], of_v * v[body, lane]
+            square = displacement * displacement + velocity * velocity + size[body, lane]
+            size[body, lane] = most * square**0.5
+    for lane in range(worst.shape[1]):
+        worst[0, lane] = size[ends[0, 0], lane] + size[ends[0, 1], lane] - limit[0]
+    for contact in range(1, ends.shape[0]):
+        first, second = ends[contact]
+        for lane in range(worst.shape[1]):
+            worst[0, lane] = max(worst[0, lane], size[first, lane] + size[second, lane] - limit[contact])
+
+
+@kernel
+def search(path, ends, limit, begin, end, x, v, wx, wv, worst):  # type: ignore[no-untyped-def]
+    """Find whether the mean path between the ends of an interval comes near a contact at any of its steps.
+
+    Parameters
+    ----------
+    path : (row, body, 4) ndarray
+        Displacement at every step per unit x, v, w_x and w_v.
+    ends : (contact, 2) ndarray of int
+    limit : (row, contact) ndarray
+        Largest extension of the gap from which the noise about the mean path does not close it (m).
+    begin, end : int
+        Rows of the interval.
+    x, v, wx, wv : [body, lane]
+        State at the beginning, and noise.
+    worst : (1, lane) ndarray
+        Result, as in `bound`.
+    """
+    for lane in range(worst.shape[1]):
+        worst[0, lane] = -1.0
+    for row in range(begin, end):
+        for contact in range(ends.shape[0]):
+            i, j = ends[contact]
+            a, b, c, d = path[row, i]
+            e, f, g, h = path[row, j]
+            most = limit[row, contact]
+            for lane in range(worst.shape[1]):
+                first = a * x[i, lane] + b * v[i, lane] + c * wx[i, lane] + d * wv[i, lane]
+                second = e * x[j, lane] + f * v[j, lane] + g * wx[j, lane] + h * wv[j, lane]
+                worst[0, lane] = max(worst[0, lane], first - second - most)
+
+
+@kernel
+def select(worst, chosen):  # type: ignore[no-untyped-def]
+    """Write the lanes where `worst` is not negative, or not a number, and return how many they are."""
+    count = 0
+    for lane in range(worst.shape[1]):
+        chosen[count] = lane
+        count += not worst[0, lane] < 0.0
+    return count
+
+
+@kernel
+def take(block, chosen, result):  # type: ignore[no-untyped-def]
+    """Copy some lanes of a block into the lanes of another."""
+    for row in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[row, lane] = block[row, chosen[lane]]
+
+
+@kernel
+def put(block, chosen, result):  # type: ignore[no-untyped-def]
+    """Copy the lanes of a block into some lanes of another, row by row of the first."""
+    for row in range(block.shape[0]):
+        for lane in range(block.shape[1]):
+            result[row, chosen[lane]] = block[row, lane]
+
+
+@kernel
+def add_to(block, chosen, result):  # type: ignore[no-untyped-def]
+    """Add the lanes of a block to some lanes of another."""
+    for row in range(block.shape[0]):
+        for lane in range(block.shape[1]):
+            result[row, chosen[lane]] += block[row, lane]
+
+
+@kernel
+def halve(gain, factors, transition, rows, normals, wx, wv, half_x, half_v):  # type: ignore[no-untyped-def]
+    """Draw the noise of the two halves of an interval, given that of the whole.
+
+    Parameters
+    ----------
+    gain : (body, 4) ndarray
+        Mean of the first half's per unit of the whole's.
+    factors : (body, 3) ndarray
+        Cholesky factors of its conditional covariance.
+    transition : (body, 4) ndarray
+        Flow over half the interval.
+    rows, normals
+        As in `draw`.
+    wx, wv : [body, lane]
+        Noise of the whole; overwritten by that of the second half.
+    half_x, half_v : [body, lane]
+        Noise of the first half.
+    """
+    for body in range(rows.shape[0]):
+        row = rows[body]
+        if row < 0:
+            for lane in range(half_x.shape[1]):
+                half_x[body, lane] = 0.0
+                half_v[body, lane] = 0.0
+            continue
+        g_xx, g_xv, g_vx, g_vv = gain[body]
+        l_xx, l_vx, l_vv = factors[body, 0], factors[body, 1], factors[body, 2]
+        a_xx, a_xv, a_vx, a_vv = transition[body]
+        for lane in range(half_x.shape[1]):
+            whole_x, whole_v = wx[body, lane], wv[body, lane]
+            first, second = float(normals[0, row, lane]), float(normals[1, row, lane])
+            x = g_xx * whole_x + g_xv * whole_v + l_xx * first
+            v = g_vx * whole_x + g_vv * whole_v + l_vx * first + l_vv * second
+            half_x[body, lane], half_v[body, lane] = x, v
+            wx[body, lane] = whole_x - a_xx * x - a_xv * v
+            wv[body, lane] = whole_v - a_vx * x - a_vv * v
+
+
+@kernel
+def pin(inverse, wx, wv, sum_x, sum_v):  # type: ignore[no-untyped-def]
+    """Turn the difference of the noise that an interval has and the one its steps add up to into multipliers.
+
+    `inverse` is (body, 3), the inverse of the interval's covariance; the result stands in `sum_x`, `sum_v`.
+    """
+    for body in range(inverse.shape[0]):
+        i_xx, i_xv, i_vv = inverse[body, 0], inverse[body, 1], inverse[body, 2]
+        for lane in range(sum_x.shape[1]):
+            x, v = wx[body, lane] - sum_x[body, lane], wv[body, lane] - sum_v[body, lane]
+            sum_x[body, lane] = i_xx * x + i_xv * v
+            sum_v[body, lane] = i_xv * x + i_vv * v
+
+
+@kernel
+def correct(gain, of_x, of_v, x, v):  # type: ignore[no-untyped-def]
+    """Add to each step what makes the noise of all steps that of their interval (Matheron's rule)."""
+    for body in range(gain.shape[0]):
+        g_xx, g_xv, g_vx, g_vv = gain[body]
+        for lane in range(x.shape[1]):
+            x[body, lane] += g_xx * of_x[body, lane] + g_xv * of_v[body, lane]
+            v[body, lane] += g_vx * of_x[body, lane] + g_vv * of_v[body, lane]
+
+
+@kernel
+def add_samples(x, v, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of displacement and velocity to the first five rows of ``sums[row, body, lane]``."""
+    for body in range(sums.shape[1]):
+        for lane in range(sums.shape[2]):
+            displacement, velocity = x[body, lane], v[body, lane]
+            sums[0, body, lane] += displacement
+            sums[1, body, lane] += velocity
+            sums[2, body, lane] += displacement * displacement
+            sums[3, body, lane] += displacement * velocity
+            sums[4, body, lane] += velocity * velocity
+
+
+@kernel
+def amend_samples(x, v, middle, chosen, sums):  # type: ignore[no-untyped-def]
+    """Replace, in what `add_samples` added, the velocities of some lanes by those in the middle of their kick."""
+    for body in range(sums.shape[1]):
+        for lane in range(middle.shape[1]):
+            other = chosen[lane]
+            old, new = v[body, lane], middle[body, lane]
+            sums[1, body, other] += new - old
+            sums[3, body, other] += x[body, lane] * (new - old)
+            sums[4, body, other] += new * new - old * old
