@@ -18,10 +18,7 @@ from impactlab.errors import warn
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
 from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
-from impactlab.rules import BATCH_TIMES, BATCHES, batches_wanted
-
-SETTLED = 5.0
-"""Relaxation times of spin-up after which balances may be used as controls."""
+from impactlab.rules import BATCH_TIMES, BATCHES, SETTLED, batches_wanted
 
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""
@@ -223,7 +220,7 @@ class _Regression:
         offsets = (controls * self.share).sum(axis=-1)
         centred = (controls - offsets[..., None]) * self.root
         scale = np.sqrt((centred**2).sum(axis=-1))
-        scale = np.where(scale > 0.0, scale, 1.0)
+        scale = np.where(scale > 1e-12 * np.abs(offsets), scale, np.inf)  # a constant is none
         u, s, vt = np.linalg.svd((centred / scale[..., None]).swapaxes(1, 2), full_matrices=False)
         kept = s > 1e-7
         self.u = u * kept[:, None]

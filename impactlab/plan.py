@@ -15,7 +15,7 @@ from impactlab.generate import generate
 from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, steady_flow
+from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -32,6 +32,7 @@ from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
     RELAXATION_TIMES,
+    SETTLED,
     batch_count,
     block_shape,
     check_periods,
@@ -261,8 +262,9 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    steady = steady_flow(model, integrator, start, records)
-    if given is None and steady:
+    sampled = sampled_will_do(model, integrator, start, records, spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    still = sampled and not model.nonlinear_bodies.any()
+    if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
@@ -271,7 +273,7 @@ def make_plan(
     deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
-    if may_jump(model, integrator, start, records, deviations):
+    if sampled and may_jump(model, deviations):
         foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
         for levels in range(foreseen, 0, -1):
             longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
@@ -347,7 +349,7 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
-        sampled=steady or jumping,
+        sampled=still or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
 
@@ -382,8 +384,7 @@ def _noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
 
 def _half_kick(model: Model, step: float) -> np.ndarray:
     touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
-    residual = [body.has_kernel("residual") for body in model.network.oscillators.values()]
-    alone = (touching <= 1) & ~np.array(residual)
+    alone = (touching <= 1) & ~model.residual
     of_contacts = np.unique(model.ends[model.ends < model.wall])
     return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 

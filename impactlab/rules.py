@@ -29,6 +29,9 @@ LONG, MANY = 16, 200
 RELAXATION_TIMES = 12.0
 """Length of the automatic spin-up in relaxation times of the slowest body."""
 
+SETTLED = 5.0
+"""Relaxation times of spin-up after which the motion counts as stationary."""
+
 BATCHES, BATCH_TIMES = 64, 20.0
 """Least number of batches for a standard error, and the length of one in relaxation times."""
 
