@@ -16,7 +16,7 @@ import itertools
 import math
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -114,9 +114,11 @@ class Component:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            object.__setattr__(self, field.name, _validated(type(self), field, value))
+        for declared in _declared(type(self)):
+            value = getattr(self, declared.name)
+            valid = _validated(declared, value)
+            if valid is not value:
+                object.__setattr__(self, declared.name, valid)
 
     def __repr__(self) -> str:
         shown = [
@@ -132,7 +134,7 @@ class Component:
     @classmethod
     def field_names(cls) -> tuple[str, ...]:
         """Names of the fields, in the order of their declaration."""
-        return tuple(field.name for field in dataclasses.fields(cls))  # type: ignore[arg-type]
+        return tuple(declared.name for declared in _declared(cls))
 
     @classmethod
     def units(cls, name: str) -> str:
@@ -238,11 +240,13 @@ def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray
     (component, point) ndarray
         NaN where a function of Python overflows, which compiled ones do not.
     """
-    result = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
+    result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     by_class: dict[type[Component], list[int]] = {}
     for row, component in enumerate(components):
         by_class.setdefault(type(component), []).append(row)
-    for cls, rows in by_class.items():
+    most = max(1, _POINTS // max(1, result.shape[1]))
+    parts = [(cls, all_[k : k + most]) for cls, all_ in by_class.items() for k in range(0, len(all_), most)]
+    for cls, rows in parts:
         function, used, fields = cls.kernel(name)
         values = dict(zip(cls.kernels[name], kinematic, strict=True))
         shape = len(rows), result.shape[1]
@@ -257,6 +261,9 @@ def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray
                 components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
             raise
     return result
+
+
+_POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 
 
 def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
@@ -337,39 +344,62 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
     setattr(cls, name, staticmethod(function))
 
 
+class _Declared(NamedTuple):
+    """A field of a class, as it is looked at whenever a component is made."""
+
+    name: str
+    place: str
+    kind: str
+    positional: bool
+    needed: bool
+    units: str
+    limits: tuple[float | None, float | None, float | None]  # minimum, above, maximum
+
+
+def _fields_of(cls: Any) -> tuple[_Declared, ...]:
+    result = []
+    for field in dataclasses.fields(cls):
+        kind = str(field.type if isinstance(field.type, str) else getattr(field.type, "__name__", field.type))
+        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        minimum, above, maximum = (field.metadata.get(name) for name in ("minimum", "above", "maximum"))
+        units = field.metadata.get("units", "1")
+        place = f"{cls.__name__}.{field.name}"
+        result.append(_Declared(field.name, place, kind, not field.kw_only, needed, units, (minimum, above, maximum)))
+    return tuple(result)
+
+
+_declared: Callable[[Any], tuple[_Declared, ...]] = functools.cache(_fields_of)
+
+
 def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict[str, Any]) -> None:
     """Refuse unknown, surplus and missing arguments in the words of the component."""
-    declared = [field for field in dataclasses.fields(cls) if field.init]  # type: ignore[arg-type]
-    positional = [field.name for field in declared if not field.kw_only]
-    allowed = [field.name for field in declared]
+    declared = _declared(cls)
+    allowed = [item.name for item in declared]
     for name in fields:
         if name not in allowed:
             raise InvalidInput(f"{cls.__name__} has no field {name!r}; {suggestion(name, allowed)}")
+    positional = [item.name for item in declared if item.positional]
     if len(values) > len(positional):
         raise InvalidInput(
             f"{cls.__name__} takes {len(positional)} value(s) by position, {len(values)} were given; "
             f"name the others: {', '.join(allowed)}."
         )
-    given = {*positional[: len(values)], *fields}
-    for field in declared:
-        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        if needed and field.name not in given:
-            units = field.metadata.get("units", "1")
-            raise InvalidInput(f"{cls.__name__} needs {field.name} ({units}).")
+    for item in declared:
+        if item.needed and item.name not in fields and item.name not in positional[: len(values)]:
+            raise InvalidInput(f"{cls.__name__} needs {item.name} ({item.units}).")
 
 
-def _validated(cls: type, field: dataclasses.Field[Any], value: Any) -> Any:
+def _validated(declared: _Declared, value: Any) -> Any:
     """Return the value of a field in its declared type, or refuse it."""
-    place = f"{cls.__name__}.{field.name}"
-    kind = str(field.type if isinstance(field.type, str) else getattr(field.type, "__name__", field.type))
+    place, kind = declared.place, declared.kind
     if kind == "float":
         value = finite(place, value)
     elif kind == "int":
-        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
             raise InvalidInput(f"{place} must be a whole number, {value!r} was given.")
         value = int(value)
     elif kind == "bool":
-        if not isinstance(value, bool | np.bool_):
+        if not isinstance(value, (bool, np.bool_)):
             raise InvalidInput(f"{place} must be true or false, {value!r} was given.")
         value = bool(value)
     elif kind == "str":
@@ -377,28 +407,30 @@ def _validated(cls: type, field: dataclasses.Field[Any], value: Any) -> Any:
             raise InvalidInput(f"{place} must be a text, {value!r} was given.")
     elif isinstance(value, list):
         value = tuple(value)
-    _check_limits(place, field.metadata, value)
+    for item in value if isinstance(value, tuple) else (value,):
+        if isinstance(item, _NUMBERS) and not isinstance(item, bool):
+            _check_limits(declared, item)
     return value
 
 
-def _check_limits(place: str, metadata: Mapping[str, Any], value: Any) -> None:
-    units = "" if metadata.get("units", "1") == "1" else f" {metadata['units']}"
-    minimum, above, maximum = (metadata.get(name) for name in ("minimum", "above", "maximum"))
-    for item in value if isinstance(value, tuple) else (value,):
-        if isinstance(item, bool) or not isinstance(item, int | float | np.number):
-            continue
-        finite(place, item)
-        if minimum is not None and item < minimum:
-            raise InvalidInput(f"{place} must be at least {minimum:g}{units}, {item!r} was given.")
-        if above is not None and item <= above:
-            raise InvalidInput(f"{place} must be larger than {above:g}{units}, {item!r} was given.")
-        if maximum is not None and item > maximum:
-            raise InvalidInput(f"{place} must be at most {maximum:g}{units}, {item!r} was given.")
+def _check_limits(declared: _Declared, value: Any) -> None:
+    place, units = declared.place, "" if declared.units == "1" else f" {declared.units}"
+    minimum, above, maximum = declared.limits
+    finite(place, value)
+    if minimum is not None and value < minimum:
+        raise InvalidInput(f"{place} must be at least {minimum:g}{units}, {value!r} was given.")
+    if above is not None and value <= above:
+        raise InvalidInput(f"{place} must be larger than {above:g}{units}, {value!r} was given.")
+    if maximum is not None and value > maximum:
+        raise InvalidInput(f"{place} must be at most {maximum:g}{units}, {value!r} was given.")
+
+
+_NUMBERS = (int, float, np.number)
 
 
 def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidInput(f"{place} must be a number, {value!r} was given.")
     if not math.isfinite(value):
         raise InvalidInput(f"{place} must be a finite number, {value!r} was given.")

@@ -223,7 +223,7 @@ class _Regression:
         offsets = (controls * self.share).sum(axis=-1)
         centred = (controls - offsets[..., None]) * self.root
         scale = np.sqrt((centred**2).sum(axis=-1))
-        scale = np.where(scale > 0.0, scale, 1.0)
+        scale = np.where(scale > 1e-12 * np.abs(offsets), scale, np.inf)  # a constant is none
         u, s, vt = np.linalg.svd((centred / scale[..., None]).swapaxes(1, 2), full_matrices=False)
         kept = s > 1e-7
         self.u = u * kept[:, None]

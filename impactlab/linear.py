@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from impactlab.errors import InvalidInput
-from impactlab.model import Model
+from impactlab.model import Model, kept
 
 ZERO = 1e-12
 """Part of the largest stiffness or rate below which another counts as 0."""
@@ -136,10 +136,10 @@ class LinearSystem:
         return np.concatenate(parts)
 
 
-@lru_cache(maxsize=8)  # what a system has worked out is wanted more than once while a run is planned
+@kept
 def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return the slots and the linear system of every group of bodies that linear couplings connect."""
-    intensity = model.intensities()
+    intensity = model.initial_intensities
     return tuple(
         (
             slots,
@@ -167,12 +167,12 @@ def linear_variances(model: Model) -> np.ndarray:
     for bodies with linear couplings those of the coupled system. Infinite where there is
     no stationary law, 0 without excitation.
     """
-    return np.asarray(white_variances(model, model.intensities()) + line_variances(model))
+    return np.asarray(white_variances(model, model.initial_intensities) + line_variances(model))
 
 
 def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
     """Return the part of :func:`linear_variances` that white noise of some densities makes, (2, body)."""
-    own = (intensity == model.intensities()).all()
+    own = (intensity == model.initial_intensities).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity = np.pi * intensity / (model.mass * model.damping)
         displacement = np.pi * intensity / (model.damping * model.stiffness)
@@ -182,7 +182,7 @@ def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
     return np.asarray(result)
 
 
-@lru_cache(maxsize=8)
+@kept
 def line_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
@@ -287,7 +287,7 @@ def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np
         return np.where(dynamic != 0.0, 1.0 / dynamic, np.inf)
 
 
-@lru_cache(maxsize=8)
+@kept
 def lines_of(model: Model) -> tuple[Lines, ...]:
     """Return the sums of cosines of a network."""
     result = []

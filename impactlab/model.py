@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
 from impactlab.component import Component, call_each, finite
 from impactlab.contact import Wall
 from impactlab.network import Network
+
+Result = TypeVar("Result")
 
 HEADER = 3
 """Entries of `Model.indices` per kind: number of rows, first index, first parameter."""
@@ -227,27 +232,43 @@ class Model:
         """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
         result[self.links[self.kicking].ravel()] = True
-        for slot, body in enumerate(self.network.oscillators.values()):
-            result[slot] |= body.has_kernel("residual")
-        return result[: len(self.bodies)]
+        result[:-1] |= self.residual
+        return result[:-1]
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Whether each body has a residual force, (body,) of bool."""
+        if not self.of_role("residual"):
+            return np.zeros(len(self.bodies), dtype=bool)
+        return np.array([body.has_kernel("residual") for body in self.network.oscillators.values()])
 
     def intensities(self, time: float = 0.0) -> np.ndarray:
         """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
         result = np.zeros(len(self.bodies))
-        excitations = [self.network.excitations[self.bodies[slot]] for slot in self.white]
+        given = self.network.excitations
+        excitations = [given[self.bodies[slot]] for slot in self.white]
         result[list(self.white)] = call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
         return result
+
+    @cached_property
+    def initial_intensities(self) -> np.ndarray:
+        """Return :meth:`intensities` at time 0; not to be changed."""
+        return self.intensities()
 
     def reference_intensities(self) -> np.ndarray:
         """Densities for which coefficients are made: the constant ones, 1 where they vary, (body,)."""
         if not self.time_varying:
-            return self.intensities()
+            return self.initial_intensities
         result = np.zeros(len(self.bodies))
         result[list(self.white)] = 1.0
         return result
 
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
+        return self._labels
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
         return _parts(len(self.bodies), self.links)
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -262,6 +283,20 @@ class Model:
             k, c = (_springs(pairs[rows], strength[rows], slots) for strength in (stiffness, damping))
             result.append((slots, k, c))
         return result
+
+
+def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Keep what a function of a model and hashable arguments returns for as long as the model lives."""
+
+    @functools.wraps(function)
+    def known(model: Model, *arguments: Any) -> Result:
+        results = model.__dict__.setdefault("_kept", {})
+        key = function, *arguments
+        if key not in results:
+            results[key] = function(model, *arguments)
+        return results[key]  # type: ignore[no-any-return]
+
+    return known
 
 
 def _parts(count: int, pairs: np.ndarray) -> np.ndarray:

@@ -369,8 +369,7 @@ def _divides(interval: float, period: float) -> bool:
 
 def _half_kick(model: Model, step: float) -> np.ndarray:
     touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
-    residual = [body.has_kernel("residual") for body in model.network.oscillators.values()]
-    alone = (touching <= 1) & ~np.array(residual)
+    alone = (touching <= 1) & ~model.residual
     of_contacts = np.unique(model.ends[model.ends < model.wall])
     return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 

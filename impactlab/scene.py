@@ -31,11 +31,13 @@ def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarr
     energy of the start or of the response to a given force, whichever is largest.
     """
     times = np.linspace(0.0, duration, 257)
-    intensity = model.intensities()
+    intensity = model.initial_intensities.copy()
     if model.time_varying:
-        for slot in model.white:
-            call = model.network.excitations[model.bodies[slot]].call
-            intensity[slot] = float(call("intensity", times).max())
+        noises = model.network.excitations.values()
+        largest = {
+            noise: float(noise.call("intensity", times).max()) for noise in set(noises) if noise.kind == "intensity"
+        }
+        intensity[list(model.white)] = [largest[model.network.excitations[model.bodies[slot]]] for slot in model.white]
     heat = model.mass * white_variances(model, intensity)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * duration / model.mass[growing]
@@ -127,9 +129,9 @@ class Stiffening:
         couplings[nonlinear] = _of_unique(partial(_tangents, _Couplings), rows, 1)[0]
         bodies = np.zeros(len(model.mass))
         oscillators = list(model.network.oscillators.values())
-        residual = [slot for slot, body in enumerate(oscillators) if body.has_kernel("residual")]
-        rows = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
-        bodies[residual] = _of_unique(partial(_tangents, _Residuals), rows, 1)[0]
+        residual = np.flatnonzero(model.residual)
+        stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
+        bodies[residual] = _of_unique(partial(_tangents, _Residuals), stiff, 1)[0]
         return cls(energy, penetration, tangent, couplings, bodies, rest)
 
 
@@ -181,7 +183,7 @@ def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray
         def outward(x: np.ndarray) -> np.ndarray:
             return np.asarray(spring * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
 
-        return np.minimum(_work(outward, amplitude), _work(outward, -amplitude))
+        return np.asarray(np.minimum(_work(outward, amplitude), _work(outward, -amplitude)))
 
     amplitude = _solve(stored, energy)
     x = np.linspace(-amplitude, amplitude, 65, axis=1)
@@ -238,7 +240,7 @@ def _penetrations(
         return _work(forces.of(rows), depth)
 
     def pressed(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return depth + compliance[rows] * forces.of(rows)(depth[:, None])[:, 0]
+        return np.asarray(depth + compliance[rows] * forces.of(rows)(depth[:, None])[:, 0])
 
     thermal = _solve(stored, energy)
     static = _solve(pressed, np.where(compliance < np.inf, overlap, 0.0))
@@ -286,10 +288,12 @@ def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tup
     last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
     with np.errstate(all="ignore"):
         off = np.log10(at(last, rows) / target)
-        for _ in range(4):
+        for _ in range(8):
             now = np.log10(at(guess, rows) / target)
             shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
             last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
+            if not (np.abs(shift) > 1e-14).any():
+                break
     guess = np.where(np.isnan(guess), _HIGHEST, guess)
     below, above = guess - 1e-13, guess + 1e-13
     sure = ~reached(below, rows) & reached(above, rows)

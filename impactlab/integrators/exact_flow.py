@@ -30,7 +30,7 @@ from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
-from impactlab.model import Model
+from impactlab.model import Model, kept
 
 _SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
 
@@ -132,20 +132,7 @@ class ExactFlow(Integrator):
         return slots, columns[:, which, slots]
 
     def flows(self, model: Model, step: float) -> Flows:
-        linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
-        exact = *transition(*linear, step), *transition(*linear, 0.5 * step)
-        split = self._split(model, step)[:, None, None]
-        phases = []
-        for place in GAUSS:
-            parts = *split_transition(*linear, step, place), *split_transition(*linear, step, place, until=0.5)
-            phases.append([np.where(split, *pair) for pair in zip(parts, exact, strict=True)])
-        groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
-        joined = [np.stack(part) for part in zip(*phases, strict=True)]
-        for group in groups:
-            for alone, joint in zip(joined, group[2:], strict=True):
-                alone[:, group.slots] = _own(joint)
-        a, q, middle_a, middle_q = joined
-        return Flows(a, q, middle_a, middle_q, groups)
+        return _flows(model, self, step)
 
     def _split(self, model: Model, step: float) -> np.ndarray:
         """Whether friction and noise of each body act at one moment of the step, (body,) of bool."""
@@ -184,6 +171,24 @@ class ExactFlow(Integrator):
             _over(of_flow, frequency[kicked].max()),
             _over(of_dampers, coupling_rate(model)),
         )
+
+
+@kept
+def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
+    linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
+    exact = *transition(*linear, step), *transition(*linear, 0.5 * step)
+    split = method._split(model, step)[:, None, None]
+    phases = []
+    for place in GAUSS:
+        parts = *split_transition(*linear, step, place), *split_transition(*linear, step, place, until=0.5)
+        phases.append([np.where(split, *pair) for pair in zip(parts, exact, strict=True)])
+    groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
+    joined = [np.stack(part) for part in zip(*phases, strict=True)]
+    for group in groups:
+        for alone, joint in zip(joined, group[2:], strict=True):
+            alone[:, group.slots] = _own(joint)
+    a, q, middle_a, middle_q = joined
+    return Flows(a, q, middle_a, middle_q, groups)
 
 
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -40,12 +40,21 @@ def transition(
     A, Q : (n, 2, 2) ndarray
     """
     bodies = np.stack([mass, damping, stiffness], axis=1)
-    unique, which = np.unique(bodies, axis=0, return_inverse=True)
-    which = which.reshape(-1)
+    unique, which = _unique(bodies)
     unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
     a, q = _gaussian(_drift(unique), unit, step, _rate(unique))
     return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+
+
+def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows that differ, and the place of each row among them."""
+    order = np.lexsort(rows.T)  # `numpy.unique` takes five times as long for many rows
+    ordered = rows[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(rows)]
+    which = np.empty(len(rows), dtype=np.int64)
+    which[order] = np.cumsum(new) - 1
+    return ordered[new], which
 
 
 def system_transition(

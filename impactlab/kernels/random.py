@@ -20,6 +20,7 @@ These numbers are fixed: a faster implementation must return the same ones.
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -61,9 +62,9 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
     tuple of int
         Three words of 32 bits, from BLAKE2 keyed by the seed.
     """
-    key = b"".join(word.to_bytes(8, "little") for word in seed)
+    key = struct.pack("<2Q", *seed)
     digest = hashlib.blake2b(name.encode(), digest_size=12, key=key, person=purpose.encode()).digest()
-    low, high, word = (int.from_bytes(digest[4 * k : 4 * k + 4], "little") for k in range(3))
+    low, high, word = struct.unpack("<3I", digest)
     return low, high, word
 
 
