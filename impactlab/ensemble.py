@@ -127,16 +127,17 @@ class _Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
+        self.single = plan.lanes == 1 and plan.jumps is None
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
         self.module = build(plan.text)
-        self.loop = plan.integrator.loop() if plan.jumps is None else jumping_loop()
+        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
         self.now = 0
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
-        normals = np.zeros((len(plan.noise_rows), 4, lanes), dtype=np.float32)
+        normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
         work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
@@ -147,12 +148,17 @@ class _Block:
             np.zeros(shape),
             np.zeros((CONTACT_ROWS, contacts, lanes)),
             plan.ends,
+            plan.indices,
             plan.window,
             plan.half_kick,
+            np.zeros((4, contacts * self.single, lanes)),
+            np.zeros((len(plan.half_kick) * self.single, lanes)),
+            np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
+        self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
         self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
         if plan.lines:
             self.series = self._start_with_series()
@@ -190,11 +196,11 @@ class _Block:
         realizations = np.ascontiguousarray(self.realizations[lanes])
         x, v = np.zeros((2, plan.linear.shape[1] + 1, len(lanes)))
         if plan.deviations.any() or plan.factors:
-            normals = np.empty((len(x) - 1, 4, len(lanes)), dtype=np.float32)
+            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
             fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[:, row] for row in (0, 1))
+            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[row] for row in (0, 1))
         for slots, factor in plan.factors:
-            independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
+            independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
         for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
@@ -250,16 +256,12 @@ class _Block:
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
-        evaluate(
-            self.module.forces,
-            x,
-            v,
-            plan.parameters,
-            plan.indices,
-            state.indentation,
-            state.contact_force,
-            state.total,
-        )
+        x, v, *result = map(self._seen, (x, v, state.indentation, state.contact_force, state.total))
+        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, *result)
+
+    def _seen(self, block: np.ndarray) -> np.ndarray:
+        """Return an array as the loop sees it: without the axis of the lanes where there is one lane."""
+        return block[..., 0] if self.single else block
 
     # run
 
@@ -280,9 +282,10 @@ class _Block:
             network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
             how = plan.dissipative, sampler is not None, self.now, count, every, phase
             if plan.jumps is None:
+                series = self.series._replace(near=self._seen(self.series.near))
                 self.loop(
-                    *network, plan.cross, self._noise(count), self.series, self._forced(count), self.state,
-                    self.history, self.sums, snapshots, plan.step, *how,
+                    *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
+                    self._seen(snapshots), plan.step, *how,
                 )  # fmt: skip
             else:
                 self.loop(
@@ -295,6 +298,13 @@ class _Block:
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
+
+    def _blocks(self) -> tuple[State, History, Sums]:
+        """What the loop takes."""
+        sums = self.sums._asdict()
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+            sums[name] = self._seen(sums[name])
+        return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
     def _noise(self, count: int) -> Noise:
         plan = self.plan
@@ -311,7 +321,16 @@ class _Block:
                 )
             rows = np.searchsorted(plan.white, plan.noise_rows)
             scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
+        return Noise(
+            plan.noise_rows,
+            plan.noise_runs,
+            self.seconds,
+            plan.amplitude,
+            plan.streams,
+            self.realizations,
+            scale,
+            plan.coarse,
+        )
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

@@ -18,10 +18,7 @@ from impactlab.errors import warn
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
 from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
-from impactlab.rules import BATCH_TIMES, BATCHES, batches_wanted
-
-SETTLED = 5.0
-"""Relaxation times of spin-up after which balances may be used as controls."""
+from impactlab.rules import BATCH_TIMES, BATCHES, SETTLED, batches_wanted
 
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""

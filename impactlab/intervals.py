@@ -36,27 +36,24 @@ SAMPLES, GAIN = 512, 1.3
 """States from which the work is foreseen, and how much less it must be for intervals to be used."""
 
 
-def steady_flow(model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]) -> bool:
-    """Whether nothing acts on the bodies but constant white noise, in a stationary state, of which samples will do."""
-    return _sampled(model, integrator, start, records) and not model.nonlinear_bodies.any()
-
-
-def may_jump(
-    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record], deviations: np.ndarray
+def sampled_will_do(
+    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record], settled: bool
 ) -> bool:
-    """Whether only contacts act besides."""
-    alone = not (len(model.coupled) or model.of_role("residual")) and 0 < len(model.ends) <= MOST_CONTACTS
-    return alone and bool((deviations > 0.0).all()) and _sampled(model, integrator, start, records)
-
-
-def _sampled(model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record]) -> bool:
+    """Whether statistics may be taken of samples: of a stationary motion, on which no forces act that vary in time."""
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
         and isinstance(start, str)
+        and settled
         and not (model.lines or model.forced or model.time_varying)
         and not any(record.every_step for record in records)
     )
+
+
+def may_jump(model: Model, deviations: np.ndarray) -> bool:
+    """Whether nothing but contacts acts on bodies that move each by itself."""
+    alone = not (len(model.coupled) or model.of_role("residual")) and 0 < len(model.ends) <= MOST_CONTACTS
+    return alone and bool((deviations > 0.0).all())
 
 
 def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
@@ -193,9 +190,11 @@ def _rows(matrices: np.ndarray) -> np.ndarray:
 
 def _inverse(q: np.ndarray) -> np.ndarray:
     """Inverse of covariances, 0 for those that are 0, (body, 2, 2)."""
+    xx, xv, vv = q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]
+    some = vv > 0.0
+    adjugate = np.stack([vv, -xv, -xv, xx], axis=1).reshape(q.shape)
     result = np.zeros_like(q)
-    some = q[:, 1, 1] > 0.0
-    result[some] = np.linalg.inv(q[some])
+    result[some] = adjugate[some] / (xx * vv - xv**2)[some, None, None]
     return result
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
+from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, steady_flow
+from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -29,15 +30,16 @@ from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
-    LANES,
     MOST_SAMPLES,
     RELAXATION_TIMES,
+    SETTLED,
     batch_count,
     block_shape,
     check_periods,
     choose_step,
     enough_units,
     fit_step,
+    most_lanes,
     positive,
     start_of,
     warn_of_bands,
@@ -59,7 +61,7 @@ class Plan:
         Generated module.
     integrator : Integrator
         Method.
-    coefficients : (phase, body, column) ndarray
+    coefficients : (phase, column, body) ndarray
         The method's numbers.
     cross : Cross
         Blocks of the linear motion between bodies.
@@ -81,10 +83,12 @@ class Plan:
     white : (white,) ndarray of int
         Slots of the bodies under white noise.
     noise_rows : (row,) ndarray of int
-        Slots of the bodies by row of noise; some have two.
-    amplitude : (phase, row, 2) ndarray
+        Slots of the bodies by row of noise; second rows of some come last.
+    noise_runs : (run, 3) ndarray of int
+        Bodies that follow each other, as do their first rows: first body, its row or -1, number.
+    amplitude : (phase, 2, row) ndarray
         Amplitude of the rows.
-    streams, starts : (row, 3), (body, 3) ndarray of uint64
+    streams, starts : (3, row), (3, body) ndarray of uint64
         Addresses of the noise and of the random start.
     seed : tuple of int
         128 bits.
@@ -143,6 +147,7 @@ class Plan:
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
+    noise_runs: np.ndarray
     amplitude: np.ndarray
     streams: np.ndarray
     starts: np.ndarray
@@ -257,8 +262,9 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    steady = steady_flow(model, integrator, start, records)
-    if given is None and steady:
+    sampled = sampled_will_do(model, integrator, start, records, spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    still = sampled and not model.nonlinear_bodies.any()
+    if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
@@ -267,7 +273,7 @@ def make_plan(
     deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
-    if may_jump(model, integrator, start, records, deviations):
+    if sampled and may_jump(model, deviations):
         foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
         for levels in range(foreseen, 0, -1):
             longer, count = fit_step(chosen, given is not None, intervals, duration, leaf << levels)
@@ -292,14 +298,14 @@ def make_plan(
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    most = JUMP_LANES if jumping else LANES
+    most = JUMP_LANES if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
-        text=generate(model),
+        text=generate(model, single=lanes == 1 and not jumping),
         integrator=integrator,
-        coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        coefficients=np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1)),
         cross=integrator.cross(model, step),
         flows=integrator.flows(model, step),
         parameters=model.parameters,
@@ -314,7 +320,8 @@ def make_plan(
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
-        amplitude=np.ascontiguousarray(amplitude),
+        noise_runs=_noise_runs(noise_rows, len(model.bodies)),
+        amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
         streams=streams_of(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
@@ -342,7 +349,7 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
-        sampled=steady or jumping,
+        sampled=still or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
 
@@ -365,6 +372,14 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
+
+
+def _noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
+    row, every = np.full(bodies, -1), np.arange(bodies)
+    slots, first = np.unique(rows, return_index=True)
+    row[slots] = first
+    begin, _, count = runs(every, constant=[np.where(row < 0, -bodies, row - every)])
+    return np.stack([begin, row[begin], count], axis=1)
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

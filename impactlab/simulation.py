@@ -78,7 +78,7 @@ def simulate(
         What to keep besides the statistics.
     rng : optional
         Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
-        keyed by seed, realization, name of the body and step.
+        keyed by seed, realization, name of the body and step; or interval, in runs that jump.
     executor : concurrent.futures.Executor, optional
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.

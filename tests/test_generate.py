@@ -118,7 +118,7 @@ def test_the_pair_has_no_code_that_it_does_not_need(base_case):
     assert names(text).isdisjoint(
         {"rate", "damping", "velocity", "residual", "forcing", "intensity", "times", "result", "row", "np", "v"}
     )
-    assert loops(text) == ["# HertzContact: force of slot, first, second with clearance, stiffness"]
+    assert loops(text) == ["# HertzContact: force of slot with clearance, stiffness"]
 
 
 def test_walls_need_no_code(base_case):
@@ -469,3 +469,41 @@ def test_kinds_say_what_a_row_holds():
     kind = Kind("force", RateLaw, "force")
     assert kind.kinematic == ("indentation", "rate")
     assert kind.parameters == ("clearance", "stiffness", "damping")
+
+
+TERMS = {
+    "contacts": "gather(",
+    "no contacts": "clear(",
+    "Hertz": "HertzContact_force(",
+    "linear": "LinearContact_force(",
+    "rates of contacts": "rate = ",
+    "couplings": "LinearCoupling_force(",
+    "residual": "DuffingOscillator_residual(",
+    "given forces": "def forcing(",
+    "noise that varies": "def intensity(",
+}
+PAIR = {"a": BODY, "b": BODY}
+GAP = {"gap": il.Contact("a", "b", HERTZ)}
+SCENES = {
+    "one body": (il.Network({"a": BODY}), {"no contacts"}),
+    "noise": (il.Network(PAIR, excitations={"a": il.WhiteNoise(1.0)}), {"no contacts"}),
+    "bounded noise": (il.Network(PAIR, GAP, {"a": il.ShinozukaNoise(1.0)}), {"contacts", "Hertz"}),
+    "varying noise": (il.Network(PAIR, excitations={"a": Burst(1.0)}), {"no contacts", "noise that varies"}),
+    "push": (il.Network(PAIR, GAP, {"a": Sine(1.0)}), {"contacts", "Hertz", "given forces"}),
+    "pair": (il.Network(PAIR, GAP, {"a": il.WhiteNoise(1.0)}), {"contacts", "Hertz"}),
+    "wall": (il.Network(PAIR, {"w": il.Contact("a", il.WALL, il.LinearContact(1.0))}), {"contacts", "linear"}),
+    "dashpot": (il.Network(PAIR, {"w": il.Contact("a", "b", RateLaw())}), {"contacts", "rates of contacts"}),
+    "Duffing": (il.Network({"a": il.DuffingOscillator(cubic=1.0), "b": BODY}, GAP), {"contacts", "Hertz", "residual"}),
+    "coupled": (
+        il.Network(PAIR, couplings={"spring": il.Coupling("a", "b", il.LinearCoupling(1.0))}),
+        {"no contacts", "couplings", "rates of contacts"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_absent_terms_have_no_code(name):
+    """Of contacts, laws, rates, couplings, residual forces, given forces and noises only those of the scene."""
+    network, present = SCENES[name]
+    text = generate(Model.of(network)).partition('"""')[2]
+    assert {term for term, code in TERMS.items() if code in text} == present

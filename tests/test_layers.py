@@ -10,7 +10,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "gather", "kernels"},
+    {"errors", "progress", "gather", "incidence", "kernels"},
     {"component", "build"},
     {"oscillator", "contact", "excitation"},
     {"coupling"},

@@ -1,13 +1,13 @@
-"""Studies of impactlab's own numerics: run time against error, and accuracy on random networks."""
+"""Studies of impactlab's own numerics: run time against error and size, and accuracy on random networks."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
 
-_HOME = {"AccuracyStudy": "accuracy", "WorkPrecisionStudy": "work_precision"}
+_HOME = {"AccuracyStudy": "accuracy", "ScalingStudy": "scaling", "WorkPrecisionStudy": "work_precision"}
 
-__all__ = ["AccuracyStudy", "WorkPrecisionStudy"]
+__all__ = ["AccuracyStudy", "ScalingStudy", "WorkPrecisionStudy"]
 
 
 def __getattr__(name: str) -> Any:

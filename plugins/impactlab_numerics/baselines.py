@@ -165,6 +165,20 @@ class SeriesLoop(Loop):
         return self._means(count // 2, *results)
 
 
+def series_loop(
+    network: il.Network, step: float, bins: int, seed: int, components: int, band: tuple[float, ...]
+) -> SeriesLoop:
+    """Return the loop for a band of noise; parameters as of `SeriesLoop`.
+
+    Simpson's rule, which Runge-Kutta is for a force, takes the frequency 1/step for a constant one: there
+    are no cosines above half of it.
+    """
+    low, high = band
+    top = min(high, 0.5 / step)
+    lines = round(components * (top - low) / (high - low))
+    return SeriesLoop(network, "runge_kutta", step, bins, seed, components=lines, band=(low, top))
+
+
 @kernel
 def cosines(generator, amplitude, spectrum):  # type: ignore[no-untyped-def]
     """Fill a spectrum with one amplitude and random phases."""

@@ -16,6 +16,7 @@ STATISTICS = ("mean_square_displacement", "contact_ratio", "mean_contact_force",
 """What is compared: of the last body and of the last contact."""
 
 TEMPERATURE = 2.5  # J, that of the base case
+_LAW, _CLEARANCE = il.HertzContact(1e4), 0.05
 _RANGE = 5.0  # half width of a density in standard deviations of the body alone
 
 
@@ -26,10 +27,43 @@ def scene(bodies: int) -> il.Network:
     0.1, contacts are of Hertz with 10⁴ N m^(-3/2) and a clearance of 0.05 m. Two bodies are the
     base case of Luo, Yan and Zhang (2023): ω1/ω2 = 16, spectral densities 16 and 1.
     """
+    oscillators = _falling(bodies)
+    return il.chain(bodies, oscillators, _LAW, clearance=_CLEARANCE, excitation=[_noise(body) for body in oscillators])
+
+
+def grid(bodies: int) -> il.Network:
+    """Return the bodies of a row in lines as long as there are lines, about: each can touch the next and that below."""
+    width = math.isqrt(bodies)
+    row = [(body, body + 1) for body in range(bodies - 1) if (body + 1) % width]
+    return _network(_falling(bodies), row + [(body, body + width) for body in range(bodies - width)])
+
+
+def star(bodies: int) -> il.Network:
+    """Return a body that can touch all others, which are those of a row; its mass is that of the others together."""
+    hub = il.LinearOscillator.from_frequency(2.0 * math.pi, 0.1, mass=bodies - 1.0)
+    return _network([hub, *_falling(bodies - 1)], [(body, 0) for body in range(1, bodies)])
+
+
+GRAPHS = {"chain": scene, "grid": grid, "star": star}
+"""What makes a network of a number of bodies, by name."""
+
+
+def _falling(bodies: int) -> list[il.LinearOscillator]:
     frequencies = [2.0 * math.pi * 16.0 ** (1.0 - body / (bodies - 1)) for body in range(bodies)]
-    oscillators = [il.LinearOscillator.from_frequency(frequency, 0.1) for frequency in frequencies]
-    noises = [il.WhiteNoise(TEMPERATURE * body.damping / math.pi) for body in oscillators]
-    return il.chain(bodies, oscillators, il.HertzContact(1e4), clearance=0.05, excitation=noises)
+    return [il.LinearOscillator.from_frequency(frequency, 0.1) for frequency in frequencies]
+
+
+def _noise(body: il.Oscillator) -> il.WhiteNoise:
+    return il.WhiteNoise(TEMPERATURE * body.damping / math.pi)
+
+
+def _network(bodies: list[il.LinearOscillator], pairs: list[tuple[int, int]]) -> il.Network:
+    named = {f"body_{number}": body for number, body in enumerate(bodies)}
+    contacts = {
+        f"contact_{number}": il.Contact(f"body_{first}", f"body_{second}", _LAW, clearance=_CLEARANCE)
+        for number, (first, second) in enumerate(pairs)
+    }
+    return il.Network(named, contacts, {name: _noise(body) for name, body in named.items()})
 
 
 def shaken(network: il.Network, components: int, band: tuple[float, ...]) -> il.Network:

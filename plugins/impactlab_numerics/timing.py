@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import impactlab as il
+from impactlab.ensemble import SharedThreads
 
 SHORT = 500
 """Steps of the shorter of two runs, of which the difference gives the rate."""
@@ -106,6 +108,73 @@ class Whole:
 
     def __call__(self) -> Measurement:
         return self._seconds(self.batches) / (self.batches * self.batch), 0.0
+
+
+class Stopwatch(SharedThreads):
+    """Runs blocks one after another where it is called, and takes the time and memory of each.
+
+    Attributes
+    ----------
+    seconds : float
+        Time of the processor that blocks have taken (s): on a busy machine it is less disturbed
+        than the time on the clock.
+    peak : int
+        Most memory in use while a block ran (bytes), if `tracemalloc` is tracing.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1, 1)
+        self.seconds, self.peak = 0.0, 0
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a block."""
+        if tracemalloc.is_tracing():
+            tracemalloc.reset_peak()
+        future: Future[Any] = Future()
+        begin = time.process_time()
+        future.set_result(call(*args, **kwargs))
+        self.seconds += time.process_time() - begin
+        if tracemalloc.is_tracing():
+            self.peak = max(self.peak, tracemalloc.get_traced_memory()[1])
+        return future
+
+
+@dataclass(eq=False)
+class Blocks:
+    """Times what blocks of an ensemble take on one core, and apart from them what planning and estimates take.
+
+    Parameters
+    ----------
+    network : Network
+    options : dict
+        Options of `simulate` but duration, spin-up, seed and executor.
+    seconds : float
+        Least time of a measurement (s), about.
+    duration : float
+        Time that is simulated in the first attempt (s).
+    """
+
+    network: il.Network
+    options: dict[str, Any]
+    seconds: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        self.run()  # compiles
+        while (spent := self.run()) < 0.5 * self.seconds:
+            self.duration *= min(max(self.seconds / max(spent, 1e-9), 2.0), 100.0)
+
+    def run(self) -> float:
+        """Return the seconds that the blocks take; `result` is what was simulated, `rest` the seconds around them."""
+        watch, begin = Stopwatch(), time.process_time()
+        self.result = il.simulate(
+            self.network, self.duration, **self.options, spin_up=0.0, rng=1, executor=watch, progress=False
+        )
+        self.rest = time.process_time() - begin - watch.seconds
+        return watch.seconds
+
+    def __call__(self) -> Measurement:
+        return self.run() / self.result.attrs["duration"] / self.options.get("realizations", 1), self.rest
 
 
 def in_rounds(timers: Mapping[Any, Callable[[], Measurement]], rounds: int) -> dict[Any, list[Measurement]]:

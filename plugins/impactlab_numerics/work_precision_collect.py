@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Table = dict[Method, Findings]
 Timers = dict[Any, Callable[[], Measurement]]
 
-LOOPS = {"BAOAB": "baoab", "Euler–Maruyama": "euler_maruyama", "Runge–Kutta": "runge_kutta"}
+LOOPS = {"BAOAB": "baoab", "Euler–Maruyama": "euler_maruyama"}
 BLOCKS = (1, 8, 64, LANES)
 SERIES_REALIZATIONS = 8  # each takes about 10 ms
 
@@ -70,14 +70,10 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
 
 def make_loop(study: WorkPrecisionStudy, method: Method, number: int = 0) -> baselines.Loop:
     """Return the loop of a method, with a seed of its own for each number."""
-    common = (study.scenes()[method.scene], LOOPS[method.scheme], method.step, study.bins, study.seed + 1000 * number)
+    network, seed = study.scenes()[method.scene], study.seed + 1000 * number
     if method.noise == "series":
-        # Simpson's rule, which Runge-Kutta is for a force, takes the frequency 1/step for a constant one
-        low, high = study.band
-        top = min(high, 0.5 / method.step)
-        lines = round(study.components * (top - low) / (high - low))
-        return baselines.SeriesLoop(*common, components=lines, band=(low, top))
-    return baselines.Loop(*common)
+        return baselines.series_loop(network, method.step, study.bins, seed, study.components, study.band)
+    return baselines.Loop(network, LOOPS[method.scheme], method.step, study.bins, seed)
 
 
 def _long_run(study: WorkPrecisionStudy, method: Method, law: Law) -> Findings:
