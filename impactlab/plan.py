@@ -15,7 +15,7 @@ from impactlab.generate import generate
 from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
+from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -298,7 +298,7 @@ def make_plan(
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    most = JUMP_LANES if jumping else most_lanes(model, realizations, workers)
+    most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
