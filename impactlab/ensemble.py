@@ -78,7 +78,7 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
+        shared_memory = shares_memory(pool)
         threads = max(1, workers_of(executor) // plan.blocks)
         report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
         futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
@@ -108,6 +108,11 @@ class SharedThreads(concurrent.futures.ThreadPoolExecutor):
 def workers_of(executor: concurrent.futures.Executor | None) -> int:
     """Number of blocks that a simulation on an executor should run at once."""
     return executor.share if isinstance(executor, SharedThreads) else cores()
+
+
+def shares_memory(executor: concurrent.futures.Executor | None) -> bool:
+    """Whether blocks run in this process."""
+    return executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
 
 
 def cores() -> int:
@@ -382,7 +387,8 @@ class _Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        bodies, contacts, products = [], [], []
+        totals = self.sums.bodies, self.sums.contacts, self.sums.products
+        kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
         begin = 0
         for batch, end in enumerate(plan.boundaries):
             self._clear_sums()
@@ -395,17 +401,15 @@ class _Block:
             self._collect_sums()
             if plan.jumps is not None:
                 self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
-            bodies.append(self.sums.bodies.copy())
-            contacts.append(self.sums.contacts.copy())
-            products.append(self.sums.products.copy())
+            for total, sums in zip(totals, kept, strict=True):
+                sums[batch] = total
             begin = end
-        kept = [keeper.result() for keeper in keepers]
-        return BlockResult(np.array(bodies), np.array(contacts), np.array(products), kept)
+        bodies, contacts, products = kept
+        return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
     def _clear_sums(self) -> None:
-        self.sums.bodies[:] = 0.0
-        self.sums.contacts[:] = 0.0
-        self.sums.products[:] = 0.0
+        for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
+            total[:] = 0.0
 
     def _collect_sums(self) -> None:
         """Bring all sums together."""
@@ -454,6 +458,8 @@ class _TiledBlock(_Block):
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
+    if len(results) == 1:  # without a copy
+        return results[0].bodies, results[0].contacts, results[0].products
     return (
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),

@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
+from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -308,7 +308,7 @@ def make_plan(
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    most = JUMP_LANES if jumping else most_lanes(model, realizations, workers)
+    most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     alone = lanes == 1 and not jumping and model.only_touching and not model.time_varying
     tile_steps, tiles = make_tiles(model, integrator.reach + model.dissipative if alone and integrator.reach else 0)
