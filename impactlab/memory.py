@@ -17,7 +17,15 @@ def sizes(plan: Plan) -> tuple[int, int]:
     bodies, contacts, rows = len(plan.bodies), len(plan.contacts), len(plan.noise_rows)
     of_sums = 8 * plan.integrator.phases * (KICK_ROWS if plan.integrator.kicks else STATE_ROWS) * bodies
     of_sums += 8 * CONTACT_ROWS * contacts + 8 * PAIR_ROWS * len(plan.pairs)
-    state = 8 * (9 * bodies + 2 * contacts) + 8 * SLOTS * (3 * bodies + 2 * contacts) + 16 * rows
+    if plan.tiles:  # all of it for the tiles with their halos, and a state of the network
+        state = 8 * (9 * bodies + 2 * contacts) + of_sums
+        bodies, contacts = (sum(map(len, parts)) for parts in zip(*(tile[:2] for tile in plan.tiles), strict=True))
+        state += plan.coefficients[..., 0].nbytes * bodies
+    else:
+        state = 0
+    state += 8 * (9 * bodies + 2 * contacts) + 8 * SLOTS * (3 * bodies + 2 * contacts) + 16 * rows
+    if plan.lanes == 1:
+        state += 8 * (bodies + 5 * contacts)
     return state + of_sums, of_sums
 
 
