@@ -26,7 +26,7 @@ def sizes(plan: Plan) -> tuple[int, int]:
     state += 8 * (9 * bodies + 2 * contacts) + 8 * SLOTS * (3 * bodies + 2 * contacts) + 16 * rows
     if plan.jumps is not None:  # states and noise of all levels of halves
         levels = plan.jumps.levels + 1
-        state += 8 * bodies * (5 + 8 * levels) + 4 * (8 * bodies + 8 * rows) + 20 * levels
+        state += 8 * (bodies + 1) * (5 + 8 * levels) + 4 * (8 * bodies + 8 * rows) + 20 * levels
     elif plan.lanes == 1:
         state += 8 * (bodies + 5 * contacts)
     return state + of_sums, of_sums

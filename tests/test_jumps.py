@@ -251,4 +251,4 @@ def test_memory_of_a_block_is_foreseen():
     plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
     block = _Block(plan, 0, lambda steps: None)
     arrays = [*block.state, *block.history, block.sums.bodies, block.sums.contacts, *block.work]
-    assert sum(item.nbytes for item in arrays) / plan.lanes == pytest.approx(sizes(plan)[0], rel=0.3)
+    assert sum(item.nbytes for item in arrays) / plan.lanes == pytest.approx(sizes(plan)[0], rel=0.2)
