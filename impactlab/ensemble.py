@@ -191,7 +191,7 @@ class _Block:
         elif plan.start == "stationary":
             redraw = lanes
             for attempt in range(ATTEMPTS):
-                state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
+                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
                 redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
                 if not redraw.size:
                     break
@@ -203,14 +203,14 @@ class _Block:
         return attempt
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
+        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
+        x, v = np.zeros((2, plan.linear.shape[1] + 1, len(lanes)))
         if plan.deviations.any() or plan.factors:
-            normals = np.empty((4, len(x), len(lanes)), dtype=np.float32)
+            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
             fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-            x, v = plan.deviations[0][:, None] * normals[0], plan.deviations[1][:, None] * normals[1]
+            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[row] for row in (0, 1))
         for slots, factor in plan.factors:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
@@ -220,7 +220,7 @@ class _Block:
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
-            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
+            if known.size and self._closed(x, known).all():
                 break  # the rest does not matter: these will be drawn again
         return x, v
 

@@ -8,7 +8,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
 
-COPIES = 5
+COPIES = 6
 """How many times the sums of a run are in memory while they are evaluated, at most."""
 
 
