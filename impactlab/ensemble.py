@@ -22,6 +22,7 @@ from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
+from impactlab.tiles import Tile, restricted
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
@@ -77,8 +78,9 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
-        report = (tick,) if shared_memory else ()  # a lock cannot go to another process
+        shared_memory = shares_memory(pool)
+        threads = max(1, workers_of(executor) // plan.blocks)
+        report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
         futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
         try:
             pending = set(futures)
@@ -108,6 +110,11 @@ def workers_of(executor: concurrent.futures.Executor | None) -> int:
     return executor.share if isinstance(executor, SharedThreads) else cores()
 
 
+def shares_memory(executor: concurrent.futures.Executor | None) -> bool:
+    """Whether blocks run in this process."""
+    return executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -115,11 +122,16 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None) -> BlockResult:
-    """Run one block of realizations: a pure function of the plan and the index."""
-    block = _Block(plan, index, tick)
-    block.advance(plan.spin_up_steps, None)
-    return block.measure()
+def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:
+    """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
+    with contextlib.ExitStack() as stack:
+        if plan.tiles:
+            pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if threads > 1 else None
+            block: _Block = _TiledBlock(plan, index, tick, pool)
+        else:
+            block = _Block(plan, index, tick)
+        block.advance(plan.spin_up_steps, None)
+        return block.measure()
 
 
 class _Block:
@@ -141,12 +153,12 @@ class _Block:
         work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
-        past = [np.zeros((SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
+        past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
         self.history = History(*past)
-        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
+        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, plan.own_bodies, lanes
         self.sums = Sums(
             np.zeros(shape),
-            np.zeros((CONTACT_ROWS, contacts, lanes)),
+            np.zeros((CONTACT_ROWS, plan.own_contacts, lanes)),
             plan.ends,
             plan.indices,
             plan.window,
@@ -179,7 +191,7 @@ class _Block:
         elif plan.start == "stationary":
             redraw = lanes
             for attempt in range(ATTEMPTS):
-                state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
+                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
                 redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
                 if not redraw.size:
                     break
@@ -191,14 +203,14 @@ class _Block:
         return attempt
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
+        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
+        x, v = np.zeros((2, plan.linear.shape[1] + 1, len(lanes)))
         if plan.deviations.any() or plan.factors:
-            normals = np.empty((4, len(x), len(lanes)), dtype=np.float32)
+            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
             fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-            x, v = plan.deviations[0][:, None] * normals[0], plan.deviations[1][:, None] * normals[1]
+            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[row] for row in (0, 1))
         for slots, factor in plan.factors:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
@@ -208,7 +220,7 @@ class _Block:
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
                 v[slots, column] += steady[1::2]
-            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
+            if known.size and self._closed(x, known).all():
                 break  # the rest does not matter: these will be drawn again
         return x, v
 
@@ -269,35 +281,39 @@ class _Block:
         """Make some steps, adding to the sums and sampling if there is a sampler."""
         plan = self.plan
         every = plan.every if sampler is not None else 0
-        lanes, contacts = self.state.contact_force.shape[1], len(plan.ends)
-        quantities = 2 * plan.linear.shape[1] + contacts
+        lanes, quantities = len(self.realizations), 2 * plan.own_bodies + plan.own_contacts
         done = 0
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
             unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
-            whole = max(unit, plan.steps_per_call // unit * unit)
+            whole = plan.tile_steps or max(unit, plan.steps_per_call // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
-            network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-            how = plan.dissipative, sampler is not None, self.now, count, every, phase
-            if plan.jumps is None:
-                series = self.series._replace(near=self._seen(self.series.near))
-                self.loop(
-                    *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
-                    self._seen(snapshots), plan.step, *how,
-                )  # fmt: skip
-            else:
-                self.loop(
-                    *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
-                    snapshots, *how,
-                )  # fmt: skip
+            self._call(count, snapshots, sampler is not None, every, phase)
             self.now += count
             done += count
             self._guard()
             if len(snapshots) and sampler is not None:
                 sampler(snapshots)
             self.tick(count * lanes)
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Call the compiled loop."""
+        plan = self.plan
+        network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
+        how = plan.dissipative, summing, self.now, count, every, phase
+        if plan.jumps is None:
+            series = self.series._replace(near=self._seen(self.series.near))
+            self.loop(
+                *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
+                self._seen(snapshots), plan.step, *how,
+            )  # fmt: skip
+        else:
+            self.loop(
+                *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                snapshots, *how,
+            )  # fmt: skip
 
     def _blocks(self) -> tuple[State, History, Sums]:
         """What the loop takes."""
@@ -371,30 +387,79 @@ class _Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        bodies, contacts, products = [], [], []
+        totals = self.sums.bodies, self.sums.contacts, self.sums.products
+        kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
         begin = 0
         for batch, end in enumerate(plan.boundaries):
-            self.sums.bodies[:] = 0.0
-            self.sums.contacts[:] = 0.0
-            self.sums.products[:] = 0.0
+            self._clear_sums()
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
                 for keeper in keepers:
                     keeper.add(snapshots, batch)
 
             self.advance(end - begin, sample)
+            self._collect_sums()
             if plan.jumps is not None:
                 self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
-            bodies.append(self.sums.bodies.copy())
-            contacts.append(self.sums.contacts.copy())
-            products.append(self.sums.products.copy())
+            for total, sums in zip(totals, kept, strict=True):
+                sums[batch] = total
             begin = end
-        kept = [keeper.result() for keeper in keepers]
-        return BlockResult(np.array(bodies), np.array(contacts), np.array(products), kept)
+        bodies, contacts, products = kept
+        return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+
+    def _clear_sums(self) -> None:
+        for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
+            total[:] = 0.0
+
+    def _collect_sums(self) -> None:
+        """Bring all sums together."""
+
+
+class _TiledBlock(_Block):
+    """A block of one realization of a large network, in tiles; the numbers do not depend on the threads."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> None:
+        super().__init__(plan, index, tick)
+        self.pool = pool
+        self.parts = [_Block(restricted(plan, tile), index, lambda steps: None) for tile in plan.tiles]
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Let every tile make its steps from the state of the network, and bring their own bodies together."""
+        plan, state = self.plan, self.state
+        bodies, own = len(plan.bodies), 2 * plan.own_bodies
+
+        def run(part: _Block, tile: Tile) -> np.ndarray:
+            part.now = self.now
+            for block, whole in zip(part.state[:2], state[:2], strict=True):
+                np.take(whole, tile.bodies, axis=0, out=block[:-1])
+            kept = np.empty((len(snapshots), 2 * tile.own_bodies + tile.own_contacts, 1))
+            part._call(count, kept, summing, every, phase)
+            return kept
+
+        each = self.pool.map if self.pool else map
+        snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
+        for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
+            mine, contacts = tile.bodies[: tile.own_bodies], tile.contacts[: tile.own_contacts]
+            for name in ("x", "v", "reading", "velocity"):
+                getattr(state, name)[mine] = getattr(part.state, name)[: len(mine)]
+            state.contact_force[contacts] = part.state.contact_force[: len(contacts)]
+            snapshots[:, mine], snapshots[:, bodies + mine] = np.split(kept[:, : 2 * len(mine)], 2, axis=1)
+            snapshots[:, own + contacts] = kept[:, 2 * len(mine) :]
+
+    def _clear_sums(self) -> None:
+        for part in self.parts:
+            part._clear_sums()
+
+    def _collect_sums(self) -> None:
+        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+            self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
+            self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
 
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
+    if len(results) == 1:  # without a copy
+        return results[0].bodies, results[0].contacts, results[0].products
     return (
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),

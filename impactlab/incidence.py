@@ -41,10 +41,11 @@ def differences(ends: np.ndarray) -> np.ndarray:
     return np.concatenate([[along.shape[1], len(alone)], along.T.ravel(), alone.T.ravel()])
 
 
-def gathering(ends: np.ndarray, bodies: int) -> np.ndarray:
-    """Return what `impactlab.kernels.kick.gather` reads."""
+def gathering(ends: np.ndarray, bodies: int, order: np.ndarray | None = None) -> np.ndarray:
+    """Return what `impactlab.kernels.kick.gather` reads; forces are added in the order of the contacts, or `order`."""
     body, contact, sign = ends.T.ravel(), np.tile(np.arange(len(ends)), 2), np.repeat((-1, 1), len(ends))
-    order = np.lexsort((contact, body))[: np.count_nonzero(body < bodies)]  # the wall does not move
+    rank = contact if order is None else np.tile(order, 2)
+    order = np.lexsort((rank, body))[: np.count_nonzero(body < bodies)]  # the wall does not move
     body, contact, sign = body[order], contact[order], sign[order]
     slots = np.arange(bodies)
     begin = np.searchsorted(body, slots)

@@ -93,6 +93,8 @@ class Model:
         Which of them an integrator treats as a part of the bodies' linear motion.
     kinds : tuple of Kind
         Kinds of non-linear members, in canonical order.
+    tables : tuple
+        Members of each kind.
     parameters : ndarray
         Parameters of all kinds, run by run, one name after the other.
     indices : ndarray of int
@@ -117,6 +119,7 @@ class Model:
     coupling: np.ndarray
     flowing: np.ndarray
     kinds: tuple[Kind, ...]
+    tables: tuple[Table, ...]
     parameters: np.ndarray
     indices: np.ndarray
     white: tuple[int, ...]
@@ -157,7 +160,8 @@ class Model:
             item = excited[slot]
             members.setdefault(Kind("intensity", type(item), "intensity"), []).append((item, (row,), ()))
         kinds = tuple(sorted(members, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
-        parameters, indices = _packed(kinds, members, np.array(ends, dtype=np.int64).reshape(-1, 2), len(bodies))
+        tables = _tables(kinds, members)
+        parameters, indices = packed(tables, np.array(ends, dtype=np.int64).reshape(-1, 2), len(bodies))
         return cls(
             network=network,
             bodies=tuple(network.oscillators),
@@ -172,6 +176,7 @@ class Model:
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
             kinds=kinds,
+            tables=tables,
             parameters=parameters,
             indices=indices,
             white=by_kind["intensity"],
@@ -223,6 +228,11 @@ class Model:
             for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
             if not flows
         )
+
+    @property
+    def only_touching(self) -> bool:
+        """Whether bodies act on each other in contacts only, under noise and no other excitation."""
+        return not (len(self.coupled) or self.lines or self.forced)
 
     @property
     def time_varying(self) -> bool:
@@ -328,24 +338,37 @@ def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.n
 _EXCITATIONS = ("intensity", "lines", "force")
 
 
-def _packed(
-    kinds: Iterable[Kind],
-    members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]],
-    ends: np.ndarray,
-    bodies: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Model`."""
-    tables, columns, header = [differences(ends), gathering(ends, bodies), ends.ravel()], [np.zeros(0)], []
+Table = tuple[np.ndarray, np.ndarray]
+"""Members of a kind: their indices, (member, leading), and their parameters, (member, parameter)."""
+
+
+def _tables(
+    kinds: Iterable[Kind], members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]]
+) -> tuple[Table, ...]:
+    tables = []
     for kind in kinds:
-        rows, width = members[kind], len(kind.parameters)
-        leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role])).T
+        rows = members[kind]
+        leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
         numbers = np.array([(*extra, *(_number(item, field) for field in kind.fields)) for item, _, extra in rows])
-        *begins, counts = runs(*leading)
+        tables.append((leading, numbers.reshape(len(rows), len(kind.parameters))))
+    return tuple(tables)
+
+
+def packed(
+    members: Iterable[Table], ends: np.ndarray, bodies: int, order: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Model`.
+
+    The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
+    """
+    tables, columns, header = [differences(ends), gathering(ends, bodies, order), ends.ravel()], [np.zeros(0)], []
+    for leading, numbers in members:
+        *begins, counts = runs(*leading.T)
         ends_of_runs = np.cumsum(counts)
-        first = sum(map(len, columns)) + (ends_of_runs - counts) * width
+        first = sum(map(len, columns)) + (ends_of_runs - counts) * numbers.shape[1]
         tables.append(np.stack([*begins, counts, first]).T.ravel())
         header.append(len(counts))
-        columns += [part.T.ravel() for part in np.split(numbers.reshape(len(rows), width), ends_of_runs[:-1])]
+        columns += [part.T.ravel() for part in np.split(numbers, ends_of_runs[:-1])]
     places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
     heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
     return np.concatenate(columns), np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)

@@ -12,10 +12,9 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
-from impactlab.incidence import runs
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
+from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -46,6 +45,7 @@ from impactlab.rules import (
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
 from impactlab.series import sample_count
+from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -128,6 +128,12 @@ class Plan:
         Whether states are samples of a stationary motion, not all that there are.
     jumps : Jumps or None
         How intervals in which nothing can touch are covered at once.
+    own_bodies, own_contacts : int
+        How many are summed, from the first on.
+    tile_steps : int
+        Steps that tiles make alone.
+    tiles : tuple of Tile
+        Parts of a large network that run in turn, if any.
     """
 
     text: str
@@ -176,6 +182,10 @@ class Plan:
     coarse: bool
     sampled: bool
     jumps: Jumps | None
+    own_bodies: int
+    own_contacts: int
+    tile_steps: int
+    tiles: tuple[Tile, ...]
 
     @property
     def blocks(self) -> int:
@@ -298,8 +308,10 @@ def make_plan(
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    most = JUMP_LANES if jumping else most_lanes(model, realizations, workers)
+    most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
+    alone = lanes == 1 and not jumping and model.only_touching and not model.time_varying
+    tile_steps, tiles = make_tiles(model, integrator.reach + model.dissipative if alone and integrator.reach else 0)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
@@ -320,7 +332,7 @@ def make_plan(
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
-        noise_runs=_noise_runs(noise_rows, len(model.bodies)),
+        noise_runs=noise_runs(noise_rows, len(model.bodies)),
         amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
         streams=streams_of(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
@@ -349,6 +361,10 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
+        own_bodies=len(model.bodies),
+        own_contacts=len(model.contacts),
+        tile_steps=tile_steps,
+        tiles=tiles,
         sampled=still or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
@@ -372,14 +388,6 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
-
-
-def _noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
-    row, every = np.full(bodies, -1), np.arange(bodies)
-    slots, first = np.unique(rows, return_index=True)
-    row[slots] = first
-    begin, _, count = runs(every, constant=[np.where(row < 0, -bodies, row - every)])
-    return np.stack([begin, row[begin], count], axis=1)
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

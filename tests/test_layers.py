@@ -20,9 +20,10 @@ LAYERS = [
     {"generate", "integrators", "reference"},
     {"scene", "series"},
     {"linearized", "joint", "rules", "intervals"},
-    {"check", "compiled", "plan"},
-    {"record", "moments", "ensemble"},
-    {"density", "estimate", "tolerance", "together"},
+    {"check", "compiled", "tiles"},
+    {"plan"},
+    {"record", "moments", "ensemble", "memory"},
+    {"density", "estimate", "tolerance", "together", "trajectories"},
     {"parts"},
     {"simulation"},
     {"points"},
@@ -47,7 +48,7 @@ DOORS = {
 }
 """Imports inside a function that point up, so that a person can write ``network.compile()``."""
 
-HEAVY = {"numba": {"kernels", "integrators", "build"}, "matplotlib": {"plot"}, "netCDF4": set()}
+HEAVY = {"numba": {"kernels", "integrators", "build"}, "matplotlib": {"plot"}, "netCDF4": {"trajectories"}}
 """Packages, and the only parts that may import them."""
 
 HEIGHT = {name: height for height, layer in enumerate(LAYERS) for name in layer}

@@ -204,6 +204,9 @@ class Integrator(Component):
     samples_per_step: ClassVar[int] = 1
     """Samples of a series or a given force that the loop takes in a step."""
 
+    reach: ClassVar[int] = 0
+    """Contacts that a force reaches in a step, one more if it depends on velocities; 0 if nothing runs in tiles."""
+
     takes_response: ClassVar[bool] = False
     """Whether a series is the linear response (x, v) instead of the force."""
 

@@ -63,4 +63,4 @@ def _advance(  # type: ignore[no-untyped-def]
         combine(v, step, total, v)
         if every and (phase + index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
-            write_snapshot(x, v, contact_force, snapshots, (phase + index + 1) // every - 1)
+            write_snapshot(x, v, contact_force, sums, snapshots, (phase + index + 1) // every - 1)

@@ -76,6 +76,7 @@ class ExactFlow(Integrator):
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
+    reach: ClassVar[int] = 2
     takes_response: ClassVar[bool] = True
 
     @staticmethod
@@ -281,7 +282,7 @@ def _advance(  # type: ignore[no-untyped-def]
         if summing:
             close_slot(history, slot, index == count - 1, sums)
         if every and (phase + index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, snapshots, (phase + index + 1) // every - 1)
+            write_snapshot(y, middle, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
     last = (first + count - 1) % SLOTS
     copy(x, state.x)
     copy(history.v[last], state.velocity)

@@ -193,7 +193,9 @@ def _advance(  # type: ignore[no-untyped-def]
                 put(dense(history.v, last)[jumps.leaf - 1], lanes, state.velocity)
                 put(dense(history.contact_force, last)[jumps.leaf - 1], lanes, state.contact_force)
         if wanted:
-            write_snapshot(state.reading, state.velocity, state.contact_force, snapshots, (phase + done) // every - 1)
+            write_snapshot(
+                state.reading, state.velocity, state.contact_force, sums, snapshots, (phase + done) // every - 1
+            )
         x, v, after_x, after_v = after_x, after_v, x, v
     copy(x, state.x)
     copy(v, state.v)

@@ -230,10 +230,9 @@ def add_products(left, history, slots, pairs, row, sums):  # type: ignore[no-unt
 
 
 @kernel
-def write_snapshot(x, v, contact_force, snapshots, index):  # type: ignore[no-untyped-def]
-    """Write displacements, velocities and contact forces to ``snapshots[index, quantity, lane]``."""
-    contacts = contact_force.shape[0]
-    bodies = (snapshots.shape[1] - contacts) // 2
+def write_snapshot(x, v, contact_force, sums, snapshots, index):  # type: ignore[no-untyped-def]
+    """Write displacements, velocities and contact forces of what is summed to ``snapshots[index, quantity, lane]``."""
+    bodies, contacts = sums.bodies.shape[2], sums.contacts.shape[1]
     for body in range(bodies):
         for lane in range(snapshots.shape[2]):
             snapshots[index, body, lane] = x[body, lane]

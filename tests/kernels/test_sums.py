@@ -131,7 +131,7 @@ def test_snapshots_hold_displacements_velocities_and_forces(states):
     x, v = states.x, states.v
     contact_force = np.arange(2.0 * LANES).reshape(2, LANES)
     snapshots = np.full((2, 2 * BODIES + 2, LANES), np.nan)
-    write_snapshot(x[0], v[0], contact_force, snapshots, 1)
+    write_snapshot(x[0], v[0], contact_force, empty_sums(2, 9), snapshots, 1)
     np.testing.assert_array_equal(snapshots[1], np.concatenate([x[0, :-1], v[0, :-1], contact_force]))
     assert np.isnan(snapshots[0]).all()
 
