@@ -439,12 +439,14 @@ class _TiledBlock(_Block):
         each = self.pool.map if self.pool else map
         snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
         for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
-            mine, contacts = tile.bodies[: tile.own_bodies], tile.contacts[: tile.own_contacts]
+            mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
             for name in ("x", "v", "reading", "velocity"):
-                getattr(state, name)[mine] = getattr(part.state, name)[: len(mine)]
-            state.contact_force[contacts] = part.state.contact_force[: len(contacts)]
-            snapshots[:, mine], snapshots[:, bodies + mine] = np.split(kept[:, : 2 * len(mine)], 2, axis=1)
-            snapshots[:, own + contacts] = kept[:, 2 * len(mine) :]
+                getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
+            state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
+            if len(snapshots):
+                for at, block in zip((0, bodies), np.split(kept[:, : 2 * tile.own_bodies], 2, axis=1), strict=True):
+                    snapshots[:, at + mine.start : at + mine.stop] = block
+                snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
 
     def _clear_sums(self) -> None:
         for part in self.parts:

@@ -59,7 +59,10 @@ def gathering(ends: np.ndarray, bodies: int, order: np.ndarray | None = None) ->
     slot, first, second, first_sign, second_sign, count = pairs
     later = np.lexsort((body, place))
     later = later[place[later] > 1]
-    inside = regular[body[later]]
+    _, inside = _long(body[later], contact[later], constant=[sign[later]])
+    scattered = ~regular
+    scattered[body[later][~inside]] = True  # the further terms of a body stay together, for their order
+    inside = ~scattered[body[later]]
     further = runs(body[later][inside], contact[later][inside], constant=[sign[later][inside]])
     # all others, one by one
     single, double = (begin[~regular & chosen] for chosen in (number == 1, number > 1))

@@ -141,11 +141,13 @@ def fit_step(
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
-        from scipy.fft import next_fast_len  # loaded only where a simulation is planned
-
         whole = intervals[0] if intervals else duration
         count = math.ceil(whole / (multiple * step) * (1.0 - 1e-12))
-        step = whole / (multiple * (next_fast_len(count, real=True) if smooth else count))
+        if smooth:
+            from scipy.fft import next_fast_len  # loaded only where there are series
+
+            count = next_fast_len(count, real=True)
+        step = whole / (multiple * count)
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(

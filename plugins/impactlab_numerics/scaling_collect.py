@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tracemalloc
 import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -32,6 +31,12 @@ COMPARED = {
     "E[x²] of the soft body": ("mean_square_displacement", "body_1"),
 }
 """Variable and label, or its beginning, of what is compared at each clearance."""
+
+FROM_REST: dict[str, Any] = {"integrator": il.ExactFlow(jumps=False), "initial": "rest"}
+"""How networks are run: a random start without overlaps, which long runs make once, would count."""
+
+FEW_STEPS = 0.1
+"""Duration of about 20 steps (s)."""
 
 BODY_LANES = 400000
 """Bodies times realizations of the ensemble of a large network, about."""
@@ -77,8 +82,8 @@ def _size(study: ScalingStudy) -> xr.Dataset:
         network = GRAPHS[graph](bodies)
         build.append(time.perf_counter() - begin)
         for kind in KINDS:
-            options = {"realizations": realizations_of(kind, bodies), "integrator": il.ExactFlow(jumps=False)}
-            timers[graph, bodies, kind] = Blocks(network, options, study.timing_seconds, 1.0)
+            options = {"realizations": realizations_of(kind, bodies), **FROM_REST}
+            timers[graph, bodies, kind] = Blocks(network, options, study.timing_seconds, FEW_STEPS)
         memory.append(_memory(network, timers[graph, bodies, "single"].result.attrs["step"]))
     found = in_rounds(timers, study.rounds)
     graphs = study.graphs()
@@ -101,27 +106,22 @@ def _size(study: ScalingStudy) -> xr.Dataset:
         build_time=(alone, build, "s", "time to make the network"),
         preparation=(alone, rest, "s", "time of a simulation for planning and estimates"),
         bytes_per_lane=(alone, [lane for lane, _ in memory], "byte", "memory per body and realization in a block"),
-        bytes_per_body=(alone, [body for _, body in memory], "byte", "memory per body besides"),
+        bytes_per_body=(alone, [body for _, body in memory], "byte", "memory of a block per body besides"),
     )  # fmt: skip
 
 
 def _memory(network: il.Network, step: float) -> tuple[float, float]:
-    """Return the memory per body and realization while a block runs, and per body besides (bytes)."""
+    """Return the memory of a block per body and realization, and per body besides (bytes)."""
     bodies = len(network.oscillators)
     lanes = 8, min(LANES, 8 * max(2, 20000 // bodies))
     peaks = []
-    tracemalloc.start()
-    try:
-        for realizations in lanes:
-            watch = Stopwatch()
-            before = tracemalloc.get_traced_memory()[0]
-            il.simulate(
-                network, 16.0 * step, step=step, realizations=realizations, spin_up=0.0, rng=1, executor=watch,
-                integrator=il.ExactFlow(jumps=False), progress=False,
-            )  # fmt: skip
-            peaks.append((watch.peak - before) / bodies)
-    finally:
-        tracemalloc.stop()
+    for realizations in lanes:
+        watch = Stopwatch(memory=True)
+        il.simulate(
+            network, 16.0 * step, step=step, realizations=realizations, spin_up=0.0, rng=1, executor=watch,
+            progress=False, **FROM_REST,
+        )  # fmt: skip
+        peaks.append(watch.peak / bodies)
     slope = (peaks[1] - peaks[0]) / (lanes[1] - lanes[0])
     return slope, peaks[0] - slope * lanes[0]
 
@@ -132,7 +132,7 @@ def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dat
     timers = {}
     for clearance, method in places:
         options = {"realizations": study.realizations, "integrator": il.ExactFlow(jumps=METHODS[method])}
-        timers[clearance, method] = Blocks(study.apart(clearance), options, study.timing_seconds, SHORTEST)
+        timers[clearance, method] = Blocks(study.apart(clearance), options, study.timing_seconds, SHORTEST / 8.0)
     found = in_rounds(timers, study.rounds)
     cost = np.array([[rate for rate, _ in found[place]] for place in places])
     scatter, z = np.array([_judged(study.apart(key[0]), results[f"{key[1]}_{key[0]:g}"]) for key in places]).swapaxes(

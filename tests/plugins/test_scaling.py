@@ -112,7 +112,7 @@ def test_blocks_are_timed_over_at_least_half_of_the_seconds():
     rate, rest = timer()
     assert rate > 0.0
     assert rest > 0.0
-    assert timer.duration > 0.1
+    assert timer.result.attrs["duration"] > 0.3
 
 
 def test_the_quick_form_is_exact(run):
