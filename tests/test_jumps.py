@@ -7,7 +7,8 @@ import pytest
 from scenes import base, deviations, linear
 
 import impactlab as il
-from impactlab.ensemble import _Block, run_block
+from impactlab.block import Block
+from impactlab.ensemble import run_block
 from impactlab.integrators.jumps import WholeFlow
 from impactlab.intervals import JUMP_LANES, TOUCHED, jump_tables
 from impactlab.kernels.flow import transition
@@ -249,6 +250,6 @@ def test_bodies_that_nothing_can_touch_change_nothing_and_take_few_steps():
 
 def test_memory_of_a_block_is_foreseen():
     plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
-    block = _Block(plan, 0, lambda steps: None)
+    block = Block(plan, 0, lambda steps: None)
     arrays = [*block.state, *block.history, block.sums.bodies, block.sums.contacts, *block.work]
     assert sum(item.nbytes for item in arrays) / plan.lanes == pytest.approx(sizes(plan)[0], rel=0.2)
