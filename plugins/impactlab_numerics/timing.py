@@ -111,51 +111,56 @@ class Whole:
 
 
 class Stopwatch(SharedThreads):
-    """Runs blocks one after another where it is called, and takes the time or the memory of each.
-
-    Parameters
-    ----------
-    memory : bool
-        Whether to take the memory, which disturbs the time.
+    """Runs blocks one after another where it is called, and takes the time that they need.
 
     Attributes
     ----------
     seconds : float
         Time of the processor that blocks have taken (s): on a busy machine it is less disturbed
         than the time on the clock.
-    peak : int
-        Most memory that a block had at a time (bytes).
     """
 
-    def __init__(self, memory: bool = False) -> None:
+    def __init__(self) -> None:
         super().__init__(1, 1)
-        self.memory, self.seconds, self.peak = memory, 0.0, 0
+        self.seconds = 0.0
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a block."""
         future: Future[Any] = Future()
-        if self.memory:
-            tracemalloc.start()
         begin = time.process_time()
-        try:
-            future.set_result(call(*args, **kwargs))
-        finally:
-            self.seconds += time.process_time() - begin
-            if self.memory:
-                self.peak = max(self.peak, tracemalloc.get_traced_memory()[1])
-                tracemalloc.stop()
+        future.set_result(call(*args, **kwargs))
+        self.seconds += time.process_time() - begin
         return future
+
+
+class Tracer(Stopwatch):
+    """Traces the memory from the first block on, without what was planned before."""
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a block."""
+        if not tracemalloc.is_tracing():
+            tracemalloc.start()
+        return super().submit(call, *args, **kwargs)
+
+
+def peak_memory(network: il.Network, duration: float, **options: Any) -> int:
+    """Return the most memory in use at a time while a simulation runs blocks and makes its result (bytes)."""
+    try:
+        il.simulate(network, duration, **options, rng=1, executor=Tracer(), progress=False)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 @dataclass(eq=False)
 class Blocks:
-    """Times the steps of an ensemble on one core, without what blocks begin with, planning and estimates.
+    """Times the steps of an ensemble on one core, without start and spin-up, planning and estimates.
 
     Parameters
     ----------
     network : Network
     options : dict
-        Options of `simulate` but duration, spin-up, seed and executor.
+        Options of `simulate` but duration, seed and executor.
     seconds : float
         Least time of a measurement (s), about.
     short : float
@@ -177,9 +182,7 @@ class Blocks:
     def run(self, duration: float) -> float:
         """Return the seconds that the blocks take; `result` is what was simulated, `rest` the seconds around them."""
         watch, begin = Stopwatch(), time.process_time()
-        self.result = il.simulate(
-            self.network, duration, **self.options, spin_up=0.0, rng=1, executor=watch, progress=False
-        )
+        self.result = il.simulate(self.network, duration, **self.options, rng=1, executor=watch, progress=False)
         self.rest = time.process_time() - begin - watch.seconds
         return watch.seconds
 
