@@ -22,6 +22,9 @@ from impactlab.series import Cosines, sample_count
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
 
+HOPELESS = 20
+"""Contacts closed in the first draw from which on no draw will have none."""
+
 Tick = Callable[[int], None]
 
 
@@ -99,15 +102,18 @@ class Block:
         if isinstance(plan.start, np.ndarray):
             state.x[:-1, lanes], state.v[:-1, lanes] = plan.start[0][:, None], plan.start[1][:, None]
         elif plan.start == "stationary":
-            redraw = lanes
+            redraw, resting = lanes, lanes[:0]
             for attempt in range(ATTEMPTS):
                 state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
-                redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
+                closed = self._closed(state.x[:, redraw], slice(None))
+                if attempt == 0:
+                    resting = redraw[closed > HOPELESS]
+                redraw = redraw[(closed > 0) & ((closed <= HOPELESS) | (attempt > 0))]
                 if not redraw.size:
                     break
-            else:
-                state.x[:-1, redraw] = plan.rest[:, None]
-                state.v[:, redraw] = 0.0
+            resting = np.concatenate([resting, redraw])
+            state.x[:-1, resting] = plan.rest[:, None]
+            state.v[:, resting] = 0.0
         else:
             state.x[:-1, lanes] = plan.rest[:, None]
         return attempt
@@ -135,9 +141,9 @@ class Block:
         return x, v
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
-        """Whether one of some contacts is closed at these displacements of the bodies and the wall, (lane,)."""
+        """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
         first, second = self.plan.ends[contacts].T
-        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
+        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:

@@ -37,15 +37,11 @@ SAMPLES, SEARCHES, GAIN = 512, 20_000, 1.3
 """States from which the work is foreseen, the most of them times contacts, and how much less work there must be."""
 
 
-def sampled_will_do(
-    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record], settled: bool
-) -> bool:
-    """Whether statistics may be taken of samples: of a stationary motion, on which no forces act that vary in time."""
+def sampled_will_do(model: Model, integrator: Integrator, records: Iterable[Record]) -> bool:
+    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time."""
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
-        and isinstance(start, str)
-        and settled
         and not (model.lines or model.forced or model.time_varying)
         and not any(record.every_step for record in records)
     )

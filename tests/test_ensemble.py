@@ -16,6 +16,7 @@ from scenes import base, linear
 import impactlab as il
 import impactlab.ensemble
 import impactlab.rules
+from impactlab.block import Block
 
 RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
 
@@ -298,3 +299,20 @@ def test_interrupt_is_answered_within_half_a_second(realizations):
     assert errors.rstrip().endswith("KeyboardInterrupt")
     assert process.returncode != 0
     assert elapsed < 0.5
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
+    """In a crowd no draw has all contacts open; the bodies start at rest after the first."""
+    draws, draw = [], Block._draw
+
+    def counted(self, lanes, attempt):
+        draws.append(attempt)
+        return draw(self, lanes, attempt)
+
+    monkeypatch.setattr(Block, "_draw", counted)
+    body = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.5)
+    network = il.chain(200, body, il.LinearContact(10.0), clearance=0.01, excitation=il.WhiteNoise(1.0))
+    result = il.simulate(network, duration=0.5, spin_up=0.0, realizations=2, rng=1, record=il.Trajectory(interval=0.5))
+    assert set(draws) == {0}
+    assert not result["displacement"].isel(time=0).any()
