@@ -239,18 +239,19 @@ def make_plan(
     seed: tuple[int, int],
     workers: int,
     coarse: bool = False,
+    model: Model | None = None,
 ) -> Plan:
     """Decide everything about a simulation before it runs.
 
     Parameters are those of `simulate`; `workers` is the number of blocks that run at once, and a
-    coarse run has the noise of one at half the step.
+    coarse run has the noise of one at half the step. The `model` of the network, if it is there already.
 
     Raises
     ------
     InvalidInput
         If something cannot be done; the message says what would work.
     """
-    model = Model.of(network)
+    model = model or Model.of(network)
     integrator.check(model)
     duration = positive("duration", duration)
     if (

@@ -171,6 +171,7 @@ def _simulate(
     records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
+    model = Model.of(network)
     configuration = {
         "network": network.to_dict(),
         "simulate": _plain({
@@ -178,23 +179,23 @@ def _simulate(
             "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
             "seed": list(seed),
         }),
-        "text": digest(generate(Model.of(network))),
+        "text": digest(generate(model)),
     }  # fmt: skip
 
-    def run_part(part: Network, chosen: float | None, as_coarse: bool) -> xr.Dataset:
+    def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
         plan = make_plan(
-            part, duration=duration, realizations=realizations, step=chosen, integrator=integrator, spin_up=spin_up,
-            initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
+            part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
+            spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse, model=part,
         )  # fmt: skip
         return _run(plan, executor, progress, seconds, workers, configuration, temporary)
 
     with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
-        apart = split(network, integrator, initial, records)
+        apart = split(model, integrator, initial, records)
         if apart is None:
-            dataset = run_part(network, step, coarse)
+            dataset = run_part(model, step, coarse)
         else:
-            busy, idle = apart
+            busy, idle = map(Model.of, apart)
             dataset = joined(network, run_part(busy, step, coarse), run_part(idle, None, False))
         if out is None or temporary is None:
             return dataset
