@@ -8,7 +8,7 @@ import json
 import os
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,8 @@ BALANCES: dict[str, tuple[str, str, str]] = {
 VARIABLES = {**STATISTICS, **DIRECT, **BALANCES}
 """Everything that is estimated: name to dimension, units and long name."""
 
-_LOCK = threading.RLock()  # the netCDF library is not thread-safe
+LOCK = threading.RLock()
+"""Held around every call of the netCDF library, which is not thread-safe."""
 
 
 def statistics(
@@ -202,15 +203,33 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     if not isinstance(dataset, xr.Dataset | xr.DataTree):
         raise InvalidInput(f"save takes a Dataset or a DataTree, {dataset!r} was given.")
     path = Path(path)
-    with _LOCK, replacing(path) as temporary:
+    with LOCK, replacing(path) as temporary:
         if isinstance(dataset, xr.DataTree):
             encoding = {
                 node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
             }
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
         else:
-            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
+            write(dataset, temporary)
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
+    """Write a dataset to a file as it is, or add it to what is in one."""
+    with LOCK:
+        dataset.to_netcdf(
+            path, mode="a" if append else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset)
+        )
+
+
+def opened(path: Path, lazy: Collection[Hashable]) -> xr.Dataset:
+    """Return the dataset in a file, all in memory but some variables, which are read when they are needed."""
+    with LOCK:
+        dataset = xr.open_dataset(path, engine="netcdf4", lock=LOCK)
+        for name, variable in dataset.variables.items():
+            if name not in lazy:
+                variable.load()
+    return dataset
 
 
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
@@ -225,11 +244,18 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
     if not path.is_file():
         raise InvalidInput(f"There is no file {path}.")
     try:
-        with _LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
+        with LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
             loaded = tree.load()
     except (OSError, ValueError, RuntimeError) as error:
         raise InvalidInput(f"{path} cannot be read: {error}") from error
     return loaded if loaded.children else loaded.to_dataset()
+
+
+def path_of(out: str | os.PathLike[str]) -> Path:
+    """Return the path of a file to be written, or refuse what is none."""
+    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
+        raise InvalidInput(f"out is the path of a file, {out!r} was given.")
+    return Path(out)
 
 
 @contextlib.contextmanager

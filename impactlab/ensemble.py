@@ -1,4 +1,4 @@
-"""Runs the blocks of a plan: what one block does, and how all are spread over the cores."""
+"""Runs the blocks of a plan, spread over the cores."""
 
 from __future__ import annotations
 
@@ -7,45 +7,13 @@ import contextlib
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from impactlab.build import build
-from impactlab.errors import Diverged, Interrupted
-from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
-from impactlab.integrators.jumps import jumping_loop, work_space
-from impactlab.kernels.jit import evaluate
-from impactlab.kernels.random import fill_normals
-from impactlab.kernels.series import NEAR
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
+from impactlab.block import Block, BlockResult, Tick
+from impactlab.errors import Interrupted
 from impactlab.plan import Plan
-from impactlab.series import Cosines, sample_count
-
-ATTEMPTS = 100
-"""How often a random start is drawn again while a contact is closed."""
-
-Tick = Callable[[int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class BlockResult:
-    """What a block returns: sums per batch and realization, and what its records kept.
-
-    Attributes
-    ----------
-    bodies : (batch, phase, row, body, lane) ndarray
-    contacts : (batch, row, contact, lane) ndarray
-    products : (batch, row, pair, lane) ndarray
-    records : list
-        One dictionary of arrays per record.
-    """
-
-    bodies: np.ndarray
-    contacts: np.ndarray
-    products: np.ndarray
-    records: list[dict[str, np.ndarray]] = field(default_factory=list)
+from impactlab.tiles import Tile, restricted
 
 
 def run(
@@ -77,8 +45,9 @@ def run(
 
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
-        shared_memory = isinstance(pool, concurrent.futures.ThreadPoolExecutor)
-        report = (tick,) if shared_memory else ()  # a lock cannot go to another process
+        shared_memory = shares_memory(pool)
+        threads = max(1, workers_of(executor) // plan.blocks)
+        report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
         futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
         try:
             pending = set(futures)
@@ -108,6 +77,11 @@ def workers_of(executor: concurrent.futures.Executor | None) -> int:
     return executor.share if isinstance(executor, SharedThreads) else cores()
 
 
+def shares_memory(executor: concurrent.futures.Executor | None) -> bool:
+    """Whether blocks run in this process."""
+    return executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -115,267 +89,65 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None) -> BlockResult:
-    """Run one block of realizations: a pure function of the plan and the index."""
-    block = _Block(plan, index, tick)
-    block.advance(plan.spin_up_steps, None)
-    return block.measure()
-
-
-class _Block:
-    """The arrays of one block while it runs."""
-
-    def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
-        self.plan, self.tick = plan, tick
-        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
-        self.known: list[np.ndarray] = []
-        self.module = build(plan.text)
-        self.loop = plan.integrator.loop() if plan.jumps is None else jumping_loop()
-        self.realizations = plan.realizations_of(index)
-        self.now = 0
-        bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
-        moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
-        touching = [np.zeros((contacts, lanes)) for _ in range(2)]
-        normals = np.zeros((len(plan.noise_rows), 4, lanes), dtype=np.float32)
-        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
-        blocks: Any = (*moving, *touching, *work, normals)
-        self.state = State(*blocks)
-        past = [np.zeros((SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
-        self.history = History(*past)
-        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, bodies, lanes
-        self.sums = Sums(
-            np.zeros(shape),
-            np.zeros((CONTACT_ROWS, contacts, lanes)),
-            plan.ends,
-            plan.window,
-            plan.half_kick,
-            np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
-            plan.pairs,
-        )
-        self.scale = np.ones((1, len(plan.noise_rows)))
-        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
-        if plan.lines:
-            self.series = self._start_with_series()
+def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:
+    """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
+    with contextlib.ExitStack() as stack:
+        if plan.tiles:
+            pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if threads > 1 else None
+            block: Block = _TiledBlock(plan, index, tick, pool)
         else:
-            self._start(np.arange(lanes))
-            self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
-        if plan.integrator.kicks:
-            self._half_kick()
+            block = Block(plan, index, tick)
+        block.advance(plan.spin_up_steps, None)
+        return block.measure()
 
-    # start
 
-    def _start(self, lanes: np.ndarray) -> int:
-        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
+class _TiledBlock(Block):
+    """A block of one realization of a large network, in tiles; the numbers do not depend on the threads."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> None:
+        super().__init__(plan, index, tick)
+        self.pool = pool
+        self.parts = [Block(restricted(plan, tile), index, lambda steps: None) for tile in plan.tiles]
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Let every tile make its steps from the state of the network, and bring their own bodies together."""
         plan, state = self.plan, self.state
-        attempt = 0
-        if isinstance(plan.start, np.ndarray):
-            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start[0][:, None], plan.start[1][:, None]
-        elif plan.start == "stationary":
-            redraw = lanes
-            for attempt in range(ATTEMPTS):
-                state.x[:-1, redraw], state.v[:-1, redraw] = self._draw(redraw, attempt)
-                redraw = redraw[self._closed(state.x[:, redraw], slice(None))]
-                if not redraw.size:
-                    break
-            else:
-                state.x[:-1, redraw] = plan.rest[:, None]
-                state.v[:, redraw] = 0.0
-        else:
-            state.x[:-1, lanes] = plan.rest[:, None]
-        return attempt
+        bodies, own = len(plan.bodies), 2 * plan.own_bodies
 
-    def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw displacements and velocities of some lanes from the linear law, (body, lane) each."""
-        plan = self.plan
-        realizations = np.ascontiguousarray(self.realizations[lanes])
-        x, v = np.zeros((2, plan.linear.shape[1], len(lanes)))
-        if plan.deviations.any() or plan.factors:
-            normals = np.empty((len(x), 4, len(lanes)), dtype=np.float32)
-            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-            x, v = plan.deviations[0][:, None] * normals[:, 0], plan.deviations[1][:, None] * normals[:, 1]
-        for slots, factor in plan.factors:
-            independent = np.concatenate([normals[slots, 0], normals[slots, 1]])
-            joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
-            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
-            for column, realization in enumerate(realizations):
-                steady = cosines.start(int(realization), attempt)
-                x[slots, column] += steady[0::2]
-                v[slots, column] += steady[1::2]
-            if known.size and self._closed(np.append(x, np.zeros((1, len(lanes))), axis=0), known).all():
-                break  # the rest does not matter: these will be drawn again
-        return x, v
+        def run(part: Block, tile: Tile) -> np.ndarray:
+            part.now = self.now
+            for block, whole in zip(part.state[:2], state[:2], strict=True):
+                np.take(whole, tile.bodies, axis=0, out=block[:-1])
+            kept = np.empty((len(snapshots), 2 * tile.own_bodies + tile.own_contacts, 1))
+            part._call(count, kept, summing, every, phase)
+            return kept
 
-    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
-        """Whether one of some contacts is closed at these displacements of the bodies and the wall, (lane,)."""
-        first, second = self.plan.ends[contacts].T
-        closed: np.ndarray = np.any(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
-        return closed
+        each = self.pool.map if self.pool else map
+        snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
+        for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
+            mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
+            for name in ("x", "v", "reading", "velocity"):
+                getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
+            state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
+            if len(snapshots):
+                for at, block in zip((0, bodies), np.split(kept[:, : 2 * tile.own_bodies], 2, axis=1), strict=True):
+                    snapshots[:, at + mine.start : at + mine.stop] = block
+                snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
 
-    def _start_with_series(self) -> Series:
-        """Start the realizations one after the other, and sample the series of each for the whole run."""
-        plan, method = self.plan, self.plan.integrator
-        interval = plan.step / method.samples_per_step
-        needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
-        self.responses = sampled = [
-            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
-            for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
-        ]
-        last = np.full(plan.linear.shape[1] + 1, -1)
-        for index, (slots, _) in enumerate(plan.responses):
-            last[slots] = index
-        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
-        if not method.takes_response:
-            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
-        ends = np.cumsum([item.channels for item in sampled])
-        lanes = len(self.realizations)
-        samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))
-        for lane, realization in enumerate(self.realizations):
-            self.tick(0)
-            attempt = self._start(np.array([lane]))
-            for item, end in zip(sampled, ends, strict=True):
-                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
-        slots = np.concatenate([slots for slots, _ in plan.responses])
-        return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
+    def _clear_sums(self) -> None:
+        for part in self.parts:
+            part._clear_sums()
 
-    def _half_kick(self) -> None:
-        """Bring the velocity from the time of the displacement to the end of the kick there."""
-        plan, state = self.plan, self.state
-        half = 0.5 * plan.step / plan.linear[0][:, None]
-        self._evaluate(state.x, state.rest)
-        state.reading[:-1] = state.x[:-1] + plan.step / 6.0 * half * state.total[:-1]
-        state.velocity[:] = state.v
-        self._evaluate(state.reading, state.velocity)
-        state.v[:-1] += half * state.total[:-1]
-
-    def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
-        plan, state = self.plan, self.state
-        evaluate(
-            self.module.forces,
-            x,
-            v,
-            plan.parameters,
-            plan.indices,
-            state.indentation,
-            state.contact_force,
-            state.total,
-        )
-
-    # run
-
-    def advance(self, steps: int, sampler: Callable[[np.ndarray], None] | None) -> None:
-        """Make some steps, adding to the sums and sampling if there is a sampler."""
-        plan = self.plan
-        every = plan.every if sampler is not None else 0
-        lanes, contacts = self.state.contact_force.shape[1], len(plan.ends)
-        quantities = 2 * plan.linear.shape[1] + contacts
-        done = 0
-        while done < steps:
-            # calls end with a group of slots, so that their length does not change any sum
-            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
-            whole = max(unit, plan.steps_per_call // unit * unit)
-            count = min(whole - self.now % SLOTS, steps - done)
-            phase = (self.now - plan.spin_up_steps) % every if every else 0
-            snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
-            network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-            how = plan.dissipative, sampler is not None, self.now, count, every, phase
-            if plan.jumps is None:
-                self.loop(
-                    *network, plan.cross, self._noise(count), self.series, self._forced(count), self.state,
-                    self.history, self.sums, snapshots, plan.step, *how,
-                )  # fmt: skip
-            else:
-                self.loop(
-                    *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
-                    snapshots, *how,
-                )  # fmt: skip
-            self.now += count
-            done += count
-            self._guard()
-            if len(snapshots) and sampler is not None:
-                sampler(snapshots)
-            self.tick(count * lanes)
-
-    def _noise(self, count: int) -> Noise:
-        plan = self.plan
-        scale = self.scale
-        if plan.time_varying:
-            middles = self._times(count, 1, 0.5)[:count]
-            intensity = np.empty((count, len(plan.white)))
-            self.module.intensity(middles, plan.parameters, plan.indices, intensity)
-            wrong = np.flatnonzero(~(intensity >= 0.0).all(axis=1))
-            if wrong.size:
-                raise Diverged(
-                    "The spectral density of a white noise is negative or not a number near "
-                    f"t = {middles[wrong[0]]:g} s."
-                )
-            rows = np.searchsorted(plan.white, plan.noise_rows)
-            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
-        return Noise(plan.noise_rows, plan.amplitude, plan.streams, self.realizations, scale, plan.coarse)
-
-    def _forced(self, count: int) -> Forced:
-        plan = self.plan
-        if not len(plan.forced):
-            return Forced(plan.forced, np.zeros((0, 0)))
-        per_step = plan.integrator.samples_per_step
-        times = self._times(count, per_step, 0.5 if plan.integrator.takes_response else 0.0)
-        force = np.empty((len(times), len(plan.forced)))
-        self.module.forcing(times, plan.parameters, plan.indices, force)
-        return Forced(plan.forced, force)
-
-    def _times(self, count: int, per_step: int, offset: float) -> np.ndarray:
-        """Times of the samples of the next steps; the measurement begins at 0."""
-        first = (self.now - self.plan.spin_up_steps) * per_step
-        return (first + offset + np.arange(count * per_step + 1)) * (self.plan.step / per_step)
-
-    def _guard(self) -> None:
-        """Stop if a number is not finite: averages would hide it."""
-        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
-        if not finite.all():
-            body, lane = np.argwhere(~finite)[0]
-            time = (self.now - self.plan.spin_up_steps) * self.plan.step
-            raise Diverged(
-                f"{self.plan.bodies[body]!r} of realization {int(self.realizations[lane])} left the range of finite "
-                f"numbers before t = {time:g} s. Use a smaller step, or check the forces."
-            )
-
-    def measure(self) -> BlockResult:
-        """Run all batches after the spin-up and return their sums."""
-        plan = self.plan
-        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
-        if any(keeper.wants_start for keeper in keepers):
-            if not plan.integrator.kicks:
-                self.state.velocity[:] = self.state.v
-            if not plan.integrator.kicks or plan.spin_up_steps == 0:  # the state itself, not where a kick is read
-                self.state.reading[:] = self.state.x
-                self._evaluate(self.state.reading, self.state.velocity)
-            first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
-            for keeper in keepers:
-                keeper.start(first)
-        bodies, contacts, products = [], [], []
-        begin = 0
-        for batch, end in enumerate(plan.boundaries):
-            self.sums.bodies[:] = 0.0
-            self.sums.contacts[:] = 0.0
-            self.sums.products[:] = 0.0
-
-            def sample(snapshots: np.ndarray, batch: int = batch) -> None:
-                for keeper in keepers:
-                    keeper.add(snapshots, batch)
-
-            self.advance(end - begin, sample)
-            if plan.jumps is not None:
-                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
-            bodies.append(self.sums.bodies.copy())
-            contacts.append(self.sums.contacts.copy())
-            products.append(self.sums.products.copy())
-            begin = end
-        kept = [keeper.result() for keeper in keepers]
-        return BlockResult(np.array(bodies), np.array(contacts), np.array(products), kept)
+    def _collect_sums(self) -> None:
+        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+            self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
+            self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
 
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
+    if len(results) == 1:  # without a copy
+        return results[0].bodies, results[0].contacts, results[0].products
     return (
         np.concatenate([result.bodies for result in results], axis=-1),
         np.concatenate([result.contacts for result in results], axis=-1),

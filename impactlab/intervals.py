@@ -23,28 +23,25 @@ TOUCHED = 1e-12
 LEAF, LONGEST = 8, 256
 """Steps of the shortest interval, and the most of the longest one."""
 
-JUMP_LANES = 2080
-"""Largest number of realizations in a block: few of them are near contact at a time, and they should be many."""
+JUMP_LANES, LEAST_LANES, JUMP_STATES = 2080, 64, 8320
+"""Largest number of realizations in a block, since few of them are near contact at a time and they should be many,
+the least of the largest for many bodies, and realizations times bodies."""
 
-MOST_CONTACTS = 100
+MOST_CONTACTS = 1000
 """Contacts from which on one of them is nearly always near."""
 
 OPERATION = 1000.0
 """What an operation costs at any number of lanes, in nanoseconds, as those of bodies and contacts below."""
 
-SAMPLES, GAIN = 512, 1.3
-"""States from which the work is foreseen, and how much less it must be for intervals to be used."""
+SAMPLES, SEARCHES, GAIN = 512, 20_000, 1.3
+"""States from which the work is foreseen, the most of them times contacts, and how much less work there must be."""
 
 
-def sampled_will_do(
-    model: Model, integrator: Integrator, start: str | np.ndarray, records: Iterable[Record], settled: bool
-) -> bool:
-    """Whether statistics may be taken of samples: of a stationary motion, on which no forces act that vary in time."""
+def sampled_will_do(model: Model, integrator: Integrator, records: Iterable[Record]) -> bool:
+    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time."""
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
-        and isinstance(start, str)
-        and settled
         and not (model.lines or model.forced or model.time_varying)
         and not any(record.every_step for record in records)
     )
@@ -56,13 +53,19 @@ def may_jump(model: Model, deviations: np.ndarray) -> bool:
     return alone and bool((deviations > 0.0).all())
 
 
+def jump_lanes(model: Model) -> int:
+    """Return the largest number of realizations in a block that jumps."""
+    return min(JUMP_LANES, max(LEAST_LANES, JUMP_STATES // len(model.mass)))
+
+
 def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
     """Return how often the longest interval should be halved, 0 if jumps would not save work.
 
     Without contacts states are normal; how often bounds hold for them tells the work.
     """
-    lanes, bodies, contacts = min(realizations, JUMP_LANES), len(model.mass), len(model.ends)
-    z = np.random.default_rng(2023).standard_normal((bodies + 1, 4, SAMPLES))
+    lanes, bodies, contacts = min(realizations, jump_lanes(model)), len(model.mass), len(model.ends)
+    samples = min(SAMPLES, SEARCHES // contacts)
+    z = np.random.default_rng(2023).standard_normal((bodies + 1, 4, samples))
     near: list[float] = []
     best, foreseen = GAIN, 0
     for level in range((LONGEST // LEAF).bit_length()):
@@ -73,14 +76,16 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
         state[:-1, 2] = tables.draw[:, :1] * z[:-1, 2]
         state[:-1, 3] = tables.draw[:, 1:2] * z[:-1, 2] + tables.draw[:, 2:] * z[:-1, 3]
         state[-1] = 0.0
-        size = np.append(tables.reach[:-1, 2:] * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, SAMPLES)), axis=0)
+        size = np.append(tables.reach[:-1, 2:] * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
         flagged = (size[model.ends].sum(axis=1) > tables.nearest[:, None]).any(axis=0).mean()
-        touched = np.zeros(SAMPLES, dtype=bool)
+        touched = np.zeros(samples, dtype=bool)
         for (first, second), limit in zip(model.ends, tables.limit[-steps:].T, strict=True):
             path = tables.path[-steps:]
             gap = path[:, first] @ state[first] - path[:, second] @ state[second]
             touched |= (gap > limit[:, None]).any(axis=0)
         near.append(float(touched.mean()))
+        if near[0] * GAIN > 1.0:
+            break
         if level == 0:
             continue
         work = OPERATION + lanes * (5.0 * bodies + contacts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,21 +12,22 @@ import numpy as np
 
 from impactlab.component import Component, call_each, finite
 from impactlab.contact import Wall
+from impactlab.incidence import differences, gathering, runs
 from impactlab.network import Network
 
 Result = TypeVar("Result")
 
-HEADER = 3
-"""Entries of `Model.indices` per kind: number of rows, first index, first parameter."""
+PLACES, HEADER = 3, 2
+"""Entries of `Model.indices` before those of the kinds, and for each kind."""
 
 LEADING = {
-    "force": ("slot", "first", "second"),
+    "force": ("slot",),
     "coupling": ("first", "second"),
     "residual": ("body",),
     "forcing": ("row",),
     "intensity": ("row",),
 }
-"""Leading indices of a row of each kind; 'force' is a contact's, 'forcing' an excitation's."""
+"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,15 @@ class Model:
         Which of them an integrator treats as a part of the bodies' linear motion.
     kinds : tuple of Kind
         Kinds of non-linear members, in canonical order.
+    tables : tuple
+        Members of each kind.
     parameters : ndarray
-        Parameters of all kinds, row by row.
+        Parameters of all kinds, run by run, one name after the other.
     indices : ndarray of int
-        A header of three entries per kind and one for the contacts of each body, then the rows of
-        leading indices, then the contacts of each body as `impactlab.kernels.kick.gather` reads them.
+        Members whose indices follow each other make a run, along which loops vectorise. Three places:
+        of what `impactlab.kernels.kick.differences` and `gather` read, and of `ends`; for each kind the number
+        of its runs and the place of the first; then, at these places, the runs: indices of the
+        first member, number of members, place of the parameters.
     white, lines, forced : tuple of int
         Slots of the bodies under white noise, under lines, and under a given force.
     """
@@ -115,6 +119,7 @@ class Model:
     coupling: np.ndarray
     flowing: np.ndarray
     kinds: tuple[Kind, ...]
+    tables: tuple[Table, ...]
     parameters: np.ndarray
     indices: np.ndarray
     white: tuple[int, ...]
@@ -137,9 +142,9 @@ class Model:
             for links in (network.contacts, network.couplings)
         )
         members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]] = {}
-        for slot, (contact, pair) in enumerate(zip(network.contacts.values(), ends, strict=True)):
+        for slot, contact in enumerate(network.contacts.values()):
             kind = Kind("force", type(contact.law), "force")
-            members.setdefault(kind, []).append((contact.law, (slot, *pair), (contact.clearance,)))
+            members.setdefault(kind, []).append((contact.law, (slot,), (contact.clearance,)))
         for (name, coupling), pair in zip(network.couplings.items(), coupled, strict=True):
             kind = Kind("coupling", type(coupling.law), "force")
             members.setdefault(kind, [])  # also without a row: the text does not depend on what flows
@@ -155,7 +160,8 @@ class Model:
             item = excited[slot]
             members.setdefault(Kind("intensity", type(item), "intensity"), []).append((item, (row,), ()))
         kinds = tuple(sorted(members, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
-        parameters, indices = _packed(kinds, members, _incidence(ends, len(bodies)))
+        tables = _tables(kinds, members)
+        parameters, indices = packed(tables, np.array(ends, dtype=np.int64).reshape(-1, 2), len(bodies))
         return cls(
             network=network,
             bodies=tuple(network.oscillators),
@@ -170,6 +176,7 @@ class Model:
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
             kinds=kinds,
+            tables=tables,
             parameters=parameters,
             indices=indices,
             white=by_kind["intensity"],
@@ -221,6 +228,11 @@ class Model:
             for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
             if not flows
         )
+
+    @property
+    def only_touching(self) -> bool:
+        """Whether bodies act on each other in contacts only, under noise and no other excitation."""
+        return not (len(self.coupled) or self.lines or self.forced)
 
     @property
     def time_varying(self) -> bool:
@@ -326,39 +338,40 @@ def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.n
 _EXCITATIONS = ("intensity", "lines", "force")
 
 
-def _incidence(ends: list[tuple[int, int]], bodies: int) -> list[int]:
-    """Return the contacts of each body: where each body's begin, and then the end; contact and sign of each.
-
-    Nothing if there are no contacts. The order is that of the contacts, in which forces are added.
-    """
-    of_body: list[list[int]] = [[] for _ in range(bodies + 1)]
-    for contact, (first, second) in enumerate(ends):
-        of_body[first] += [contact, -1]
-        of_body[second] += [contact, 1]
-    pairs = of_body[:bodies]  # the wall does not move
-    begins = list(itertools.accumulate((len(item) // 2 for item in pairs), initial=0))
-    return [*begins, *itertools.chain.from_iterable(pairs)] if ends else []
+Table = tuple[np.ndarray, np.ndarray]
+"""Members of a kind: their indices, (member, leading), and their parameters, (member, parameter)."""
 
 
-def _packed(
-    kinds: Iterable[Kind],
-    members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]],
-    incidence: list[int],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lay out the rows of all kinds in one array of numbers and one of indices."""
-    header: list[int] = []
-    rows: list[int] = []
-    parameters: list[float] = []
-    start = HEADER * len(members) + bool(incidence)
+def _tables(
+    kinds: Iterable[Kind], members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]]
+) -> tuple[Table, ...]:
+    tables = []
     for kind in kinds:
-        header += [len(members[kind]), start + len(rows), len(parameters)]
-        for component, leading, extra in members[kind]:
-            rows += leading
-            parameters += [*extra, *(_number(component, field) for field in kind.fields)]
-    if incidence:
-        header.append(start + len(rows))
-        rows += incidence
-    return np.array(parameters, dtype=np.float64), np.array([*header, *rows], dtype=np.int64)
+        rows = members[kind]
+        leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
+        numbers = np.array([(*extra, *(_number(item, field) for field in kind.fields)) for item, _, extra in rows])
+        tables.append((leading, numbers.reshape(len(rows), len(kind.parameters))))
+    return tuple(tables)
+
+
+def packed(
+    members: Iterable[Table], ends: np.ndarray, bodies: int, order: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Model`.
+
+    The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
+    """
+    tables, columns, header = [differences(ends), gathering(ends, bodies, order), ends.ravel()], [np.zeros(0)], []
+    for leading, numbers in members:
+        *begins, counts = runs(*leading.T)
+        ends_of_runs = np.cumsum(counts)
+        first = sum(map(len, columns)) + (ends_of_runs - counts) * numbers.shape[1]
+        tables.append(np.stack([*begins, counts, first]).T.ravel())
+        header.append(len(counts))
+        columns += [part.T.ravel() for part in np.split(numbers, ends_of_runs[:-1])]
+    places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
+    heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
+    return np.concatenate(columns), np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
 
 
 def _number(component: Component, field: str) -> float:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def split(
-    network: Network, integrator: Integrator, initial: object, records: Iterable[Record]
+    model: Model, integrator: Integrator, initial: object, records: Iterable[Record]
 ) -> tuple[Network, Network] | None:
     """Return the part of a network where something can touch, and the rest, if they can be simulated apart.
 
@@ -26,7 +26,6 @@ def split(
     which nothing acts but constant white noise; each transition of theirs is exact however long.
     Records that look at both parts at a time keep them together, and so does a given start.
     """
-    model = Model.of(network)
     busy = model.nonlinear_bodies
     busy[[*model.lines, *model.forced, *(model.white if model.time_varying else ())]] = True
     labels = model.connected()
@@ -34,11 +33,12 @@ def split(
     alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, dict)
     if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
         return None
-    return _only(network, model, ~idle), _only(network, model, idle)
+    return _only(model, ~idle), _only(model, idle)
 
 
-def _only(network: Network, model: Model, chosen: np.ndarray) -> Network:
+def _only(model: Model, chosen: np.ndarray) -> Network:
     """Return the network of some bodies, which nothing connects with the others."""
+    network = model.network
     names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
     return Network(
         {name: body for name, body in network.oscillators.items() if name in names},

@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
-from impactlab.intervals import JUMP_LANES, LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
+from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
 from impactlab.linear import (
     Lines,
@@ -29,7 +29,6 @@ from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
-    LANES,
     MOST_SAMPLES,
     RELAXATION_TIMES,
     SETTLED,
@@ -39,12 +38,14 @@ from impactlab.rules import (
     choose_step,
     enough_units,
     fit_step,
+    most_lanes,
     positive,
     start_of,
     warn_of_bands,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
 from impactlab.series import sample_count
+from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
@@ -60,7 +61,7 @@ class Plan:
         Generated module.
     integrator : Integrator
         Method.
-    coefficients : (phase, body, column) ndarray
+    coefficients : (phase, column, body) ndarray
         The method's numbers.
     cross : Cross
         Blocks of the linear motion between bodies.
@@ -82,10 +83,12 @@ class Plan:
     white : (white,) ndarray of int
         Slots of the bodies under white noise.
     noise_rows : (row,) ndarray of int
-        Slots of the bodies by row of noise; some have two.
-    amplitude : (phase, row, 2) ndarray
+        Slots of the bodies by row of noise; second rows of some come last.
+    noise_runs : (run, 3) ndarray of int
+        Bodies that follow each other, as do their first rows: first body, its row or -1, number.
+    amplitude : (phase, 2, row) ndarray
         Amplitude of the rows.
-    streams, starts : (row, 3), (body, 3) ndarray of uint64
+    streams, starts : (3, row), (3, body) ndarray of uint64
         Addresses of the noise and of the random start.
     seed : tuple of int
         128 bits.
@@ -125,6 +128,12 @@ class Plan:
         Whether states are samples of a stationary motion, not all that there are.
     jumps : Jumps or None
         How intervals in which nothing can touch are covered at once.
+    own_bodies, own_contacts : int
+        How many are summed, from the first on.
+    tile_steps : int
+        Steps that tiles make alone.
+    tiles : tuple of Tile
+        Parts of a large network that run in turn, if any.
     """
 
     text: str
@@ -144,6 +153,7 @@ class Plan:
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
+    noise_runs: np.ndarray
     amplitude: np.ndarray
     streams: np.ndarray
     starts: np.ndarray
@@ -172,6 +182,10 @@ class Plan:
     coarse: bool
     sampled: bool
     jumps: Jumps | None
+    own_bodies: int
+    own_contacts: int
+    tile_steps: int
+    tiles: tuple[Tile, ...]
 
     @property
     def blocks(self) -> int:
@@ -225,18 +239,19 @@ def make_plan(
     seed: tuple[int, int],
     workers: int,
     coarse: bool = False,
+    model: Model | None = None,
 ) -> Plan:
     """Decide everything about a simulation before it runs.
 
     Parameters are those of `simulate`; `workers` is the number of blocks that run at once, and a
-    coarse run has the noise of one at half the step.
+    coarse run has the noise of one at half the step. The `model` of the network, if it is there already.
 
     Raises
     ------
     InvalidInput
         If something cannot be done; the message says what would work.
     """
-    model = Model.of(network)
+    model = model or Model.of(network)
     integrator.check(model)
     duration = positive("duration", duration)
     if (
@@ -258,7 +273,8 @@ def make_plan(
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    sampled = sampled_will_do(model, integrator, start, records, spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
@@ -294,14 +310,16 @@ def make_plan(
     rows = sum(len(slots) for slots, _ in moved) * (2 if integrator.takes_response else 1)
     samples = (spin_up_steps + steps) * integrator.samples_per_step + 1
     kept = sample_count(lines, step / integrator.samples_per_step, samples) if lines else 0
-    most = JUMP_LANES if jumping else LANES
+    most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
+    alone = lanes == 1 and not jumping and model.only_touching and not model.time_varying
+    tile_steps, tiles = make_tiles(model, integrator.reach + model.dissipative if alone and integrator.reach else 0)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
-        text=generate(model),
+        text=generate(model, single=lanes == 1 and not jumping),
         integrator=integrator,
-        coefficients=np.ascontiguousarray(integrator.coefficients(model, step)),
+        coefficients=np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1)),
         cross=integrator.cross(model, step),
         flows=integrator.flows(model, step),
         parameters=model.parameters,
@@ -316,7 +334,8 @@ def make_plan(
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
-        amplitude=np.ascontiguousarray(amplitude),
+        noise_runs=noise_runs(noise_rows, len(model.bodies)),
+        amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
         streams=streams_of(seed, [model.bodies[slot] for slot in noise_rows]),
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
@@ -344,6 +363,10 @@ def make_plan(
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
         coarse=coarse,
+        own_bodies=len(model.bodies),
+        own_contacts=len(model.contacts),
+        tile_steps=tile_steps,
+        tiles=tiles,
         sampled=still or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )

@@ -24,7 +24,9 @@ MakeNetwork = Callable[..., Network | tuple[Network, Mapping[str, Any]]]
 
 _TAKEN = {"oscillator", "contact", "realization", "time", "status", "reference_status", *VARIABLES}
 _OPTIONS = [
-    name for name in inspect.signature(simulate).parameters if name not in ("network", "rng", "executor", "progress")
+    name
+    for name in inspect.signature(simulate).parameters
+    if name not in ("network", "rng", "executor", "progress", "out")
 ]
 
 

@@ -10,6 +10,12 @@ _PATIENCE = 2.0  # seconds before a bar is worth its line
 _WIDTH = 30
 
 
+def say(progress: bool | Callable[[float], None] | None, text: str) -> None:
+    """Print a line where a bar would be shown."""
+    if progress is True or (progress is None and sys.stderr.isatty()):
+        sys.stderr.write(f"{text}\n")
+
+
 def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float], None]:
     """Return what is called with the part that is done.
 

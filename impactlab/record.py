@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.component import Component, parameter
-from impactlab.errors import InvalidInput
 from impactlab.model import Model
 from impactlab.plan import Plan
 
@@ -104,18 +103,12 @@ class Trajectory(Record):
         return round(self.interval / step)
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        samples = plan.steps // (ratio * plan.every) + 1
         quantities = 2 * len(plan.bodies) + len(plan.contacts)
-        try:
-            return _Path(np.empty((len(realizations), samples, quantities)), ratio)
-        except (MemoryError, ValueError) as error:
-            size = 8.0 * plan.realizations * samples * quantities / 1e9
-            raise InvalidInput(
-                f"The trajectories would take {size:.3g} GB: use a longer interval or fewer realizations."
-            ) from error
+        return _Path(np.empty((len(realizations), sample_count(plan)[1], quantities)), ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        path = np.concatenate([result["path"] for result in results])
+        paths = [result["path"] for result in results]
+        path = np.concatenate(paths) if len(paths) > 1 else paths[0]
         n = len(plan.bodies)
         dims = ("realization", "time")
         variables: Variables = {
@@ -154,6 +147,19 @@ class _Path(Keeper):
 
     def result(self) -> dict[str, np.ndarray]:
         return {"path": self.path}
+
+
+def sample_count(plan: Plan) -> tuple[float, int]:
+    """Return the time between samples of the trajectories of a plan (s), and their number; 0 without any."""
+    for record, ratio in plan.records:
+        if isinstance(record, Trajectory):
+            return ratio * plan.every * plan.step, plan.steps // (ratio * plan.every) + 1
+    return 0.0, 0
+
+
+def trajectory_size(plan: Plan) -> int:
+    """Return the bytes that the trajectories of a plan take."""
+    return 8 * plan.realizations * sample_count(plan)[1] * (2 * len(plan.bodies) + len(plan.contacts))
 
 
 def first_own(seen: int, ratio: int) -> int:

@@ -20,6 +20,12 @@ LANES = 520
 """Largest number of realizations in a block: enough to outweigh what a step costs at any number, few
 enough for the cache."""
 
+CACHED, FEW = 4000, 64
+"""Bodies times lanes of a block that stay in a core's cache; lanes that are not worth dividing for it."""
+
+LONG, MANY = 16, 200
+"""Bodies per lane, and bodies, from which loops over the bodies of one lane cost less than loops over lanes."""
+
 RELAXATION_TIMES = 12.0
 """Length of the automatic spin-up in relaxation times of the slowest body."""
 
@@ -135,11 +141,13 @@ def fit_step(
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
     if not fixed:
-        from scipy.fft import next_fast_len  # loaded only where a simulation is planned
-
         whole = intervals[0] if intervals else duration
         count = math.ceil(whole / (multiple * step) * (1.0 - 1e-12))
-        step = whole / (multiple * (next_fast_len(count, real=True) if smooth else count))
+        if smooth:
+            from scipy.fft import next_fast_len  # loaded only where there are series
+
+            count = next_fast_len(count, real=True)
+        step = whole / (multiple * count)
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
             raise InvalidInput(
@@ -202,6 +210,14 @@ def enough_units(realizations: int, batches: np.ndarray, relaxation: float) -> b
     return realizations >= BATCHES or bool(long and realizations * len(batches) >= BATCHES)
 
 
+def most_lanes(model: Model, realizations: int, workers: int) -> int:
+    """Return the largest number of lanes that a block should have; 1 where loops over bodies cost less."""
+    bodies = len(model.mass)
+    if bodies >= min(MANY, LONG * -(-realizations // workers)):
+        return 1
+    return min(LANES, max(FEW, CACHED // bodies // 8 * 8))
+
+
 def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int = LANES) -> tuple[int, int]:
     """Return lanes per block and steps per call.
 
@@ -214,6 +230,10 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     most : int
         Largest number of lanes.
     """
+    bodies = len(model.mass)
+    if most == 1:
+        cost = STEP_SECONDS + LANE_STEP_SECONDS * (bodies + len(model.links))
+        return 1, max(1, int(CALL_SECONDS / cost))
     blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
     lanes = -(-realizations // (8 * blocks)) * 8
     if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
@@ -221,7 +241,7 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     lanes = min(lanes, realizations)
     if series_bytes:
         lanes = max(1, min(lanes, int(SERIES_BYTES / series_bytes)))
-    cost = STEP_SECONDS * (1 + len(model.mass) // 10) + LANE_STEP_SECONDS * lanes * (len(model.mass) + len(model.links))
+    cost = STEP_SECONDS * (1 + bodies // 10) + LANE_STEP_SECONDS * lanes * (bodies + len(model.links))
     return lanes, max(1, int(CALL_SECONDS / cost))
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,22 +15,27 @@ import xarray as xr
 
 import impactlab.density  # noqa: F401  (its records must be known when one is made again)
 from impactlab.build import digest
-from impactlab.dataset import VARIABLES, provenance, statistics
-from impactlab.ensemble import merged, run, workers_of
+from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
+from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
+from impactlab.memory import check_memory
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.parts import joined, split
 from impactlab.plan import Plan, make_plan
-from impactlab.progress import reporter
-from impactlab.record import PairedRealizations, PerRealization, Record
+from impactlab.progress import reporter, say
+from impactlab.record import PairedRealizations, PerRealization, Record, Trajectory, trajectory_size
 from impactlab.rules import check_integrator, positive, seed_of
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
+from impactlab.trajectories import written
+
+TRAJECTORIES = ("displacement", "velocity", "contact_force")
+"""Variables of trajectories, which are read from a file when they are needed."""
 
 
 def simulate(
@@ -45,6 +53,7 @@ def simulate(
     rng: Any = None,
     executor: Executor | None = None,
     progress: bool | Callable[[float], None] | None = None,
+    out: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:
     """Simulate an ensemble of realizations and return its statistics.
 
@@ -78,12 +87,16 @@ def simulate(
         What to keep besides the statistics.
     rng : optional
         Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
-        keyed by seed, realization, name of the body and step.
+        keyed by seed, realization, name of the body and step; or interval, in runs that jump.
     executor : concurrent.futures.Executor, optional
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.
     progress : bool or callable, optional
         Progress bar; by default on long runs in a terminal.
+    out : str or path, optional
+        File to write the dataset to (netCDF): it is whole, or not there; an existing one is
+        replaced at the end. Trajectories are written while they arise, so that they take
+        memory for a few samples only, and read from the file when they are needed.
 
     Returns
     -------
@@ -94,7 +107,7 @@ def simulate(
     Raises
     ------
     InvalidInput
-        If something given cannot be used.
+        If something given cannot be used, or the memory or the disk are too small.
     Diverged
         If a realization left the range of finite numbers.
     """
@@ -103,8 +116,10 @@ def simulate(
         if duration is None:
             raise InvalidInput("simulate needs a duration (s), or a tolerance.")
         return _simulate(
-            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress
+            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress, out=out
         )
+    if out is not None:
+        raise InvalidInput("simulate cannot write to out= until a tolerance is reached; use il.save afterwards.")
     model = Model.of(_network(network))
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
@@ -149,13 +164,14 @@ def _simulate(
     network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
     spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
     executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
-    coarse: bool = False,
+    coarse: bool = False, out: str | os.PathLike[str] | None = None,
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
     check_integrator(integrator)
     records = _records(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
+    model = Model.of(network)
     configuration = {
         "network": network.to_dict(),
         "simulate": _plain({
@@ -163,37 +179,51 @@ def _simulate(
             "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
             "seed": list(seed),
         }),
-        "text": digest(generate(Model.of(network))),
+        "text": digest(generate(model)),
     }  # fmt: skip
 
-    def run_part(part: Network, chosen: float | None, as_coarse: bool) -> xr.Dataset:
+    def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
         plan = make_plan(
-            part, duration=duration, realizations=realizations, step=chosen, integrator=integrator, spin_up=spin_up,
-            initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
+            part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
+            spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse, model=part,
         )  # fmt: skip
-        return _run(plan, executor, progress, seconds, workers, configuration)
+        return _run(plan, executor, progress, seconds, workers, configuration, temporary)
 
-    apart = split(network, integrator, initial, records)
-    if apart is None:
-        return run_part(network, step, coarse)
-    busy, idle = apart
-    dataset = run_part(busy, step, coarse)
-    return joined(network, dataset, run_part(idle, None, False))
+    with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
+        apart = split(model, integrator, initial, records)
+        if apart is None:
+            dataset = run_part(model, step, coarse)
+        else:
+            busy, idle = map(Model.of, apart)
+            dataset = joined(network, run_part(busy, step, coarse), run_part(idle, None, False))
+        if out is None or temporary is None:
+            return dataset
+        streamed = any(isinstance(item, Trajectory) for item in records)
+        write(dataset, temporary, append=streamed)
+    return opened(path_of(out), TRAJECTORIES)
 
 
 def _run(
     plan: Plan, executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float,
-    workers: int, configuration: dict[str, Any],
+    workers: int, configuration: dict[str, Any], file: Path | None,
 ) -> xr.Dataset:  # fmt: skip
-    """Run a plan and return its dataset."""
+    """Run a plan and return its dataset, without trajectories if there is a file for them."""
     if plan.seconds(workers) > seconds:
         raise InvalidInput(
             f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
             f"{plan.seconds(workers):.2g} s, {max(seconds, 0.0):.2g} s are left. Give max_seconds= or a larger "
             "tolerance."
         )
-    results = run(plan, executor, reporter(progress))
+    size = trajectory_size(plan)
+    check_memory(plan, workers, size if file is None else 0)
+    with contextlib.ExitStack() as stack:
+        if size and file is not None:
+            if not shares_memory(executor):
+                raise InvalidInput("Trajectories go to a file from threads only: leave out executor= or out=.")
+            say(progress, f"Trajectories: up to {size / 1e9:.3g} GB")
+            plan = stack.enter_context(written(plan, file, file.parent))
+        results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
     steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)
     if estimates.drift > DRIFT and steady:

@@ -23,7 +23,7 @@ from impactlab.together import Job, run_together
 DONE = "done"
 """Status of a point that was simulated."""
 
-_UNITS = {"step": "s", "duration": "s", "spin_up": "s", "seconds_spent": "s"}
+_UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_spent"), "s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +113,9 @@ def sweep(
         Whether to add the exact statistics as ``<name>_exact`` where there is an exact law.
     common_random_numbers : bool
         Whether all points have the random numbers that `simulate` has at this `rng`, which with
-        equal steps makes differences between points more accurate. By default the numbers of each
-        follow from `rng` and the point's own values, so that it keeps them when values are added.
+        equal steps, and `ExactFlow(jumps=False)`, makes differences between points more accurate.
+        By default those of each follow from `rng` and the point's own values, so that it keeps
+        them when values are added.
     rng : optional
         Seed, as for `simulate`.
     executor : concurrent.futures.Executor, optional

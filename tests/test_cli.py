@@ -206,7 +206,7 @@ def test_a_traceback_only_when_asked_for(capsys, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, INTERRUPTED), (signal.SIGTERM, INCOMPLETE)])
 def test_signals_stop_a_run(number, code, tmp_path):
-    endless = ["--set", "duration=1e7", "--set", "clearances=[0.5]"]
+    endless = ["--set", "duration=1e7", "--set", "clearances=[0.02]"]
     command = [sys.executable, "-m", "impactlab", "run", "example", *endless, "-v", "--out", "here"]
     with subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True) as run:
         assert run.stderr is not None

@@ -1,6 +1,7 @@
 """Numbers do not depend on how an ensemble runs; interrupts, divergence and progress."""
 
 import concurrent.futures
+import itertools
 import math
 import os
 import signal
@@ -15,6 +16,7 @@ from scenes import base, linear
 import impactlab as il
 import impactlab.ensemble
 import impactlab.rules
+from impactlab.block import Block
 
 RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
 
@@ -81,6 +83,65 @@ def test_a_realization_is_the_same_alone_and_among_many(integrator, step, noise)
         for name in few:
             if name.endswith("_by_realization"):
                 np.testing.assert_array_equal(few[name], many[name][:count], err_msg=name)
+
+
+class CubicSpring(il.CouplingLaw):
+    """Reads the rate as well."""
+
+    strength: float = il.parameter(units="N m-3")
+
+    @staticmethod
+    def force(extension, rate, strength):
+        return strength * extension**3 + 0.1 * rate
+
+
+class DampedContact(il.ContactLaw):
+    """Never pulls."""
+
+    stiffness: float = il.parameter(units="N m-1")
+
+    @staticmethod
+    def force(indentation, rate, stiffness):
+        return max(stiffness * indentation * (1.0 + 0.3 * rate), 0.0)
+
+
+class Sine(il.Excitation):
+    """A given force."""
+
+    @staticmethod
+    def force(time):
+        return 2.0 * math.sin(3.0 * time)
+
+
+def everything():
+    """Twelve bodies in a row with more contacts across, of several kinds, and all that a loop can hold."""
+    soft = il.LinearOscillator.from_frequency(6.28, 0.1)
+    cubic = il.DuffingOscillator(mass=1.0, damping=0.3, stiffness=3.0, cubic=2.0)
+    names = "abcdefghijkl"
+    hertz = il.HertzContact(1e4)
+    pairs = [*itertools.pairwise(names), ("a", "l"), ("c", "a"), (il.WALL, "d"), ("f", "a")]
+    laws = [hertz] * 12 + [il.LinearContact(1e3), il.HertzContact(2e4), hertz, DampedContact(1e3)]
+    contacts = {
+        str(k): il.Contact(*pair, law, clearance=0.02) for k, (pair, law) in enumerate(zip(pairs, laws, strict=False))
+    }
+    couplings = {
+        "cubic": il.Coupling("a", "e", CubicSpring(3.0)),
+        "more": il.Coupling("b", "e", CubicSpring(4.0)),
+        "stiff": il.Coupling("g", "h", il.LinearCoupling(5000.0, damping=1.0)),
+        "soft": il.Coupling("g", "i", il.LinearCoupling(2.0)),
+    }
+    excitations = {name: il.WhiteNoise(2.0) for name in "acdegk"}
+    excitations |= {"b": Sine(), "l": il.ShinozukaNoise(1.0, band=(0.0, 8.0), components=100)}
+    return il.Network({name: cubic if name in "dej" else soft for name in names}, contacts, excitations, couplings)
+
+
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()], ids=lambda item: type(item).__name__)
+def test_blocks_of_one_lane_give_the_same_bits(integrator, monkeypatch):
+    """Their loops run over bodies, and come from the same text."""
+    options = {"integrator": integrator, "step": 1e-3, "realizations": 3, "record": RECORDS}
+    together = run(everything(), **options)
+    monkeypatch.setattr(impactlab.rules, "MANY", 1)
+    assert_same(together, run(everything(), **options))
 
 
 def test_the_length_of_a_compiled_call_does_not_change_the_numbers(monkeypatch):
@@ -238,3 +299,20 @@ def test_interrupt_is_answered_within_half_a_second(realizations):
     assert errors.rstrip().endswith("KeyboardInterrupt")
     assert process.returncode != 0
     assert elapsed < 0.5
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
+    """In a crowd no draw has all contacts open; the bodies start at rest after the first."""
+    draws, draw = [], Block._draw
+
+    def counted(self, lanes, attempt):
+        draws.append(attempt)
+        return draw(self, lanes, attempt)
+
+    monkeypatch.setattr(Block, "_draw", counted)
+    body = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.5)
+    network = il.chain(200, body, il.LinearContact(10.0), clearance=0.01, excitation=il.WhiteNoise(1.0))
+    result = il.simulate(network, duration=0.5, spin_up=0.0, realizations=2, rng=1, record=il.Trajectory(interval=0.5))
+    assert set(draws) == {0}
+    assert not result["displacement"].isel(time=0).any()

@@ -7,10 +7,12 @@ import pytest
 from scenes import base, deviations, linear
 
 import impactlab as il
+from impactlab.block import Block
 from impactlab.ensemble import run_block
 from impactlab.integrators.jumps import WholeFlow
 from impactlab.intervals import JUMP_LANES, TOUCHED, jump_tables
 from impactlab.kernels.flow import transition
+from impactlab.memory import sizes
 from impactlab.model import Model
 from impactlab.plan import make_plan
 
@@ -244,3 +246,10 @@ def test_bodies_that_nothing_can_touch_change_nothing_and_take_few_steps():
     np.testing.assert_array_equal(again["mean_square_displacement"], result["mean_square_displacement"])
     kept = il.simulate(network, duration=20.0, realizations=64, rng=5, record=il.Trajectory(interval=0.5))
     assert kept["displacement"].sizes["oscillator"] == 3
+
+
+def test_memory_of_a_block_is_foreseen():
+    plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
+    block = Block(plan, 0, lambda steps: None)
+    arrays = [*block.state, *block.history, block.sums.bodies, block.sums.contacts, *block.work]
+    assert sum(item.nbytes for item in arrays) / plan.lanes == pytest.approx(sizes(plan)[0], rel=0.2)

@@ -10,7 +10,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "gather", "kernels"},
+    {"errors", "progress", "gather", "incidence", "kernels"},
     {"component", "build"},
     {"oscillator", "contact", "excitation"},
     {"coupling"},
@@ -20,10 +20,11 @@ LAYERS = [
     {"generate", "integrators", "reference"},
     {"scene", "series"},
     {"linearized", "joint", "rules", "intervals"},
-    {"check", "compiled", "plan"},
-    {"record", "moments", "ensemble"},
-    {"density", "estimate", "tolerance", "together"},
-    {"parts"},
+    {"check", "compiled", "tiles"},
+    {"plan"},
+    {"record", "moments", "block", "memory"},
+    {"density", "estimate", "tolerance", "ensemble", "trajectories"},
+    {"parts", "together"},
     {"simulation"},
     {"points"},
     {"sweeps"},
@@ -47,7 +48,7 @@ DOORS = {
 }
 """Imports inside a function that point up, so that a person can write ``network.compile()``."""
 
-HEAVY = {"numba": {"kernels", "integrators", "build"}, "matplotlib": {"plot"}, "netCDF4": set()}
+HEAVY = {"numba": {"kernels", "integrators", "build"}, "matplotlib": {"plot"}, "netCDF4": {"trajectories"}}
 """Packages, and the only parts that may import them."""
 
 HEIGHT = {name: height for height, layer in enumerate(LAYERS) for name in layer}

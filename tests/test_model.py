@@ -6,7 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import impactlab as il
-from impactlab.model import HEADER, Kind, Model
+from impactlab.model import HEADER, PLACES, Kind, Model
 
 HERTZ, LINEAR = il.HertzContact(1e4), il.LinearContact(50.0)
 
@@ -62,13 +62,14 @@ def network():
 
 
 def rows(model, kind):
-    """Unpack the leading indices and the parameters of a kind as the generated text does."""
-    count, first, parameter = model.indices[HEADER * (at := model.kinds.index(kind)) : HEADER * (at + 1)]
-    leading = {"force": 3, "residual": 1, "forcing": 1, "intensity": 1}[kind.role]
-    width = len(kind.parameters)
-    indices = model.indices[first : first + leading * count].reshape(count, leading)
-    parameters = model.parameters[parameter : parameter + width * count].reshape(count, width)
-    return indices.tolist(), parameters.tolist()
+    """Unpack the indices and the parameters of the members of a kind as the generated text does."""
+    at, width = PLACES + HEADER * model.kinds.index(kind), len(kind.parameters)
+    count, first = model.indices[at : at + HEADER]
+    indices, parameters = [], []
+    for begin, members, start in model.indices[first : first + 3 * count].reshape(count, 3):
+        indices += range(begin, begin + members)
+        parameters += model.parameters[start : start + width * members].reshape(width, members).T.tolist()
+    return indices, parameters
 
 
 def test_slots_follow_the_names():
@@ -87,13 +88,13 @@ def test_slots_follow_the_names():
 def test_rows_of_each_kind():
     model = Model.of(network())
     assert rows(model, Kind("force", il.HertzContact, "force")) == (
-        [[0, 0, 1], [2, 1, 3]],
+        [0, 2],
         [[0.1, 1e4], [-0.3, 2e4]],
     )
-    assert rows(model, Kind("force", il.LinearContact, "force")) == ([[1, 4, 0]], [[0.2, 50.0]])
-    assert rows(model, Kind("residual", il.DuffingOscillator, "residual")) == ([[1]], [[3.0]])
-    assert rows(model, Kind("forcing", Ramp, "force")) == ([[0]], [[0.5]])
-    assert rows(model, Kind("intensity", il.WhiteNoise, "intensity")) == ([[0], [1]], [[2.0], [5.0]])
+    assert rows(model, Kind("force", il.LinearContact, "force")) == ([1], [[0.2, 50.0]])
+    assert rows(model, Kind("residual", il.DuffingOscillator, "residual")) == ([1], [[3.0]])
+    assert rows(model, Kind("forcing", Ramp, "force")) == ([0], [[0.5]])
+    assert rows(model, Kind("intensity", il.WhiteNoise, "intensity")) == ([0, 1], [[2.0], [5.0]])
     assert len(model.parameters) == 2 * 2 + 2 + 1 + 1 + 2
 
 
@@ -143,7 +144,7 @@ def test_no_contacts_and_no_excitations():
     model = Model.of(il.Network({"a": il.LinearOscillator()}))
     assert model.kinds == ()
     assert model.ends.shape == (0, 2)
-    assert model.indices.size == model.parameters.size == 0
+    assert model.parameters.size == 0
     assert model.connected().tolist() == [0]
 
 

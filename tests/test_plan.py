@@ -9,7 +9,7 @@ from scenes import base, linear
 import impactlab as il
 from impactlab.model import Model
 from impactlab.plan import make_plan
-from impactlab.rules import LANES, batch_count, block_shape, fit_step, seed_of
+from impactlab.rules import LANES, batch_count, block_shape, fit_step, most_lanes, seed_of
 
 
 def plan_of(network, duration=10.0, records=(), **changes):
@@ -117,6 +117,26 @@ def test_blocks_hold_every_realization_once(realizations, workers):
     plan = plan_of(base(), realizations=realizations, workers=workers)
     held = np.concatenate([plan.realizations_of(block) for block in range(plan.blocks)])
     np.testing.assert_array_equal(held, np.arange(realizations))
+
+
+@pytest.mark.parametrize(
+    ("bodies", "realizations", "lanes"),
+    [
+        (2, 1, 1),
+        (15, 1, 1),
+        (10, 10_000, 400),  # as many bodies and lanes as stay in the cache
+        (60, 10_000, 64),
+        (150, 10_000, 64),
+        (200, 10_000, 1),
+        (300, 8, 1),
+        (15, 8, 8),
+        (64, 4, 1),
+    ],
+)
+def test_blocks_of_large_networks_stay_in_the_cache_or_have_one_lane(bodies, realizations, lanes):
+    network = il.chain(bodies, il.LinearOscillator(stiffness=1.0), il.HertzContact(1e4))
+    model = Model.of(network)
+    assert block_shape(model, realizations, 1, 0, most_lanes(model, realizations, 1))[0] == lanes
 
 
 def test_blocks_are_small_where_series_are_long():

@@ -50,8 +50,9 @@ def factor_in_the_noise(factor):
 def one_sided_contact(monkeypatch):
     def one_sided(plan):
         indices = plan.indices.copy()
-        assert indices[-1] == 1  # the sign of the last contact of the last body
-        indices[-1] = 0
+        last = indices[2] - 1
+        assert indices[last] == 1  # the sign of the last contact of the last body
+        indices[last] = 0
         return replace(plan, indices=indices)
 
     change_plan(monkeypatch, one_sided)
@@ -62,7 +63,7 @@ def missing_damping(monkeypatch):
         mass, damping, stiffness = plan.linear
         for phase, place in enumerate(GAUSS):
             flow, _ = split_transition(mass, 0.0 * damping, stiffness, plan.intensity, plan.step, place)
-            coefficients[phase, :, :SHIFT] = flow.reshape(-1, 4)
+            coefficients[phase, :SHIFT] = flow.reshape(-1, 4).T
 
     change_coefficients(monkeypatch, undamped)
 
@@ -79,13 +80,13 @@ def printed_potential(monkeypatch):
 
 def force_read_before_the_shift(monkeypatch):
     def unshifted(plan, coefficients):
-        coefficients[:, :, SHIFT] = 0.0
+        coefficients[:, SHIFT] = 0.0
 
     change_coefficients(monkeypatch, unshifted)
 
 
 def one_stream_for_both(monkeypatch):
-    change_plan(monkeypatch, lambda plan: replace(plan, streams=np.repeat(plan.streams[:1], 2, axis=0)))
+    change_plan(monkeypatch, lambda plan: replace(plan, streams=np.repeat(plan.streams[:, :1], 2, axis=1)))
 
 
 def spin_up_lost(monkeypatch):

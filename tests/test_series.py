@@ -224,3 +224,27 @@ def test_a_line_near_the_inverse_of_the_step_is_not_taken_for_a_slow_one(method)
     assert (
         abs(ds.mean_square_displacement[0] / white - 1.0) < 3.5 * ds.mean_square_displacement_standard_error[0] / white
     )
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()], ids=["exact flow", "RK4"])
+def test_a_start_is_the_first_draw_without_a_closed_contact(integrator):
+    """The draws are made again here with NumPy, all bodies each time."""
+    body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.1)
+    noise = il.ShinozukaNoise(1.0, band=(0.0, 5.0), components=40)
+    network = il.chain(4, body, il.HertzContact(1e3), clearance=0.3, excitation=noise)
+    options = {"spin_up": 0.0, "rng": 5, "integrator": integrator, "record": il.Trajectory(0.01)}
+    ds = il.simulate(network, 0.01, step=1e-3, realizations=24, **options)
+    items, attempts = lines_of(Model.of(network)), []
+    gain = alone(items[0], body.mass, body.damping, body.stiffness)
+    for realization in range(24):
+        for attempt in range(100):
+            draws = [response_amplitudes(item, gain, phases(seed_of(5), item, realization, attempt)) for item in items]
+            x, v = np.array(draws).sum(axis=2).real.T
+            if (x[:-1] - x[1:] <= 0.3).all():
+                break
+        attempts.append(attempt)
+        np.testing.assert_allclose(ds.displacement[realization, 0], x, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(ds.velocity[realization, 0], v, rtol=0.0, atol=1e-12)
+    assert min(attempts) == 0
+    assert 3 < max(attempts) < 99

@@ -28,7 +28,7 @@ from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, empty_slots
 
 @kernel
 def approach(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, rows, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
     interval, near, x, v, after_x, after_v,
 ):  # fmt: skip
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
@@ -83,7 +83,7 @@ def approach(  # type: ignore[no-untyped-def]
             level = part
             continue
         step_by_step(
-            forces, parameters, indices, coefficients, jumps, noise, rows, state, history, work, sums, dissipative,
+            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
             summing, begin[0], number,
         )  # fmt: skip
         put(dense(work.x[0, 1], number), work.chosen[0], new_x)
@@ -126,7 +126,7 @@ def find(jumps, ends, part, level, noise, state, number, work, chosen):  # type:
 def halve_level(jumps, level, number, interval, node, work):  # type: ignore[no-untyped-def]
     """Draw the noise of the halves of the intervals of a level; `node` numbers them within the longest one."""
     normals = dense(work.halves, number)
-    if jumps.halves.shape[0]:
+    if jumps.halves.shape[1]:
         address = np.uint64((interval << jumps.levels) + node)
         fill_normals(jumps.halves, work.realizations[level][:number], address, normals)
     halve(
@@ -138,11 +138,14 @@ def halve_level(jumps, level, number, interval, node, work):  # type: ignore[no-
 
 @kernel
 def step_by_step(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, rows, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
     first, number,
 ):  # fmt: skip
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
-    own = Noise(noise.bodies, noise.amplitude, noise.streams, work.realizations[0][:number], noise.scale, noise.coarse)
+    own = Noise(
+        noise.bodies, noise.runs, noise.seconds, noise.amplitude, noise.streams, work.realizations[0][:number],
+        noise.scale, noise.coarse,
+    )  # fmt: skip
     groups = jumps.leaf // 4
     x, v = dense(work.x[0, 0], number), dense(work.v[0, 0], number)
     of_x, of_v, spare = dense(work.w[0, 0], number), dense(work.w[0, 1], number), dense(work.x[0, 1], number)
@@ -154,7 +157,7 @@ def step_by_step(  # type: ignore[no-untyped-def]
         if noise.bodies.shape[0]:
             fill_steps(own, first // 4 + group, normals)
         for column in range(4):
-            flow(coefficients, 0, rows, own, 0, normals, column, of_x, of_v, spare)
+            flow(coefficients, 0, own, 0, normals, column, of_x, of_v, spare)
             of_x, spare = spare, of_x
     pin(jumps.inverse, dense(work.w[0, 2], number), dense(work.w[0, 3], number), of_x, of_v)
     past = History(
@@ -168,7 +171,7 @@ def step_by_step(  # type: ignore[no-untyped-def]
         hold_wall(past.x[step])
         hold_wall(past.v[step])
         after = past.x[step]
-        flow(coefficients, 0, rows, own, 0, dense(work.steps[step // 4], number), step % 4, x, v, after)
+        flow(coefficients, 0, own, 0, dense(work.steps[step // 4], number), step % 4, x, v, after)
         correct(jumps.terms[step], of_x, of_v, after, v)
         x = after
         kick(
@@ -179,7 +182,8 @@ def step_by_step(  # type: ignore[no-untyped-def]
         bodies, contacts = sums.bodies.shape[2], sums.contacts.shape[1]
         own_sums = Sums(
             np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
-            sums.ends, sums.window, sums.half_kick, sums.products, sums.pairs,
+            sums.ends, sums.indices, sums.window, sums.half_kick, sums.closing, sums.push, sums.kick, sums.products,
+            sums.pairs,
         )  # fmt: skip
         add_history(past, own_sums)
         lanes = work.lanes[0]

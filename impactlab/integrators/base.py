@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
-import numba
 import numpy as np
-from numba import b1, f8, i8, void
+from numba import b1, f4, f8, i8, types, u4, u8, void
 
 from impactlab.component import Component
 from impactlab.errors import InvalidInput
-from impactlab.kernels.jit import FORCES
+from impactlab.kernels.jit import FORCES, FORCES_OF_ONE, loop
+from impactlab.kernels.single import without_lanes
 from impactlab.linear import LinearSystem, lines_of
 from impactlab.model import Model
 
@@ -20,9 +21,11 @@ from impactlab.model import Model
 class Noise(NamedTuple):
     """White noise on some bodies: rows of normals, two for a body whose flow needs them."""
 
-    bodies: np.ndarray  # (row,) slots, those of one body side by side
-    amplitude: np.ndarray  # (phase, row, 2) of displacement and velocity, or nothing and force
-    streams: np.ndarray  # (row, 3) addresses of the streams
+    bodies: np.ndarray  # (row,) slots, second rows last
+    runs: np.ndarray  # (run, 3) bodies that follow each other: the first, its row or -1, number
+    seconds: int  # first of the second rows
+    amplitude: np.ndarray  # (phase, 2, row) of displacement and velocity, or nothing and force
+    streams: np.ndarray  # (3, row) addresses of the streams
     realizations: np.ndarray  # (lane,) indices
     scale: np.ndarray  # (1 or step, row) factor of the amplitude
     coarse: bool  # whether a step takes the noise of two steps of half the length
@@ -66,7 +69,7 @@ class State(NamedTuple):
     external: np.ndarray  # given forces and noise [body, lane]
     slope_x: np.ndarray  # weighted sum of slopes [body, lane]
     slope_v: np.ndarray
-    normals: np.ndarray  # (row, 4, lane) of single precision
+    normals: np.ndarray  # (4, row, lane) of single precision
 
 
 class History(NamedTuple):
@@ -85,39 +88,56 @@ class Sums(NamedTuple):
     bodies: np.ndarray  # (phase, row, body, lane)
     contacts: np.ndarray  # (4, contact, lane)
     ends: np.ndarray  # (contact, 2)
+    indices: np.ndarray  # `impactlab.model.Model.indices`
     window: np.ndarray  # (contact,) half width for the rate (m)
     half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
+    closing: np.ndarray  # [step, contact, lane] closing velocities in four steps
+    push: np.ndarray  # [body, lane] half of what a kick gives to velocities
+    kick: np.ndarray  # [contact, lane] the same of closing velocities
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
 
 
-_MATRIX, _CUBE, _INTEGERS = np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1, np.int64)
-_WORDS, _LANES = np.zeros((1, 1), np.uint64), np.zeros(1, np.uint32)
+def _array(dimensions: int, kind: Any = f8) -> Any:
+    """Type of an array, of which the last axis is contiguous."""
+    return types.Array(kind, dimensions, "C")
 
-_typeof: Any = numba.typeof
-_STATE: Any = State
 
-ADVANCE = void(
-    FORCES,
-    f8[::1],
-    i8[::1],
-    f8[:, :, ::1],
-    _typeof(Cross(_INTEGERS.reshape(1, 1), _MATRIX, _MATRIX, _MATRIX)),
-    _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES, _MATRIX, True)),
-    _typeof(Series(_INTEGERS, _CUBE, _CUBE)),
-    _typeof(Forced(_INTEGERS, _MATRIX)),
-    _typeof(_STATE(*[_MATRIX] * 11, _CUBE.astype(np.float32))),
-    _typeof(History(*[_CUBE] * 5)),
-    _typeof(Sums(_CUBE[None], _CUBE, _INTEGERS.reshape(1, 1), _MATRIX[0], _MATRIX[0], _CUBE, _INTEGERS.reshape(1, 1))),
-    f8[:, :, ::1],
-    f8,
-    b1,
-    b1,
-    i8,
-    i8,
-    i8,
-    i8,
-)
+def _tuple(kind: Any, *items: Any) -> Any:
+    """Type of a named tuple."""
+    constructor: Any = types.NamedTuple if len(set(items)) > 1 else types.NamedUniTuple
+    return constructor(items, kind) if len(set(items)) > 1 else constructor(items[0], len(items), kind)
+
+
+def _signature(forces: Any, lane: int) -> Any:
+    """Signature of a loop over blocks that have an axis of lanes (1) or not (0)."""
+    numbers, table, cube = _array(1), _array(2), _array(3)
+    slots, pairs = _array(1, i8), _array(2, i8)
+    block, blocks = _array(1 + lane), _array(2 + lane)
+    return void(
+        forces,
+        numbers,
+        slots,
+        cube,
+        _tuple(Cross, pairs, table, table, table),
+        _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
+        _tuple(Series, slots, cube, blocks),
+        _tuple(Forced, slots, table),
+        _tuple(State, *[block] * 11, _array(2 + lane, f4)),
+        _tuple(History, *[blocks] * 5),
+        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        blocks,
+        f8,
+        b1,
+        b1,
+        i8,
+        i8,
+        i8,
+        i8,
+    )
+
+
+ADVANCE = _signature(FORCES, 1)
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, cross, noise, series,
 forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
 
@@ -125,6 +145,17 @@ It makes `count` steps, of which `first` is the index of the first. If `dissipat
 on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
 0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
 bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
+
+
+_ADVANCE_OF_ONE = _signature(FORCES_OF_ONE, 0)
+
+
+def compiled(function: Callable[..., None], single: bool) -> Callable[..., None]:
+    """Return the loop of an integrator for blocks, or from the same text for blocks of one lane."""
+    return loop(_ADVANCE_OF_ONE, _single(function)) if single else loop(ADVANCE, function)
+
+
+_single = cache(without_lanes)
 
 
 class Group(NamedTuple):
@@ -173,14 +204,17 @@ class Integrator(Component):
     samples_per_step: ClassVar[int] = 1
     """Samples of a series or a given force that the loop takes in a step."""
 
+    reach: ClassVar[int] = 0
+    """Contacts that a force reaches in a step, one more if it depends on velocities; 0 if nothing runs in tiles."""
+
     takes_response: ClassVar[bool] = False
     """Whether a series is the linear response (x, v) instead of the force."""
 
     required: ClassVar[tuple[str, ...]] = ("order",)
 
     @staticmethod
-    def loop() -> Callable[..., None]:
-        """Return the compiled loop."""
+    def loop(single: bool = False) -> Callable[..., None]:
+        """Return the compiled loop, for blocks of one lane if `single`; see `compiled`."""
         raise NotImplementedError
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
-from impactlab.kernels.jit import borrow, loop
+from impactlab.integrators.base import ExplicitIntegrator, compiled
+from impactlab.kernels.jit import borrow
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
@@ -25,8 +25,8 @@ class EulerMaruyama(ExplicitIntegrator):
     fraction: ClassVar[float] = 0.02
 
     @staticmethod
-    def loop() -> Callable[..., None]:
-        return loop(ADVANCE, _advance)
+    def loop(single: bool = False) -> Callable[..., None]:
+        return compiled(_advance, single)
 
 
 def _advance(  # type: ignore[no-untyped-def]
@@ -63,4 +63,4 @@ def _advance(  # type: ignore[no-untyped-def]
         combine(v, step, total, v)
         if every and (phase + index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
-            write_snapshot(x, v, contact_force, snapshots, (phase + index + 1) // every - 1)
+            write_snapshot(x, v, contact_force, sums, snapshots, (phase + index + 1) // every - 1)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.component import parameter
-from impactlab.integrators.base import ADVANCE, Cross, Flows, Group, Integrator, coupling_rate, frequencies
+from impactlab.integrators.base import Cross, Flows, Group, Integrator, compiled, coupling_rate, frequencies
 from impactlab.kernels.flow import (
     COEFFICIENTS,
     GAUSS,
@@ -24,7 +24,7 @@ from impactlab.kernels.flow import (
     system_transition,
     transition,
 )
-from impactlab.kernels.jit import borrow, kernel, loop
+from impactlab.kernels.jit import borrow, kernel
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
@@ -76,11 +76,12 @@ class ExactFlow(Integrator):
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
+    reach: ClassVar[int] = 2
     takes_response: ClassVar[bool] = True
 
     @staticmethod
-    def loop() -> Callable[..., None]:
-        return loop(ADVANCE, _advance)
+    def loop(single: bool = False) -> Callable[..., None]:
+        return compiled(_advance, single)
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
@@ -127,8 +128,9 @@ class ExactFlow(Integrator):
         for group in flows.groups:  # two normals for each body, as soon as there is noise on one
             columns[:, :, group.slots] = _own(noise_root(group.covariance)).transpose(2, 0, 1)
             noisy |= set(group.slots.tolist()) if group.system.intensity.any() else set()
-        rows = [(slot, k) for slot in sorted(noisy) for k in ((0,) if split[slot] else (0, 1))]
-        slots, which = np.ascontiguousarray(np.array(rows, dtype=np.int64).reshape(-1, 2).T)
+        first = np.array(sorted(noisy), dtype=np.int64)
+        second = first[~split[first]]
+        slots, which = np.append(first, second), np.repeat((0, 1), (len(first), len(second)))
         return slots, columns[:, which, slots]
 
     def flows(self, model: Model, step: float) -> Flows:
@@ -239,9 +241,10 @@ def _advance(  # type: ignore[no-untyped-def]
     state, history, sums = borrow(state), borrow(history), borrow(sums)
     coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
     x, v, y, push, before = state.x, state.v, state.reading, state.external, state.slope_v
-    rows = np.full(coefficients.shape[1], -1)
-    for row in range(noise.bodies.shape[0] - 1, -1, -1):
-        rows[noise.bodies[row]] = row
+    rows = np.full((2, coefficients.shape[2] if cross.bodies.shape[0] else 0), -1)
+    for row in range(noise.bodies.shape[0] if cross.bodies.shape[0] else 0):
+        body = noise.bodies[row]
+        rows[0 if rows[0, body] < 0 else 1, body] = row
     empty_slots(history, 0, first % SLOTS)
     for index in range(count):
         now = first + index
@@ -259,7 +262,8 @@ def _advance(  # type: ignore[no-untyped-def]
         sample = index if noise.scale.shape[0] > 1 else 0
         if cross.bodies.shape[0]:
             copy(v, before)
-        flow(coefficients, now % coefficients.shape[0], rows, noise, sample, state.normals, now % 4, x, v, after)
+        cycle = now % coefficients.shape[0]
+        flow(coefficients, cycle, noise, sample, state.normals, now % 4, x, v, after)
         if cross.bodies.shape[0]:
             flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after
@@ -278,7 +282,7 @@ def _advance(  # type: ignore[no-untyped-def]
         if summing:
             close_slot(history, slot, index == count - 1, sums)
         if every and (phase + index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, snapshots, (phase + index + 1) // every - 1)
+            write_snapshot(y, middle, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
     last = (first + count - 1) % SLOTS
     copy(x, state.x)
     copy(history.v[last], state.velocity)

@@ -36,8 +36,8 @@ class Jumps(NamedTuple):
     reach: np.ndarray  # (body, 3), see `bound`
     nearest: np.ndarray  # (contact,) what bounds may not exceed
     rows: np.ndarray  # (body,) row of a body's noise, -1 without
-    draws: np.ndarray  # (row, 3) streams of the longest intervals' noise
-    halves: np.ndarray  # (row, 3) streams of halves
+    draws: np.ndarray  # (3, row) streams of the longest intervals' noise
+    halves: np.ndarray  # (3, row) streams of halves
 
     @property
     def steps(self) -> int:
@@ -52,9 +52,9 @@ class Work(NamedTuple):
     noise: np.ndarray  # (2, body, lane) of the interval
     size: np.ndarray  # [body, lane]
     worst: np.ndarray  # (1, lane)
-    normals: np.ndarray  # (row, 4, lane) of two intervals, single precision
-    halves: np.ndarray  # (row, 4, lane) of halves
-    steps: np.ndarray  # (2, row, 4, lane) of the steps of a leaf
+    normals: np.ndarray  # (4, row, lane) of two intervals, single precision
+    halves: np.ndarray  # (4, row, lane) of halves
+    steps: np.ndarray  # (2, 4, row, lane) of the steps of a leaf
     x: np.ndarray  # (level, 2, body, lane) state before and after half an interval
     v: np.ndarray
     w: np.ndarray  # (level, 4, body, lane) noise of both halves, first x, v, then those of the second
@@ -83,7 +83,7 @@ ADVANCE_JUMPS = void(
             _WORDS,
         )
     ),
-    _typeof(Noise(_INTEGERS, _CUBE, _WORDS, _LANES[0], _MATRIX, True)),
+    _typeof(Noise(_INTEGERS, _PLACES, 1, _CUBE, _WORDS, _LANES[0], _MATRIX, True)),
     _typeof(_STATE(*[_MATRIX] * 11, _CUBE_32)),
     _typeof(History(*[_CUBE] * 5)),
     _typeof(
@@ -92,7 +92,7 @@ ADVANCE_JUMPS = void(
             _LANES,
         )
     ),
-    _typeof(Sums(_FOUR, _CUBE, _PLACES, _VECTOR, _VECTOR, _CUBE, _PLACES)),
+    _typeof(Sums(_FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES)),
     f8[:, :, ::1],
     b1,
     b1,
@@ -138,15 +138,15 @@ def jumping_loop() -> Callable[..., None]:
 
 def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
     """Return the work space of a block; `rows` are those of the noise of a step."""
-    levels, noisy = jumps.levels + 1, len(jumps.draws)
+    levels, noisy = jumps.levels + 1, jumps.draws.shape[1]
     return Work(
         np.zeros((2, bodies + 1, lanes)),
         np.zeros((2, bodies + 1, lanes)),
         np.zeros((bodies + 1, lanes)),
         np.zeros((1, lanes)),
-        np.zeros((noisy, 4, lanes), np.float32),
-        np.zeros((noisy, 4, lanes), np.float32),
-        np.zeros((2, rows, 4, lanes), np.float32),
+        np.zeros((4, noisy, lanes), np.float32),
+        np.zeros((4, noisy, lanes), np.float32),
+        np.zeros((2, 4, rows, lanes), np.float32),
         np.zeros((levels, 2, bodies + 1, lanes)),
         np.zeros((levels, 2, bodies + 1, lanes)),
         np.zeros((levels, 4, bodies + 1, lanes)),
@@ -166,12 +166,9 @@ def _advance(  # type: ignore[no-untyped-def]
     length = jumps.leaf << jumps.levels
     x, v, after_x, after_v = state.x, state.v, work.after[0], work.after[1]
     wx, wv = work.noise[0], work.noise[1]
-    rows = np.full(coefficients.shape[1], -1)
-    for row in range(noise.bodies.shape[0] - 1, -1, -1):
-        rows[noise.bodies[row]] = row
     for done in range(length, count + 1, length):
         interval = (first + done) // length - 1
-        if jumps.draws.shape[0] and (done == length or interval % 2 == 0):
+        if jumps.draws.shape[1] and (done == length or interval % 2 == 0):
             fill_normals(jumps.draws, noise.realizations, np.uint64(interval // 2), work.normals)
         draw(jumps.draw, jumps.rows, work.normals, 2 * (interval % 2), wx, wv, work.size)
         jump(jumps.transition[jumps.levels], x, v, wx, wv, after_x, after_v)
@@ -180,7 +177,7 @@ def _advance(  # type: ignore[no-untyped-def]
         last = 0
         if near:
             last = approach(
-                forces, parameters, indices, coefficients, jumps, noise, rows, state, history, work, sums, dissipative,
+                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
                 summing, interval, near, x, v, after_x, after_v,
             )  # fmt: skip
         if summing:
@@ -196,7 +193,9 @@ def _advance(  # type: ignore[no-untyped-def]
                 put(dense(history.v, last)[jumps.leaf - 1], lanes, state.velocity)
                 put(dense(history.contact_force, last)[jumps.leaf - 1], lanes, state.contact_force)
         if wanted:
-            write_snapshot(state.reading, state.velocity, state.contact_force, snapshots, (phase + done) // every - 1)
+            write_snapshot(
+                state.reading, state.velocity, state.contact_force, sums, snapshots, (phase + done) // every - 1
+            )
         x, v, after_x, after_v = after_x, after_v, x, v
     copy(x, state.x)
     copy(v, state.v)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from impactlab.integrators.base import ADVANCE, ExplicitIntegrator
-from impactlab.kernels.jit import borrow, loop
+from impactlab.integrators.base import ExplicitIntegrator, compiled
+from impactlab.kernels.jit import borrow
 from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine, copy
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
@@ -28,8 +28,8 @@ class RungeKutta4(ExplicitIntegrator):
     fraction: ClassVar[float] = 0.05
 
     @staticmethod
-    def loop() -> Callable[..., None]:
-        return loop(ADVANCE, _advance)
+    def loop(single: bool = False) -> Callable[..., None]:
+        return compiled(_advance, single)
 
 
 def _advance(  # type: ignore[no-untyped-def]
@@ -81,4 +81,4 @@ def _advance(  # type: ignore[no-untyped-def]
         combine(v, step, slope_v, v)
         if every and (phase + index + 1) % every == 0:
             forces(x, v, parameters, indices, indentation, contact_force, total)
-            write_snapshot(x, v, contact_force, snapshots, (phase + index + 1) // every - 1)
+            write_snapshot(x, v, contact_force, sums, snapshots, (phase + index + 1) // every - 1)

@@ -235,55 +235,59 @@ def noise_root(q: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def flow(coefficients, phase, rows, noise, sample, normals, column, x, v, result):  # type: ignore[no-untyped-def]
+def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # type: ignore[no-untyped-def]
     """Carry all bodies over one step.
 
     Parameters
     ----------
-    coefficients : (phase, body, 4 or more) ndarray
+    coefficients : (phase, 4 or more, body) ndarray
         The flow.
     phase : int
         Which step of the method's cycle it is.
-    rows : (body,) ndarray of int
-        First row of each body's noise, -1 for a body without.
     noise : Noise
         Rows of noise.
     sample : int
         Row of ``noise.scale`` that belongs to the step.
-    normals : (row, 4, lane) ndarray
+    normals : (4, row, lane) ndarray
         Standard normals.
     column : int
-        Column of `normals` to be used.
+        First index of `normals` to be used.
     x, v : [body, lane]
         State; v is changed in place.
     result : [body, lane]
         Displacements after the step.
     """
-    for body in range(rows.shape[0]):
-        a_xx, a_xv = coefficients[phase, body, 0], coefficients[phase, body, 1]
-        a_vx, a_vv = coefficients[phase, body, 2], coefficients[phase, body, 3]
-        row = rows[body]
+    for run in range(noise.runs.shape[0]):
+        begin, row, count = noise.runs[run, 0], noise.runs[run, 1], noise.runs[run, 2]
+        end = begin + count
+        a_xx, a_xv = coefficients[phase, 0, begin:end], coefficients[phase, 1, begin:end]
+        a_vx, a_vv = coefficients[phase, 2, begin:end], coefficients[phase, 3, begin:end]
+        before, velocity, after = x[begin:end], v[begin:end], result[begin:end]
         if row < 0:
-            for lane in range(result.shape[1]):
-                displacement, velocity = x[body, lane], v[body, lane]
-                result[body, lane] = a_xx * displacement + a_xv * velocity
-                v[body, lane] = a_vx * displacement + a_vv * velocity
+            for body in range(after.shape[0]):
+                c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
+                for lane in range(after.shape[1]):
+                    place, speed = before[body, lane], velocity[body, lane]
+                    after[body, lane] = c_xx * place + c_xv * speed
+                    velocity[body, lane] = c_vx * place + c_vv * speed
             continue
-        l_x = noise.scale[sample, row] * noise.amplitude[phase, row, 0]
-        l_v = noise.scale[sample, row] * noise.amplitude[phase, row, 1]
+        scale, some = noise.scale[sample, row : row + count], normals[column, row : row + count]
+        of_x, of_v = noise.amplitude[phase, 0, row : row + count], noise.amplitude[phase, 1, row : row + count]
+        for body in range(after.shape[0]):
+            c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
+            l_x, l_v = scale[body] * of_x[body], scale[body] * of_v[body]
+            for lane in range(after.shape[1]):
+                place, speed, z = before[body, lane], velocity[body, lane], some[body, lane]
+                after[body, lane] = c_xx * place + c_xv * speed + l_x * z
+                velocity[body, lane] = c_vx * place + c_vv * speed + l_v * z
+    for row in range(noise.seconds, noise.bodies.shape[0]):
+        body = noise.bodies[row]
+        l_x = noise.scale[sample, row] * noise.amplitude[phase, 0, row]
+        l_v = noise.scale[sample, row] * noise.amplitude[phase, 1, row]
         for lane in range(result.shape[1]):
-            displacement, velocity = x[body, lane], v[body, lane]
-            z = normals[row, column, lane]
-            result[body, lane] = a_xx * displacement + a_xv * velocity + l_x * z
-            v[body, lane] = a_vx * displacement + a_vv * velocity + l_v * z
-        second = row + 1
-        if second < noise.bodies.shape[0] and noise.bodies[second] == body:
-            l_x = noise.scale[sample, second] * noise.amplitude[phase, second, 0]
-            l_v = noise.scale[sample, second] * noise.amplitude[phase, second, 1]
-            for lane in range(result.shape[1]):
-                result[body, lane] += l_x * normals[second, column, lane]
-            for lane in range(result.shape[1]):
-                v[body, lane] += l_v * normals[second, column, lane]
+            z = normals[column, row, lane]
+            result[body, lane] += l_x * z
+            v[body, lane] += l_v * z
 
 
 @kernel
@@ -294,8 +298,10 @@ def flow_between(cross, rows, normals, column, x, v, result, after):  # type: ig
     ----------
     cross : Cross
         Blocks of the flow between bodies.
-    rows, normals, column
-        As in `flow`; a body that is named has two rows or none.
+    rows : (2, body) ndarray of int
+        Both rows of each body's noise, -1 for a body without.
+    normals, column
+        As in `flow`.
     x, v : [body, lane]
         State before the step.
     result, after : [body, lane]
@@ -308,12 +314,12 @@ def flow_between(cross, rows, normals, column, x, v, result, after):  # type: ig
             displacement, velocity = x[other, lane], v[other, lane]
             result[body, lane] += a_xx * displacement + a_xv * velocity
             after[body, lane] += a_vx * displacement + a_vv * velocity
-        row = rows[other]
+        row, second_row = rows[0, other], rows[1, other]
         if row < 0:
             continue
         l_xx, l_xv, l_vx, l_vv = cross.noise[block]
         for lane in range(result.shape[1]):
-            first, second = normals[row, column, lane], normals[row + 1, column, lane]
+            first, second = normals[column, row, lane], normals[column, second_row, lane]
             result[body, lane] += l_xx * first + l_xv * second
             after[body, lane] += l_vx * first + l_vv * second
 

@@ -16,12 +16,13 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba import f8, i8, types, void
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -32,10 +33,16 @@ Function = Callable[..., Any]
 BLOCK = f8[:, ::1]
 """State or force, ``[body, lane]`` or ``[contact, lane]``."""
 
+BLOCK_OF_ONE = f8[::1]
+"""The same of one lane; see `impactlab.kernels.single`."""
+
 FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
 """Type of the function that is generated for a network's forces."""
 
-_EVALUATE = void(FORCES, BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK)
+FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
+
+_EVALUATE = void(FORCES, *FORCES.signature.args)
+_EVALUATE_ONE = void(FORCES_OF_ONE, *FORCES_OF_ONE.signature.args)
 
 config: Any = numba.config
 _unpack_tuple: Any = cgutils.unpack_tuple
@@ -45,6 +52,7 @@ DISABLED = bool(config.DISABLE_JIT)
 """Whether functions run as they are, without a compiler."""
 
 _dispatchers: list[Any] = []
+_kernels: set[Any] = set()
 
 
 def kernel(function: Function) -> Function:
@@ -55,7 +63,13 @@ def kernel(function: Function) -> Function:
     with _cached_here():
         compiled = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
     _dispatchers.append(compiled)
+    _kernels.add(compiled)
     return compiled  # type: ignore[no-any-return]
+
+
+def is_kernel(item: Any) -> bool:
+    """Whether something is what `kernel` returned."""
+    return isinstance(item, Hashable) and item in _kernels
 
 
 @cache
@@ -72,9 +86,9 @@ def timetable(function: Function) -> Function:
     return loop(void(f8[::1], f8[::1], i8[::1], f8[:, ::1]), function)
 
 
-def evaluate(forces: Any, *arrays: Any) -> None:
+def evaluate(forces: Any, x: np.ndarray, *arrays: np.ndarray) -> None:
     """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
-    loop(_EVALUATE, _evaluate)(forces, *arrays)
+    loop(_EVALUATE if x.ndim == 2 else _EVALUATE_ONE, _evaluate)(forces, x, *arrays)
 
 
 def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]

@@ -21,10 +21,10 @@ def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyp
         Cholesky factors l_xx, l_vx, l_vv of its covariance.
     rows : (body,) ndarray of int
         Row of each body's normals, -1 for a body without noise.
-    normals : (row, 4, lane) ndarray
+    normals : (4, row, lane) ndarray
         Standard normals.
     column : int
-        First of the two columns of `normals` to be used.
+        First of the two indices of `normals` to be used.
     wx, wv : [body, lane]
         Result.
     size : [body, lane]
@@ -40,7 +40,7 @@ def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyp
             continue
         l_xx, l_vx, l_vv = factors[body, 0], factors[body, 1], factors[body, 2]
         for lane in range(wx.shape[1]):
-            first, second = float(normals[row, column, lane]), float(normals[row, column + 1, lane])
+            first, second = float(normals[column, row, lane]), float(normals[column + 1, row, lane])
             wx[body, lane] = l_xx * first
             wv[body, lane] = l_vx * first + l_vv * second
             size[body, lane] = first * first + second * second
@@ -200,7 +200,7 @@ def halve(gain, factors, transition, rows, normals, wx, wv, half_x, half_v):  # 
         a_xx, a_xv, a_vx, a_vv = transition[body]
         for lane in range(half_x.shape[1]):
             whole_x, whole_v = wx[body, lane], wv[body, lane]
-            first, second = float(normals[row, 0, lane]), float(normals[row, 1, lane])
+            first, second = float(normals[0, row, lane]), float(normals[1, row, lane])
             x = g_xx * whole_x + g_xv * whole_v + l_xx * first
             v = g_vx * whole_x + g_vv * whole_v + l_vx * first + l_vv * second
             half_x[body, lane], half_v[body, lane] = x, v

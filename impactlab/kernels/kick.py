@@ -6,51 +6,103 @@ from impactlab.kernels.jit import kernel
 
 
 @kernel
-def gather(indices, place, contact_force, total):  # type: ignore[no-untyped-def]
+def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
     """Write the sum of its contacts' forces on every body to `total`, in the order of the contacts.
 
     Parameters
     ----------
     indices : ndarray of int
-        `Model.indices`.
-    place : int
-        Where in `indices` the place of the contacts of each body stands: first where those of
-        each body begin, counted in pairs, then pairs of a contact and a sign.
+        `Model.indices`: the second entry tells where the rows for this begin.
     contact_force : [contact, lane]
         Forces of the contacts.
     total : [body, lane]
         Result; 0 for the wall, which is the last body.
     """
-    begins = indices[place]
-    bodies = total.shape[0] - 1
-    pairs = begins + bodies + 1
-    for body in range(bodies):
-        at, end = pairs + 2 * indices[begins + body], pairs + 2 * indices[begins + body + 1]
-        if at == end:
-            for lane in range(total.shape[1]):
-                total[body, lane] = 0.0
-            continue
-        one, sign = indices[at], float(indices[at + 1])
-        if at + 2 == end:
-            for lane in range(total.shape[1]):
-                total[body, lane] = sign * contact_force[one, lane]
-            continue
-        two, other = indices[at + 2], float(indices[at + 3])
+    begin = indices[1]
+    at = begin + 6
+    for _ in range(indices[begin]):  # bodies in a row: the first, number, contact and sign of two terms
+        body, count = indices[at], indices[at + 1]
+        sign, other = float(indices[at + 3]), float(indices[at + 5])
+        result, one, two = (
+            total[body : body + count],
+            contact_force[indices[at + 2] :],
+            contact_force[indices[at + 4] :],
+        )
+        at += 6
+        for row in range(result.shape[0]):
+            for lane in range(result.shape[1]):
+                result[row, lane] = sign * one[row, lane] + other * two[row, lane]
+    for _ in range(indices[begin + 1]):  # their further terms: the first body, number, contact and sign
+        body, count, sign = indices[at], indices[at + 1], float(indices[at + 3])
+        result, one = total[body : body + count], contact_force[indices[at + 2] :]
+        at += 4
+        for row in range(result.shape[0]):
+            for lane in range(result.shape[1]):
+                result[row, lane] += sign * one[row, lane]
+    # other bodies without a contact, with one, with more, and their further terms; columns of a table each
+    none, one, more, rest = indices[begin + 2], indices[begin + 3], indices[begin + 4], indices[begin + 5]
+    for body in indices[at : at + none]:
         for lane in range(total.shape[1]):
-            total[body, lane] = sign * contact_force[one, lane] + other * contact_force[two, lane]
-        for further in range(at + 4, end, 2):
-            one, sign = indices[further], float(indices[further + 1])
-            for lane in range(total.shape[1]):
-                total[body, lane] += sign * contact_force[one, lane]
+            total[body, lane] = 0.0
+    at += none
+    bodies, contacts, signs = indices[at : at + one], indices[at + one : at + 2 * one], indices[at + 2 * one :]
+    for row in range(one):
+        body, first, sign = bodies[row], contacts[row], float(signs[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] = sign * contact_force[first, lane]
+    at += 3 * one
+    bodies, contacts, signs = indices[at : at + more], indices[at + more : at + 2 * more], indices[at + 2 * more :]
+    seconds, others = indices[at + 3 * more :], indices[at + 4 * more :]
+    for row in range(more):
+        body, first, second = bodies[row], contacts[row], seconds[row]
+        sign, other = float(signs[row]), float(others[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] = sign * contact_force[first, lane] + other * contact_force[second, lane]
+    at += 5 * more
+    bodies, contacts, signs = indices[at : at + rest], indices[at + rest : at + 2 * rest], indices[at + 2 * rest :]
+    for row in range(rest):
+        body, first, sign = bodies[row], contacts[row], float(signs[row])
+        for lane in range(total.shape[1]):
+            total[body, lane] += sign * contact_force[first, lane]
     for lane in range(total.shape[1]):
-        total[bodies, lane] = 0.0
+        total[-1, lane] = 0.0
+
+
+@kernel
+def differences(indices, a, result):  # type: ignore[no-untyped-def]
+    """Write the difference of a quantity between the first and the second body of every contact.
+
+    Parameters
+    ----------
+    indices : ndarray of int
+        `Model.indices`: the first entry tells where the rows for this begin.
+    a : [body, lane]
+        The quantity.
+    result : [contact, lane]
+        Result.
+    """
+    begin = indices[0]
+    at = begin + 2
+    for _ in range(indices[begin]):  # contacts in a row: the first and its bodies, number
+        contact, count = indices[at], indices[at + 3]
+        some, first, second = result[contact : contact + count], a[indices[at + 1] :], a[indices[at + 2] :]
+        at += 4
+        for row in range(some.shape[0]):
+            for lane in range(some.shape[1]):
+                some[row, lane] = first[row, lane] - second[row, lane]
+    others = indices[begin + 1]
+    contacts, firsts, seconds = indices[at : at + others], indices[at + others :], indices[at + 2 * others :]
+    for row in range(others):
+        contact, one, two = contacts[row], firsts[row], seconds[row]
+        for lane in range(result.shape[1]):
+            result[contact, lane] = a[one, lane] - a[two, lane]
 
 
 @kernel
 def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-def]
     """Write ``a + coefficient b`` of every body to `result`; the coefficients are a column."""
-    for body in range(coefficients.shape[1]):
-        c = coefficients[0, body, column]
+    for body in range(coefficients.shape[2]):
+        c = coefficients[0, column, body]
         for lane in range(result.shape[1]):
             result[body, lane] = a[body, lane] + c * b[body, lane]
 
@@ -58,8 +110,8 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
 @kernel
 def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyped-def]
     """Add ``coefficient total`` to the velocities; write those in the middle of the kick to `middle`."""
-    for body in range(coefficients.shape[1]):
-        c = coefficients[0, body, column]
+    for body in range(coefficients.shape[2]):
+        c = coefficients[0, column, body]
         for lane in range(v.shape[1]):
             g = c * total[body, lane]
             before = v[body, lane]
@@ -126,9 +178,9 @@ def add_held_noise(noise, sample, normals, normal, force):  # type: ignore[no-un
     """Add white noise that is held constant over a step to ``force[body, lane]``."""
     for row in range(noise.bodies.shape[0]):
         body = noise.bodies[row]
-        amplitude = noise.amplitude[0, row, 1] * noise.scale[sample, row]
+        amplitude = noise.amplitude[0, 1, row] * noise.scale[sample, row]
         for lane in range(force.shape[1]):
-            force[body, lane] += amplitude * normals[row, normal, lane]
+            force[body, lane] += amplitude * normals[normal, row, lane]
 
 
 @kernel
@@ -137,12 +189,12 @@ def accelerate(coefficients, x, v, external, total):  # type: ignore[no-untyped-
 
     The first three columns of the coefficients are mass, damping and stiffness.
     """
-    for body in range(coefficients.shape[1]):
-        inverse = 1.0 / coefficients[0, body, 0]
-        c, k = coefficients[0, body, 1], coefficients[0, body, 2]
+    for body in range(coefficients.shape[2]):
+        inverse = 1.0 / coefficients[0, 0, body]
+        c, k = coefficients[0, 1, body], coefficients[0, 2, body]
         for lane in range(total.shape[1]):
             force = total[body, lane] + external[body, lane] - c * v[body, lane] - k * x[body, lane]
             total[body, lane] = inverse * force
-    for body in range(coefficients.shape[1], total.shape[0]):  # the wall stays at rest
+    for body in range(coefficients.shape[2], total.shape[0]):  # the wall stays at rest
         for lane in range(total.shape[1]):
             total[body, lane] = 0.0

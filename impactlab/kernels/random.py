@@ -69,15 +69,14 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
 
 
 def addresses(seed: tuple[int, int], names: Iterable[str], purpose: str) -> np.ndarray:
-    """Return the addresses of the streams of several bodies, (body, 3) of uint64."""
-    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3)
+    """Return the addresses of the streams of several bodies, (3, body) of uint64."""
+    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
 def streams_of(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
-    """Return the addresses of rows of noise, (row, 3); a second row of a body has a stream of its own."""
-    first = [index == 0 or names[index - 1] != name for index, name in enumerate(names)]
-    rows = [stream(seed, name, "noise" if new else "noise 2") for name, new in zip(names, first, strict=True)]
-    return np.array(rows, dtype=np.uint64).reshape(-1, 3)
+    """Return the addresses of rows of noise, (3, row); a second row of a body has a stream of its own."""
+    number = len(set(names))  # second rows come last
+    return np.hstack([addresses(seed, names[:number], "noise"), addresses(seed, names[number:], "noise 2")])
 
 
 @scalar
@@ -127,35 +126,35 @@ def fill_normals(streams, realizations, block, normals):  # type: ignore[no-unty
 
     Parameters
     ----------
-    streams : (stream, 3) uint64
+    streams : (3, stream) uint64
         Addresses as `stream` returns them.
     realizations : (lane,) uint32
         Indices of the realizations.
     block : uint64
         Index of the block.
-    normals : (stream, 4, lane) float32
+    normals : (4, stream, lane) float32
         Result.
     """
-    lanes = normals.shape[2]  # the shape of what is written: so the loops vectorise
     c0 = np.uint32(block & _LOW)
     c1 = np.uint32(block >> _32)
-    for row in range(streams.shape[0]):
-        k0, k1, c3 = streams[row, 0], streams[row, 1], np.uint32(streams[row, 2])
-        # two loops: words first, kept as the bits of the result, then normals; one loop
-        # for both runs out of registers and takes a quarter longer
-        for lane in range(lanes):
+    # two loops: words first, kept as the bits of the result, then normals; one loop
+    # for both runs out of registers and takes a quarter longer
+    for row in range(normals.shape[1]):
+        k0, k1, c3 = streams[0, row], streams[1, row], np.uint32(streams[2, row])
+        for lane in range(normals.shape[2]):  # the shape of what is written: so the loops vectorise
             w0, w1, w2, w3 = philox(c0, c1, realizations[lane], c3, k0, k1)
-            normals[row, 0, lane] = np.uint32(w0).view(np.float32)
-            normals[row, 1, lane] = np.uint32(w1).view(np.float32)
-            normals[row, 2, lane] = np.uint32(w2).view(np.float32)
-            normals[row, 3, lane] = np.uint32(w3).view(np.float32)
-        for half in (0, 2):
-            for lane in range(lanes):
-                a = np.uint32(np.float32(normals[row, half, lane]).view(np.uint32))
-                b = np.uint32(np.float32(normals[row, half + 1, lane]).view(np.uint32))
+            normals[0, row, lane] = np.uint32(w0).view(np.float32)
+            normals[1, row, lane] = np.uint32(w1).view(np.float32)
+            normals[2, row, lane] = np.uint32(w2).view(np.float32)
+            normals[3, row, lane] = np.uint32(w3).view(np.float32)
+    for half in (0, 2):
+        for row in range(normals.shape[1]):
+            for lane in range(normals.shape[2]):
+                a = np.uint32(np.float32(normals[half, row, lane]).view(np.uint32))
+                b = np.uint32(np.float32(normals[half + 1, row, lane]).view(np.uint32))
                 first, second = normal_pair(a, b)
-                normals[row, half, lane] = first
-                normals[row, half + 1, lane] = second
+                normals[half, row, lane] = first
+                normals[half + 1, row, lane] = second
 
 
 @kernel
@@ -171,11 +170,11 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
     fine = np.empty_like(normals)
     for half in (0, 1):
         fill_normals(noise.streams, noise.realizations, np.uint64(2 * group + half), fine)
-        for row in range(normals.shape[0]):
-            for pair in (0, 1):
+        for pair in (0, 1):
+            for row in range(normals.shape[1]):
                 for lane in range(normals.shape[2]):
-                    both = fine[row, 2 * pair, lane] + fine[row, 2 * pair + 1, lane]
-                    normals[row, 2 * half + pair, lane] = _SQRT_HALF_NUMBER * both
+                    both = fine[2 * pair, row, lane] + fine[2 * pair + 1, row, lane]
+                    normals[2 * half + pair, row, lane] = _SQRT_HALF_NUMBER * both
 
 
 @kernel
@@ -206,9 +205,9 @@ def normals_of(
     -------
     (4 blocks, lane) ndarray of float32
     """
-    addresses = np.array([stream(seed, name, purpose)], dtype=np.uint64)
+    addresses = np.array([stream(seed, name, purpose)], dtype=np.uint64).T.copy()
     lanes = np.ascontiguousarray(realizations, dtype=np.uint32)
-    result = np.empty((blocks, 4, lanes.size), dtype=np.float32)
+    result = np.empty((blocks, 4, 1, lanes.size), dtype=np.float32)
     for index in range(blocks):
-        fill_normals(addresses, lanes, np.uint64(first_block + index), result[index : index + 1])
+        fill_normals(addresses, lanes, np.uint64(first_block + index), result[index])
     return result.reshape(4 * blocks, lanes.size)

@@ -21,8 +21,8 @@ CHUNK = 512
 NEAR = 32
 """Samples that are put side by side for the loops at a time; an even number."""
 
-_LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
-_EIGHTH, _QUARTER, _HALF = np.uint32(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
+_LOW, _32, _1 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint32(1)
+_EIGHTH, _QUARTER, _HALF = np.uint64(1 << 29), np.uint32(1 << 30), np.uint32(1 << 31)  # of a turn
 _WITHIN, _MIDDLE, _UNIT = np.uint32((1 << 30) - 1), 2.0**29 - 0.5, 2.0 * math.pi * 2.0**-32
 _SINE = (
     -0.16666666666666666, 0.008333333333330948, -0.00019841269836758574,
@@ -37,7 +37,7 @@ _COSINE = (
 @scalar
 def cosine_and_sine(word):  # type: ignore[no-untyped-def]
     """Cosine and sine of the phase that belongs to a word of 32 bits."""
-    turned = np.uint32(word + _EIGHTH)  # the nearest quarter turn, and the rest of the angle
+    turned = np.uint32((np.uint64(word) + _EIGHTH) & _LOW)  # the nearest quarter turn, and the rest of the angle
     t = (np.float64(np.int32(np.uint32(turned & _WITHIN))) - _MIDDLE) * _UNIT
     q = t * t
     s3, s5, s7, s9, s11, s13 = _SINE
@@ -47,7 +47,7 @@ def cosine_and_sine(word):  # type: ignore[no-untyped-def]
     odd = np.uint32(turned & _QUARTER) != 0
     a, b = (sine, cosine) if odd else (cosine, sine)
     return (
-        -a if np.uint32(np.uint32(turned + _QUARTER) & _HALF) != 0 else a,
+        -a if np.uint32((turned ^ np.uint32(turned << _1)) & _HALF) != 0 else a,
         -b if np.uint32(turned & _HALF) != 0 else b,
     )
 

@@ -7,7 +7,8 @@ read and written once for four steps.
 from __future__ import annotations
 
 from impactlab.kernels.jit import kernel, scalar
-from impactlab.kernels.kick import copy
+from impactlab.kernels.kick import copy, differences
+from impactlab.kernels.single import instead_of
 
 X, V, XX, XV, VV, F, FF, FX, FV = range(9)
 """Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
@@ -67,7 +68,7 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
         add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
-        if sums.ends.shape[0]:
+        if sums.contacts.shape[1]:
             add_contacts(history, slots, sums)
         if sums.pairs.shape[0]:
             add_products(history.x, history, slots, sums.pairs, 0, sums.products)
@@ -105,27 +106,12 @@ def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
             sums[phase, FV, body, lane] += (f0 * v0 + f1 * v1) + (f2 * v2 + f3 * v3)
 
 
-@scalar
-def weighted(depth, closing, half, curvature):  # type: ignore[no-untyped-def]
-    """Closing velocity times the weight of an indentation inside the window."""
-    return max(closing, 0.0) * (1.0 - curvature * depth * depth) if abs(depth) < half else 0.0
-
-
 @kernel
 def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
-    """Add the state of the contacts in four slots to ``target.contacts[row, contact, lane]``.
-
-    The rate of contacts is a one-sided flux: the closing velocity of bodies near the point of
-    contact, weighted by ``1 − 5/3 (δ/ε)²`` inside a window ``|δ| < ε``. The weight has no
-    second moment on either side, so that neither slope nor curvature of the density of
-    the gap count. Counting sign changes between samples would miss the short contacts.
-    """
+    """Add the state of the contacts in four slots to ``target.contacts[row, contact, lane]``."""
     a, b, c, d = slots
-    v, indentation, force, sums = history.v, history.indentation, history.contact_force, target.contacts
+    indentation, force, sums = history.indentation, history.contact_force, target.contacts
     for contact in range(sums.shape[1]):
-        first, second = target.ends[contact, 0], target.ends[contact, 1]
-        half = target.window[contact]
-        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
             c0 = 1.0 if indentation[a, contact, lane] > 0.0 else 0.0
             c1 = 1.0 if indentation[b, contact, lane] > 0.0 else 0.0
@@ -137,6 +123,41 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             f2, f3 = force[c, contact, lane], force[d, contact, lane]
             sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
+    add_flux(history, slots, target)
+
+
+@scalar
+def weighted(depth, closing, half, curvature):  # type: ignore[no-untyped-def]
+    """Closing velocity times the weight of an indentation inside the window."""
+    return max(closing, 0.0) * (1.0 - curvature * depth * depth) if abs(depth) < half else 0.0
+
+
+@scalar
+def change_around(depth, closing, kick, half, curvature):  # type: ignore[no-untyped-def]
+    """What turns a weighted velocity into the mean of those before, in the middle of and after a kick."""
+    around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
+    return (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
+
+
+@kernel
+def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
+    """Add the weighted closing velocities in four slots.
+
+    The rate of contacts is a one-sided flux: the closing velocity of bodies near the point of
+    contact, weighted by ``1 − 5/3 (δ/ε)²`` inside a window ``|δ| < ε``. The weight has no
+    second moment on either side, so that neither slope nor curvature of the density of
+    the gap count. Counting sign changes between samples would miss the short contacts.
+
+    At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
+    and by h²K/12 on either side. Where bodies feel other forces than that of the contact,
+    the mean of the three is right to second order.
+    """
+    a, b, c, d = slots
+    v, indentation, force, sums = history.v, history.indentation, history.force, target.contacts
+    for contact in range(sums.shape[1]):
+        first, second = target.ends[contact, 0], target.ends[contact, 1]
+        half = target.window[contact]
+        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
             flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
             flux += weighted(indentation[b, contact, lane], v[b, first, lane] - v[b, second, lane], half, curvature)
@@ -144,28 +165,51 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
             sums[FLUX, contact, lane] += flux
         if target.half_kick.shape[0]:
-            add_flux_around_kicks(history, slots, contact, curvature, target)
+            of_first, of_second = target.half_kick[first], target.half_kick[second]
+            for slot in slots:
+                for lane in range(sums.shape[2]):
+                    closing = v[slot, first, lane] - v[slot, second, lane]
+                    kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
+                    depth = indentation[slot, contact, lane]
+                    sums[FLUX, contact, lane] += change_around(depth, closing, kick, half, curvature)
 
 
-@kernel
-def add_flux_around_kicks(history, slots, contact, curvature, target):  # type: ignore[no-untyped-def]
-    """Turn the last flux of a contact into the mean of those before, in the middle of and after a kick.
-
-    At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
-    and by h²K/12 on either side. Where bodies feel other forces than that of the contact,
-    the mean of the three is right to second order.
-    """
-    first, second = target.ends[contact, 0], target.ends[contact, 1]
-    half = target.window[contact]
-    of_first, of_second = target.half_kick[first], target.half_kick[second]
-    v, f, sums = history.v, history.force, target.contacts
-    for slot in slots:
+@instead_of(add_flux)
+def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
+    """Do what `add_flux` does, in loops over all contacts that vectorise."""
+    a, b, c, d = slots
+    indentation, sums, closing, kick, push = (
+        history.indentation,
+        target.contacts,
+        target.closing,
+        target.kick,
+        target.push,
+    )
+    for place in range(4):
+        differences(target.indices, history.v[slots[place]], closing[place])
+    for contact in range(sums.shape[1]):
+        half = target.window[contact]
+        curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
-            depth = history.indentation[slot, contact, lane]
-            closing = v[slot, first, lane] - v[slot, second, lane]
-            kick = of_first * f[slot, first, lane] - of_second * f[slot, second, lane]
-            around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
-            sums[FLUX, contact, lane] += (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
+            flux = weighted(indentation[a, contact, lane], closing[0, contact, lane], half, curvature)
+            flux += weighted(indentation[b, contact, lane], closing[1, contact, lane], half, curvature)
+            flux += weighted(indentation[c, contact, lane], closing[2, contact, lane], half, curvature)
+            flux += weighted(indentation[d, contact, lane], closing[3, contact, lane], half, curvature)
+            sums[FLUX, contact, lane] += flux
+    if target.half_kick.shape[0]:
+        for place in range(4):
+            slot = slots[place]
+            for body in range(push.shape[0]):
+                of_body = target.half_kick[body]
+                for lane in range(push.shape[1]):
+                    push[body, lane] = of_body * history.force[slot, body, lane]
+            differences(target.indices, push, kick)
+            for contact in range(sums.shape[1]):
+                half = target.window[contact]
+                curvature = 5.0 / 3.0 / half**2
+                for lane in range(sums.shape[2]):
+                    depth, velocity = indentation[slot, contact, lane], closing[place, contact, lane]
+                    sums[FLUX, contact, lane] += change_around(depth, velocity, kick[contact, lane], half, curvature)
 
 
 @kernel
@@ -186,10 +230,9 @@ def add_products(left, history, slots, pairs, row, sums):  # type: ignore[no-unt
 
 
 @kernel
-def write_snapshot(x, v, contact_force, snapshots, index):  # type: ignore[no-untyped-def]
-    """Write displacements, velocities and contact forces to ``snapshots[index, quantity, lane]``."""
-    contacts = contact_force.shape[0]
-    bodies = (snapshots.shape[1] - contacts) // 2
+def write_snapshot(x, v, contact_force, sums, snapshots, index):  # type: ignore[no-untyped-def]
+    """Write displacements, velocities and contact forces of what is summed to ``snapshots[index, quantity, lane]``."""
+    bodies, contacts = sums.bodies.shape[2], sums.contacts.shape[1]
     for body in range(bodies):
         for lane in range(snapshots.shape[2]):
             snapshots[index, body, lane] = x[body, lane]

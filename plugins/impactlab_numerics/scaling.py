@@ -46,7 +46,7 @@ class ScalingStudy(Study):
     components: int = il.parameter(50000, minimum=1)
     band: tuple[float, ...] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
     paper_step: float = il.parameter(0.001, units="s", above=0.0)
-    rounds: int = il.parameter(5, minimum=1)
+    rounds: int = il.parameter(3, minimum=1)
     timing_seconds: float = il.parameter(0.3, units="s", above=0.0)
     seed: int = il.parameter(2026, minimum=0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tracemalloc
 import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from impactlab.rules import LANES
 from impactlab_numerics.baselines import series_loop
 from impactlab_numerics.scaling import METHODS, SEEN, SHORTEST, closing_rate
 from impactlab_numerics.scenes import GRAPHS, scene
-from impactlab_numerics.timing import Blocks, Stopwatch, Whole, in_rounds
+from impactlab_numerics.timing import Blocks, Stopwatch, Whole, in_rounds, peak_memory
 
 if TYPE_CHECKING:
     from impactlab_numerics.scaling import ScalingStudy
@@ -33,13 +32,19 @@ COMPARED = {
 }
 """Variable and label, or its beginning, of what is compared at each clearance."""
 
+FROM_REST: dict[str, Any] = {"integrator": il.ExactFlow(jumps=False), "initial": "rest", "spin_up": 0.0}
+"""How networks are run: every step is made, and no random start without overlaps is looked for."""
+
+FEW_STEPS = 0.1
+"""Duration of about 20 steps (s)."""
+
 BODY_LANES = 400000
 """Bodies times realizations of the ensemble of a large network, about."""
 
 BINS = 100
 """Bins of the density that the loop of Runge-Kutta counts."""
 
-BATCH = 8
+BATCH = 64
 """Realizations of bounded noise in a batch that is timed."""
 
 Columns = tuple[tuple[str, ...], Any, str, str]
@@ -70,16 +75,16 @@ def realizations_of(kind: str, bodies: int) -> int:
 
 
 def _size(study: ScalingStudy) -> xr.Dataset:
-    """Time steps of networks in both kinds, and see what time and memory they need besides."""
+    """Time steps of networks in both kinds, and see what memory and preparation they need."""
     build, memory, timers = [], [], {}
     for graph, bodies in study.graphs():
-        begin = time.perf_counter()
+        begin = time.process_time()
         network = GRAPHS[graph](bodies)
-        build.append(time.perf_counter() - begin)
+        build.append(time.process_time() - begin)
         for kind in KINDS:
-            options = {"realizations": realizations_of(kind, bodies), "integrator": il.ExactFlow(jumps=False)}
-            timers[graph, bodies, kind] = Blocks(network, options, study.timing_seconds, 1.0)
-        memory.append(_memory(network, timers[graph, bodies, "single"].result.attrs["step"]))
+            options = {"realizations": realizations_of(kind, bodies), **FROM_REST}
+            timers[graph, bodies, kind] = Blocks(network, options, study.timing_seconds, FEW_STEPS)
+            memory.append(peak_memory(network, FEW_STEPS, **options) / bodies / options["realizations"])
     found = in_rounds(timers, study.rounds)
     graphs = study.graphs()
     rates = np.array([[[rate for rate, _ in found[(*case, kind)]] for kind in KINDS] for case in graphs])
@@ -100,30 +105,8 @@ def _size(study: ScalingStudy) -> xr.Dataset:
         relative_cost=(both, least / least[0, -1], "1", "cost relative to the pair in an ensemble"),
         build_time=(alone, build, "s", "time to make the network"),
         preparation=(alone, rest, "s", "time of a simulation for planning and estimates"),
-        bytes_per_lane=(alone, [lane for lane, _ in memory], "byte", "memory per body and realization in a block"),
-        bytes_per_body=(alone, [body for _, body in memory], "byte", "memory per body besides"),
+        memory=(both, np.reshape(memory, cost.shape[:2]), "byte", "memory per body and realization"),
     )  # fmt: skip
-
-
-def _memory(network: il.Network, step: float) -> tuple[float, float]:
-    """Return the memory per body and realization while a block runs, and per body besides (bytes)."""
-    bodies = len(network.oscillators)
-    lanes = 8, min(LANES, 8 * max(2, 20000 // bodies))
-    peaks = []
-    tracemalloc.start()
-    try:
-        for realizations in lanes:
-            watch = Stopwatch()
-            before = tracemalloc.get_traced_memory()[0]
-            il.simulate(
-                network, 16.0 * step, step=step, realizations=realizations, spin_up=0.0, rng=1, executor=watch,
-                integrator=il.ExactFlow(jumps=False), progress=False,
-            )  # fmt: skip
-            peaks.append((watch.peak - before) / bodies)
-    finally:
-        tracemalloc.stop()
-    slope = (peaks[1] - peaks[0]) / (lanes[1] - lanes[0])
-    return slope, peaks[0] - slope * lanes[0]
 
 
 def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dataset:
@@ -132,7 +115,7 @@ def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dat
     timers = {}
     for clearance, method in places:
         options = {"realizations": study.realizations, "integrator": il.ExactFlow(jumps=METHODS[method])}
-        timers[clearance, method] = Blocks(study.apart(clearance), options, study.timing_seconds, SHORTEST)
+        timers[clearance, method] = Blocks(study.apart(clearance), options, study.timing_seconds, SHORTEST / 8.0)
     found = in_rounds(timers, study.rounds)
     cost = np.array([[rate for rate, _ in found[place]] for place in places])
     scatter, z = np.array([_judged(study.apart(key[0]), results[f"{key[1]}_{key[0]:g}"]) for key in places]).swapaxes(
@@ -152,6 +135,7 @@ def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dat
         ],
     )
     jump = [results[f"jumps_{clearance:g}"].attrs.get("longest_jump", 0.0) for clearance in study.clearances]
+    timed = [timers[clearance, "jumps"].result.attrs.get("longest_jump", 0.0) for clearance in study.clearances]
     return _dataset(
         {"clearance": list(study.clearances), "scheme": list(METHODS), "statistic": list(COMPARED)},
         cost_by_round=((*both, "round"), cost, "1", "time of one core for a second of one realization, by round"),
@@ -159,6 +143,7 @@ def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dat
         quicker=(("clearance",), least[:, 1] / least[:, 0], "1", "cost of every step over that of the default method"),
         noise=(("clearance",), _noise(cost), "1", "relative standard error of that ratio by the scatter of rounds"),
         longest_jump=(("clearance",), jump, "s", "longest jump"),
+        timed_jump=(("clearance",), timed, "s", "longest jump of the runs that are timed"),
         contacts=(("clearance",), contacts, "1", "contacts that are expected in the runs"),
         scatter=((*both, "statistic"), scatter, "s", "squared relative standard error times simulated time"),
         z=((*both, "statistic"), z, "1", "deviation from the exact law in standard errors"),

@@ -32,18 +32,16 @@ def _size(table: xr.Dataset) -> Figure:
         look = {"color": COLORS[number], "marker": "os^"[number]}
         for kind, (line, text) in _KINDS.items():
             left.plot(part.bodies, 1e9 * part.cost.sel(kind=kind), ls=line, label=f"{graph}, {text}", **look)
-        right.plot(part.bodies, part.bytes_per_lane, label=graph, **look)
+            right.plot(part.bodies, part.memory.sel(kind=kind), ls=line, **look)
     pair = 1e9 * float(table.cost.sel(kind="ensemble")[0])
     for factor, line in ((ENSEMBLE, "-"), (SINGLE, "--")):
         left.axhline(factor * pair, color="gray", lw=0.9, ls=line, label=f"{factor:g} × ensemble of the pair")
     right.axhline(BYTES, color="gray", lw=0.9)
     for panel, text in ((left, "ns of one core per step of a body"), (right, "bytes per body and realization")):
-        panel.set(xscale="log", xlabel="bodies", ylabel=text)
+        panel.set(xscale="log", yscale="log", xlabel="bodies", ylabel=text)
         panel.xaxis.set_minor_formatter(NullFormatter())
+        _plain(panel)
         panel.grid(color="#DDDDDD", lw=0.5)
-    left.set_yscale("log")
-    _plain(left)
-    right.set_ylim(bottom=0.0)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -57,8 +55,9 @@ def _clearance(table: xr.Dataset) -> Figure:
     for number, name in enumerate(table.statistic.values):
         look = {"color": COLORS[number], "marker": "os^v"[number], "ls": ":"}
         right.plot(table.clearance, table.gain.sel(statistic=name), label=name, **look)
-    for place, least in GAINS.items():
-        right.plot([place - 0.25, place + 0.25], [least, least], color="gray", lw=1.5)
+    for number, (place, least) in enumerate(GAINS.items()):
+        label = None if number else "least that is claimed"
+        right.plot([place - 0.25, place + 0.25], [least, least], color="gray", lw=1.5, label=label)
     left.set_ylabel("µs of one core for a second of a realization")
     right.set_ylabel("gain of the default method at equal error")
     for panel in (left, right):

@@ -111,70 +111,84 @@ class Whole:
 
 
 class Stopwatch(SharedThreads):
-    """Runs blocks one after another where it is called, and takes the time and memory of each.
+    """Runs blocks one after another where it is called, and takes the time that they need.
 
     Attributes
     ----------
     seconds : float
         Time of the processor that blocks have taken (s): on a busy machine it is less disturbed
         than the time on the clock.
-    peak : int
-        Most memory in use while a block ran (bytes), if `tracemalloc` is tracing.
     """
 
     def __init__(self) -> None:
         super().__init__(1, 1)
-        self.seconds, self.peak = 0.0, 0
+        self.seconds = 0.0
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a block."""
-        if tracemalloc.is_tracing():
-            tracemalloc.reset_peak()
         future: Future[Any] = Future()
         begin = time.process_time()
         future.set_result(call(*args, **kwargs))
         self.seconds += time.process_time() - begin
-        if tracemalloc.is_tracing():
-            self.peak = max(self.peak, tracemalloc.get_traced_memory()[1])
         return future
+
+
+class Tracer(Stopwatch):
+    """Traces the memory from the first block on, without what was planned before."""
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a block."""
+        if not tracemalloc.is_tracing():
+            tracemalloc.start()
+        return super().submit(call, *args, **kwargs)
+
+
+def peak_memory(network: il.Network, duration: float, **options: Any) -> int:
+    """Return the most memory in use at a time while a simulation runs blocks and makes its result (bytes)."""
+    try:
+        il.simulate(network, duration, **options, rng=1, executor=Tracer(), progress=False)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 @dataclass(eq=False)
 class Blocks:
-    """Times what blocks of an ensemble take on one core, and apart from them what planning and estimates take.
+    """Times the steps of an ensemble on one core, without start and spin-up, planning and estimates.
 
     Parameters
     ----------
     network : Network
     options : dict
-        Options of `simulate` but duration, spin-up, seed and executor.
+        Options of `simulate` but duration, seed and executor.
     seconds : float
         Least time of a measurement (s), about.
-    duration : float
-        Time that is simulated in the first attempt (s).
+    short : float
+        Duration (s) of a run whose time is taken off.
     """
 
     network: il.Network
     options: dict[str, Any]
     seconds: float
-    duration: float
+    short: float
 
     def __post_init__(self) -> None:
-        self.run()  # compiles
-        while (spent := self.run()) < 0.5 * self.seconds:
+        self.run(self.short)  # compiles
+        self.begin, self.skipped = self.run(self.short), self.result.attrs["duration"]
+        self.duration = 4.0 * self.short
+        while (spent := self.run(self.duration) - self.begin) < 0.5 * self.seconds:
             self.duration *= min(max(self.seconds / max(spent, 1e-9), 2.0), 100.0)
 
-    def run(self) -> float:
+    def run(self, duration: float) -> float:
         """Return the seconds that the blocks take; `result` is what was simulated, `rest` the seconds around them."""
         watch, begin = Stopwatch(), time.process_time()
-        self.result = il.simulate(
-            self.network, self.duration, **self.options, spin_up=0.0, rng=1, executor=watch, progress=False
-        )
+        self.result = il.simulate(self.network, duration, **self.options, rng=1, executor=watch, progress=False)
         self.rest = time.process_time() - begin - watch.seconds
         return watch.seconds
 
     def __call__(self) -> Measurement:
-        return self.run() / self.result.attrs["duration"] / self.options.get("realizations", 1), self.rest
+        spent = self.run(self.duration) - self.begin
+        return spent / (self.result.attrs["duration"] - self.skipped) / self.options.get("realizations", 1), self.rest
 
 
 def in_rounds(timers: Mapping[Any, Callable[[], Measurement]], rounds: int) -> dict[Any, list[Measurement]]:

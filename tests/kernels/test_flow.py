@@ -227,26 +227,25 @@ def test_equal_bodies_get_equal_numbers_in_their_order():
 
 @pytest.mark.parametrize("column", [0, 3])
 def test_kernel_applies_the_transition_and_leaves_the_wall(column):
-    """Bodies with one row of noise, with two, and without."""
+    """Bodies with one row of noise, with two, and without; the second row of body 3 is the last."""
     bodies = np.array(list(BODIES.values())).T
     a, q = transition(*bodies, 0.1)
-    amplitude = np.zeros((2, 4, 2))
-    amplitude[1] = noise_columns(q)[[0, 0, 1, 0], [1, 3, 3, 4]]
+    amplitude = np.zeros((2, 2, 4))
+    amplitude[1] = noise_columns(q)[[0, 0, 0, 1], [1, 3, 4, 3]].T
     rng = np.random.default_rng(1)
     x, v = rng.normal(size=(2, len(a) + 1, 5))
     scale, normals = rng.uniform(size=(2, 4)), rng.normal(size=(4, 4, 5)).astype(np.float32)
-    noise = Noise(
-        np.array([1, 3, 3, 4]), amplitude, np.zeros((4, 3), np.uint64), np.arange(5, dtype=np.uint32), scale, False
-    )
-    rows = np.full(len(a), -1)
-    rows[[1, 3, 4]] = 0, 1, 3
+    rows = np.array([1, 3, 4, 3])
+    runs = np.array([[0, -1, 1], [1, 0, 1], [2, -1, 1], [3, 1, 2], *([5 + k, -1, 1] for k in range(len(a) - 5))])
+    streams, realizations = np.zeros((3, 4), np.uint64), np.arange(5, dtype=np.uint32)
+    noise = Noise(rows, runs, 3, amplitude, streams, realizations, scale, False)
     before = np.stack([x, v], axis=1).copy()
-    coefficients = np.stack([np.full((len(a), 4), np.nan), a.reshape(-1, 4)])
+    coefficients = np.stack([np.full((4, len(a)), np.nan), a.reshape(-1, 4).T])
     result = x.copy()
-    flow(coefficients, 1, rows, noise, 1, normals, column, x, v, result)
+    flow(coefficients, 1, noise, 1, normals, column, x, v, result)
     expected = np.einsum("bij,bjl->bil", a, before[:-1])
     for row, body in enumerate(noise.bodies):
-        expected[body] += np.outer(amplitude[1, row], scale[1, row] * normals[row, column].astype(float))
+        expected[body] += np.outer(amplitude[1, :, row], scale[1, row] * normals[column, row].astype(float))
     np.testing.assert_allclose(result[:-1], expected[:, 0], rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(v[:-1], expected[:, 1], rtol=1e-13, atol=1e-12)
     np.testing.assert_array_equal([result[-1], v[-1]], before[-1])

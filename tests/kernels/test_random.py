@@ -174,8 +174,8 @@ def test_tails_of_many_normals():
     levels = np.array([3.0, 4.0, 5.0])
     blocks, lanes = 300, 2**16
     above, below = np.zeros(3), np.zeros(3)
-    normals = np.empty((1, 4, lanes), dtype=np.float32)
-    address = np.array([stream(SEED, "tails", "noise")], dtype=np.uint64)
+    normals = np.empty((4, 1, lanes), dtype=np.float32)
+    address = np.array([stream(SEED, "tails", "noise")], dtype=np.uint64).T.copy()
     for block in range(blocks):
         fill_normals(address, np.arange(lanes, dtype=np.uint32), np.uint64(block), normals)
         far = normals[np.abs(normals) > levels[0]]
@@ -292,10 +292,10 @@ def test_a_realization_alone_is_the_realization_among_many():
 def test_a_stream_alone_is_the_stream_among_many():
     names = ["a", "b", "c"]
     addresses = np.array([stream(SEED, name, "noise") for name in names], dtype=np.uint64)
-    together = np.empty((3, 4, 20))
-    fill_normals(addresses, np.arange(20, dtype=np.uint64), np.uint64(11), together)
+    together = np.empty((4, 3, 20))
+    fill_normals(addresses.T.copy(), np.arange(20, dtype=np.uint64), np.uint64(11), together)
     for row, name in enumerate(names):
-        np.testing.assert_array_equal(together[row], normals_of(SEED, name, "noise", np.arange(20), 11, 1))
+        np.testing.assert_array_equal(together[:, row], normals_of(SEED, name, "noise", np.arange(20), 11, 1))
 
 
 def test_every_bit_of_the_counter_counts():
@@ -309,11 +309,12 @@ def test_every_bit_of_the_counter_counts():
 def test_a_coarse_step_has_the_noise_of_two():
     """Sums of two steps each, over √2, in their order; and the same blocks where the noise is not coarse."""
     streams = np.array([stream(SEED, name, "noise") for name in ("a", "b")], dtype=np.uint64)
+    streams, runs = streams.T.copy(), np.array([[0, 0, 2]])
     lanes = np.arange(5, dtype=np.uint32)
     fine = np.stack([normals_of(SEED, name, "noise", lanes, 6, 2) for name in ("a", "b")])
     for coarse in (False, True):
-        noise = Noise(np.arange(2), np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse)
-        normals = np.empty((2, 4, 5), dtype=np.float32)
+        noise = Noise(np.arange(2), runs, 2, np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse)
+        normals = np.empty((4, 2, 5), dtype=np.float32)
         fill_steps(noise, 3 if coarse else 6, normals)
         expected = (fine[:, 0::2] + fine[:, 1::2]) / math.sqrt(2.0) if coarse else fine[:, :4]
-        np.testing.assert_allclose(normals, expected, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(normals.swapaxes(0, 1), expected, rtol=1e-6, atol=1e-7)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from impactlab.incidence import differences, gathering
 from impactlab.integrators.base import History, Sums
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.kernels.sums import (
@@ -47,7 +48,10 @@ def empty_sums(phases, rows, half_kick=()):
         np.zeros((4, 2, LANES)),
         np.zeros((9, 2, LANES)),
     )
-    return Sums(bodies, contacts, ENDS, WINDOW, np.array(half_kick), products, PAIRS)
+    tables = differences(ENDS), gathering(ENDS, BODIES), ENDS.ravel()
+    indices = np.concatenate([np.cumsum([3, *map(len, tables[:2])]), *tables])
+    work = np.zeros((4, 2, LANES)), np.zeros((len(half_kick), LANES)), np.zeros((2, LANES))
+    return Sums(bodies, contacts, ENDS, indices, WINDOW, np.array(half_kick), *work, products, PAIRS)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -127,7 +131,7 @@ def test_snapshots_hold_displacements_velocities_and_forces(states):
     x, v = states.x, states.v
     contact_force = np.arange(2.0 * LANES).reshape(2, LANES)
     snapshots = np.full((2, 2 * BODIES + 2, LANES), np.nan)
-    write_snapshot(x[0], v[0], contact_force, snapshots, 1)
+    write_snapshot(x[0], v[0], contact_force, empty_sums(2, 9), snapshots, 1)
     np.testing.assert_array_equal(snapshots[1], np.concatenate([x[0, :-1], v[0, :-1], contact_force]))
     assert np.isnan(snapshots[0]).all()
 

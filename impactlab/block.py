@@ -1,0 +1,331 @@
+"""One block of realizations: its start, its steps, and what it measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from impactlab.build import build
+from impactlab.errors import Diverged
+from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
+from impactlab.integrators.jumps import jumping_loop, work_space
+from impactlab.kernels.jit import evaluate
+from impactlab.kernels.random import fill_normals
+from impactlab.kernels.series import NEAR
+from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
+from impactlab.plan import Plan
+from impactlab.series import Cosines, sample_count
+
+ATTEMPTS = 100
+"""How often a random start is drawn again while a contact is closed."""
+
+HOPELESS = 20
+"""Contacts closed in the first draw from which on no draw will have none."""
+
+Tick = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What a block returns: sums per batch and realization, and what its records kept.
+
+    Attributes
+    ----------
+    bodies : (batch, phase, row, body, lane) ndarray
+    contacts : (batch, row, contact, lane) ndarray
+    products : (batch, row, pair, lane) ndarray
+    records : list
+        One dictionary of arrays per record.
+    """
+
+    bodies: np.ndarray
+    contacts: np.ndarray
+    products: np.ndarray
+    records: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+
+class Block:
+    """The arrays of one block while it runs."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
+        self.plan, self.tick = plan, tick
+        self.single = plan.lanes == 1 and plan.jumps is None
+        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.known: list[np.ndarray] = []
+        self.module = build(plan.text)
+        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
+        self.realizations = plan.realizations_of(index)
+        self.now = 0
+        bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
+        moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
+        touching = [np.zeros((contacts, lanes)) for _ in range(2)]
+        normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
+        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
+        blocks: Any = (*moving, *touching, *work, normals)
+        self.state = State(*blocks)
+        past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
+        self.history = History(*past)
+        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, plan.own_bodies, lanes
+        self.sums = Sums(
+            np.zeros(shape),
+            np.zeros((CONTACT_ROWS, plan.own_contacts, lanes)),
+            plan.ends,
+            plan.indices,
+            plan.window,
+            plan.half_kick,
+            np.zeros((4, contacts * self.single, lanes)),
+            np.zeros((len(plan.half_kick) * self.single, lanes)),
+            np.zeros((contacts * self.single, lanes)),
+            np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
+            plan.pairs,
+        )
+        self.scale = np.ones((1, len(plan.noise_rows)))
+        self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
+        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
+        if plan.lines:
+            self.series = self._start_with_series()
+        else:
+            self._start(np.arange(lanes))
+            self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
+        if plan.integrator.kicks:
+            self._half_kick()
+
+    # start
+
+    def _start(self, lanes: np.ndarray) -> int:
+        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
+        plan, state = self.plan, self.state
+        attempt = 0
+        if isinstance(plan.start, np.ndarray):
+            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start[0][:, None], plan.start[1][:, None]
+        elif plan.start == "stationary":
+            redraw, resting = lanes, lanes[:0]
+            for attempt in range(ATTEMPTS):
+                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
+                closed = self._closed(state.x[:, redraw], slice(None))
+                if attempt == 0:
+                    resting = redraw[closed > HOPELESS]
+                redraw = redraw[(closed > 0) & ((closed <= HOPELESS) | (attempt > 0))]
+                if not redraw.size:
+                    break
+            resting = np.concatenate([resting, redraw])
+            state.x[:-1, resting] = plan.rest[:, None]
+            state.v[:, resting] = 0.0
+        else:
+            state.x[:-1, lanes] = plan.rest[:, None]
+        return attempt
+
+    def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
+        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
+        plan = self.plan
+        realizations = np.ascontiguousarray(self.realizations[lanes])
+        x, v = np.zeros((2, plan.linear.shape[1] + 1, len(lanes)))
+        if plan.deviations.any() or plan.factors:
+            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
+            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
+            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[row] for row in (0, 1))
+        for slots, factor in plan.factors:
+            independent = np.concatenate([normals[0, slots], normals[1, slots]])
+            joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
+            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
+        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
+            for column, realization in enumerate(realizations):
+                steady = cosines.start(int(realization), attempt)
+                x[slots, column] += steady[0::2]
+                v[slots, column] += steady[1::2]
+            if known.size and self._closed(x, known).all():
+                break  # the rest does not matter: these will be drawn again
+        return x, v
+
+    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
+        """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
+        first, second = self.plan.ends[contacts].T
+        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
+        return closed
+
+    def _start_with_series(self) -> Series:
+        """Start the realizations one after the other, and sample the series of each for the whole run."""
+        plan, method = self.plan, self.plan.integrator
+        interval = plan.step / method.samples_per_step
+        needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
+        self.responses = sampled = [
+            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
+            for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
+        ]
+        last = np.full(plan.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.responses):
+            last[slots] = index
+        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
+        if not method.takes_response:
+            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
+        ends = np.cumsum([item.channels for item in sampled])
+        lanes = len(self.realizations)
+        samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))
+        for lane, realization in enumerate(self.realizations):
+            self.tick(0)
+            attempt = self._start(np.array([lane]))
+            for item, end in zip(sampled, ends, strict=True):
+                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
+        slots = np.concatenate([slots for slots, _ in plan.responses])
+        return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
+
+    def _half_kick(self) -> None:
+        """Bring the velocity from the time of the displacement to the end of the kick there."""
+        plan, state = self.plan, self.state
+        half = 0.5 * plan.step / plan.linear[0][:, None]
+        self._evaluate(state.x, state.rest)
+        state.reading[:-1] = state.x[:-1] + plan.step / 6.0 * half * state.total[:-1]
+        state.velocity[:] = state.v
+        self._evaluate(state.reading, state.velocity)
+        state.v[:-1] += half * state.total[:-1]
+
+    def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
+        plan, state = self.plan, self.state
+        x, v, *result = map(self._seen, (x, v, state.indentation, state.contact_force, state.total))
+        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, *result)
+
+    def _seen(self, block: np.ndarray) -> np.ndarray:
+        """Return an array as the loop sees it: without the axis of the lanes where there is one lane."""
+        return block[..., 0] if self.single else block
+
+    # run
+
+    def advance(self, steps: int, sampler: Callable[[np.ndarray], None] | None) -> None:
+        """Make some steps, adding to the sums and sampling if there is a sampler."""
+        plan = self.plan
+        every = plan.every if sampler is not None else 0
+        lanes, quantities = len(self.realizations), 2 * plan.own_bodies + plan.own_contacts
+        done = 0
+        while done < steps:
+            # calls end with a group of slots, so that their length does not change any sum
+            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
+            whole = plan.tile_steps or max(unit, plan.steps_per_call // unit * unit)
+            count = min(whole - self.now % SLOTS, steps - done)
+            phase = (self.now - plan.spin_up_steps) % every if every else 0
+            snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
+            self._call(count, snapshots, sampler is not None, every, phase)
+            self.now += count
+            done += count
+            self._guard()
+            if len(snapshots) and sampler is not None:
+                sampler(snapshots)
+            self.tick(count * lanes)
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Call the compiled loop."""
+        plan = self.plan
+        network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
+        how = plan.dissipative, summing, self.now, count, every, phase
+        if plan.jumps is None:
+            series = self.series._replace(near=self._seen(self.series.near))
+            self.loop(
+                *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
+                self._seen(snapshots), plan.step, *how,
+            )  # fmt: skip
+        else:
+            self.loop(
+                *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                snapshots, *how,
+            )  # fmt: skip
+
+    def _blocks(self) -> tuple[State, History, Sums]:
+        """What the loop takes."""
+        sums = self.sums._asdict()
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+            sums[name] = self._seen(sums[name])
+        return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
+
+    def _noise(self, count: int) -> Noise:
+        plan = self.plan
+        scale = self.scale
+        if plan.time_varying:
+            middles = self._times(count, 1, 0.5)[:count]
+            intensity = np.empty((count, len(plan.white)))
+            self.module.intensity(middles, plan.parameters, plan.indices, intensity)
+            wrong = np.flatnonzero(~(intensity >= 0.0).all(axis=1))
+            if wrong.size:
+                raise Diverged(
+                    "The spectral density of a white noise is negative or not a number near "
+                    f"t = {middles[wrong[0]]:g} s."
+                )
+            rows = np.searchsorted(plan.white, plan.noise_rows)
+            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
+        return Noise(
+            plan.noise_rows,
+            plan.noise_runs,
+            self.seconds,
+            plan.amplitude,
+            plan.streams,
+            self.realizations,
+            scale,
+            plan.coarse,
+        )
+
+    def _forced(self, count: int) -> Forced:
+        plan = self.plan
+        if not len(plan.forced):
+            return Forced(plan.forced, np.zeros((0, 0)))
+        per_step = plan.integrator.samples_per_step
+        times = self._times(count, per_step, 0.5 if plan.integrator.takes_response else 0.0)
+        force = np.empty((len(times), len(plan.forced)))
+        self.module.forcing(times, plan.parameters, plan.indices, force)
+        return Forced(plan.forced, force)
+
+    def _times(self, count: int, per_step: int, offset: float) -> np.ndarray:
+        """Times of the samples of the next steps; the measurement begins at 0."""
+        first = (self.now - self.plan.spin_up_steps) * per_step
+        return (first + offset + np.arange(count * per_step + 1)) * (self.plan.step / per_step)
+
+    def _guard(self) -> None:
+        """Stop if a number is not finite: averages would hide it."""
+        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
+        if not finite.all():
+            body, lane = np.argwhere(~finite)[0]
+            time = (self.now - self.plan.spin_up_steps) * self.plan.step
+            raise Diverged(
+                f"{self.plan.bodies[body]!r} of realization {int(self.realizations[lane])} left the range of finite "
+                f"numbers before t = {time:g} s. Use a smaller step, or check the forces."
+            )
+
+    def measure(self) -> BlockResult:
+        """Run all batches after the spin-up and return their sums."""
+        plan = self.plan
+        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
+        if any(keeper.wants_start for keeper in keepers):
+            if not plan.integrator.kicks:
+                self.state.velocity[:] = self.state.v
+            if not plan.integrator.kicks or plan.spin_up_steps == 0:  # the state itself, not where a kick is read
+                self.state.reading[:] = self.state.x
+                self._evaluate(self.state.reading, self.state.velocity)
+            first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
+            for keeper in keepers:
+                keeper.start(first)
+        totals = self.sums.bodies, self.sums.contacts, self.sums.products
+        kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
+        begin = 0
+        for batch, end in enumerate(plan.boundaries):
+            self._clear_sums()
+
+            def sample(snapshots: np.ndarray, batch: int = batch) -> None:
+                for keeper in keepers:
+                    keeper.add(snapshots, batch)
+
+            self.advance(end - begin, sample)
+            self._collect_sums()
+            if plan.jumps is not None:
+                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
+            for total, sums in zip(totals, kept, strict=True):
+                sums[batch] = total
+            begin = end
+        bodies, contacts, products = kept
+        return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+
+    def _clear_sums(self) -> None:
+        for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
+            total[:] = 0.0
+
+    def _collect_sums(self) -> None:
+        """Bring all sums together."""

@@ -1,0 +1,90 @@
+"""Kernels for blocks of one lane, from the text of those for many.
+
+A block of one lane has arrays without an axis of lanes, and no loops over them: the loops
+over bodies are then innermost and vectorise. Each kernel is written once, for lanes; here its
+text loses the loops over ``lane`` and the index of that name, and what it calls loses them too.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from impactlab.kernels.jit import Function, is_kernel, kernel
+
+
+def _is_lane(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and node.id == "lane"
+
+
+class _WithoutLanes(ast.NodeTransformer):
+    """Drops loops over lanes and a last index that is the lane; elsewhere the lane is the first."""
+
+    def visit_For(self, node: ast.For) -> Any:
+        self.generic_visit(node)
+        return node.body if _is_lane(node.target) else node
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        index = node.slice
+        if isinstance(index, ast.Tuple) and _is_lane(index.elts[-1]):
+            del index.elts[-1]
+            node.slice = index.elts[0] if len(index.elts) == 1 else index
+        self.generic_visit(node)
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return ast.Constant(0) if _is_lane(node) and isinstance(node.ctx, ast.Load) else node
+
+
+def single_text(text: str) -> str:
+    """Return the text of a generated module for blocks of one lane."""
+    tree = _WithoutLanes().visit(ast.parse(text))
+    body = tree.body
+    for place, node in enumerate(body):
+        if isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.jit":
+            node.names = [
+                ast.alias("FORCES_OF_ONE", "FORCES") if item.name == "FORCES" else item for item in node.names
+            ]
+        elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.kick":
+            singles = [f"{item.name} = single({item.name})" for item in node.names]
+            lines = ["from impactlab.kernels.single import single", *singles]
+            body[place + 1 : place + 1] = ast.parse("\n".join(lines)).body
+    return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+
+
+_instead: dict[Function, Function] = {}
+
+
+def instead_of(compiled: Function) -> Callable[[Function], Function]:
+    """Take the text for blocks of one lane from another function, which has loops over lanes as well."""
+
+    def decorate(function: Function) -> Function:
+        _instead[compiled] = function
+        return function
+
+    return decorate
+
+
+@cache
+def single(compiled: Function) -> Function:
+    """Return a kernel for blocks of one lane."""
+    return kernel(without_lanes(_instead.get(compiled, compiled)))
+
+
+def without_lanes(function: Function) -> Function:
+    """Return a function over blocks for blocks of one lane, as the kernels that it calls; not compiled."""
+    plain: Any = getattr(function, "py_func", function)
+    tree: Any = _WithoutLanes().visit(ast.parse(textwrap.dedent(inspect.getsource(plain))))
+    definition = tree.body[0]
+    definition.decorator_list, definition.name = [], f"{definition.name}_single"
+    ast.fix_missing_locations(ast.increment_lineno(tree, plain.__code__.co_firstlineno - 1))
+    names = dict(plain.__globals__)
+    for name in plain.__code__.co_names:
+        if is_kernel(names.get(name)):
+            names[name] = single(names[name])
+    exec(compile(tree, plain.__code__.co_filename, "exec"), names)
+    return names[definition.name]  # type: ignore[no-any-return]
