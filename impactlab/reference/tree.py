@@ -344,9 +344,9 @@ class TreeLaw:
                 shifts = starts + offsets + _origin(item)
                 return np.asarray(self._integrals(one.edges, kernel, shifts) @ coefficients * other(starts, offsets)[0])
 
-            fine = fine_integrals(np.empty(0), _TOLERANCE)
+            fine = fine_integrals(_NONE, 10.0 * _TOLERANCE)
             features = np.subtract.outer(_narrow(one), item.corners).ravel()
-            edges = _between(np.concatenate([other.edges, features]), *other.edges[[0, -1]])
+            edges = _between(np.concatenate([other.edges, features]), *self._ends(j))
             sums = resolve(function, edges, fine, item.names).integrals.sum(axis=1)
             count = len(item.gaps)
             result = []
@@ -367,6 +367,12 @@ class TreeLaw:
 
         result: list[tuple[float, float, float]] = self._once(make, "link", one, other, kernel)
         return result
+
+    def _ends(self, body: int) -> np.ndarray:
+        """Return between which places the density of a body is not negligible."""
+        density = self._density(body)
+        counts = np.flatnonzero(density.values[0].max(axis=1) > _FLOOR)
+        return density.edges[[counts[0], counts[-1] + 1]]
 
     def _given(self, body: int, place: float, target: int) -> Piecewise:
         """Return the density of one body given the displacement of another, not normalised."""
