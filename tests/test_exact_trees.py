@@ -252,7 +252,7 @@ def test_long_chains_of_equal_bodies_are_computed_once(monkeypatch):
         counts[-1] += 1
         return original(edges, kernel, shifts)
 
-    monkeypatch.setattr("impactlab.reference.tree.shifted_integrals", counted)
+    monkeypatch.setattr("impactlab.reference.messages.shifted_integrals", counted)
     law = body(40.0)
     rows = []
     for count in (120, 300):
