@@ -238,7 +238,7 @@ def test_points_share_one_compilation(monkeypatch, tmp_path):
     il.simulate(base(), **SHORT)  # what all networks share
     once = compiled("one", lambda: il.simulate(base(), **SHORT))
     assert once > 0
-    assert compiled("many", lambda: il.sweep(base, RATIOS, **SHORT)) == once
+    assert 0 < compiled("many", lambda: il.sweep(base, RATIOS, **SHORT)) <= once
 
 
 def test_numbers_do_not_depend_on_the_executor():
