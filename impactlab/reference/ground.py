@@ -183,7 +183,7 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
             damping *= 100.0
     else:
         raise _not_found(own)
-    quantum = 2.0 ** np.floor(np.log2(0.01 / np.sqrt(floor + scale)))
+    quantum = 2.0 ** np.floor(np.log2(1e-8 / np.sqrt(floor + scale)))
     return [float(place) for place in np.where(x == 0.0, 0.0, np.round(x / quantum) * quantum)]
 
 
