@@ -1,5 +1,6 @@
 """Exact laws of linear motion: against Lyapunov equations by hand, closed forms, integrals and simulations."""
 
+import itertools
 import math
 
 import numpy as np
@@ -70,7 +71,7 @@ def test_two_ways_to_the_thermal_law():
 def test_a_long_chain_of_springs_is_one_inverse():
     names = [f"b{k}" for k in range(300)]
     body = il.LinearOscillator(damping=0.3, stiffness=2.0)
-    springs = {one: spring(one, other, 5.0) for one, other in zip(names, names[1:], strict=False)}
+    springs = {one: spring(one, other, 5.0) for one, other in itertools.pairwise(names)}
     network = il.Network(dict.fromkeys(names, body), {}, dict.fromkeys(names, il.WhiteNoise(0.3 / math.pi)), springs)
     q = 2.0 * math.pi * (np.arange(100_000) + 0.5) / 100_000  # of the infinite chain: ∫ dq/2π T/(k + 4 K sin²(q/2))
     middle = exact(network).statistics().variance_displacement[150]
@@ -107,7 +108,7 @@ def test_spectra_are_the_transforms_of_autocovariances():
             ends = np.array([0.0, 3.0, 6.0, 9.0, 12.0, 20.0, 60.0, 400.0, 1e4])
             parts = [
                 quad(spectrum, *pair, weight="cos", wvar=lag, epsabs=1e-13, limit=200)[0]
-                for pair in zip(ends, ends[1:], strict=False)
+                for pair in itertools.pairwise(ends)
             ]
             found = reference.autocovariance("b", quantity, lag)
             assert 2.0 * sum(parts) == pytest.approx(float(found), rel=1e-4 if quantity == "velocity" else 1e-8)
@@ -141,7 +142,7 @@ def test_bounded_noise_is_a_sum_over_its_lines():
     for row, body in enumerate("ab"):
         amplitudes, omega = response(network, body)
         found, white = (variances(item)[[row, row + 2]] for item in (reference, alone))
-        expected = white + [0.5 * (amplitudes**2).sum(), 0.5 * ((omega * amplitudes) ** 2).sum()]
+        expected = white + 0.5 * np.array([(amplitudes**2).sum(), ((omega * amplitudes) ** 2).sum()])
         np.testing.assert_allclose(found, expected, rtol=1e-12)
         lags = np.array([0.0, 0.7, 3.0])
         expected = alone.autocovariance(body, "displacement", lags)
