@@ -16,11 +16,11 @@ class NotchedContact(il.ContactLaw):
 
     @staticmethod
     def force(indentation):
-        return 40.0 * math.sin(indentation) + 30.0 * indentation
+        return 4.0 * math.sin(10.0 * indentation) + 30.0 * indentation
 
     @staticmethod
     def potential(indentation):
-        return 40.0 * (1.0 - math.cos(indentation)) + 15.0 * indentation**2
+        return 0.4 * (1.0 - math.cos(10.0 * indentation)) + 15.0 * indentation**2
 
 
 def gaussian(level, deviation, frequency):

@@ -65,7 +65,8 @@ class Levels(Laws):
         Returns
         -------
         float
-            Crossings per second.
+            Crossings per second. Levels at which the density is less than 10⁻²⁰ of its top are not
+            resolved.
 
         Raises
         ------

@@ -10,6 +10,8 @@ import numpy as np
 
 from impactlab.errors import InvalidInput, NoExactReference
 
+_RAREST = 1e-20  # density, relative to its top, that is resolved
+
 Function = Callable[[np.ndarray], np.ndarray]
 
 
@@ -66,8 +68,8 @@ class Marginal:
                 f"No level is crossed upwards once in {time:g} s, but at most once in {shortest:.6g} s; "
                 "give a time that is longer."
             )
-        if often[-1] == len(values) - 1:
-            raise NoExactReference(f"The levels that are crossed once in {time:g} s are too rare for this law.")
+        if wanted < _RAREST * values.max():
+            raise NoExactReference(f"Levels that are crossed once in {time:g} s are too rare to be resolved.")
         low, high = self.places[often[-1] : often[-1] + 2]
         for _ in range(200):
             middle = 0.5 * (low + high)
