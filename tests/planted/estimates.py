@@ -58,7 +58,7 @@ def at_kicks(processed: Any, plan: Any, flows: Any, s: Any, kicks: Any, *_: Any)
 
 def other_sign(monkeypatch: Any) -> None:
     """Move values away from balance 0 instead of to it."""
-    regression = impactlab.estimate._Regression
+    regression = impactlab.estimate.Regression
     right = regression.at_zero
 
     def wrong(self: Any, values: np.ndarray) -> Any:
@@ -72,7 +72,7 @@ def errors(factor: Any) -> Plant:
     """Multiply all standard errors by a function of the number of units."""
 
     def plant(monkeypatch: Any) -> None:
-        regression, mean = impactlab.estimate._Regression, impactlab.estimate._mean
+        regression, mean = impactlab.estimate.Regression, impactlab.estimate._mean
         at_zero = regression.at_zero
 
         def of_regression(self: Any, values: np.ndarray) -> Any:
@@ -179,7 +179,7 @@ BUGS = [
     Bug("samples beyond the limits in the last bins", PAIR,
         returned(impactlab.density._Counts, "result", into_end_bins)),
     Bug("density per sample", PAIR,
-        returned(impactlab.density, "_share", lambda found, counts, *_: (found[0] * 1.02, found[1]))),
+        returned(impactlab.density, "_share", lambda found, counts, *_: (found[0] * 1.02, *found[1:]))),
     Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
     Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
     Bug("frequencies of cosines in Hz", BOUNDED, lines(frequency=0.5 / math.pi)),
