@@ -18,6 +18,8 @@ from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.density import Density as Density
 from impactlab.density import JointDensity as JointDensity
+from impactlab.derived import effective_samples as effective_samples
+from impactlab.derived import jackknife as jackknife
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.bands import KNOWN, band_factor
 from impactlab.component import parameter, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.histogram import count_pairs, count_samples
@@ -20,6 +21,11 @@ GROUPS = 256
 """Largest number of groups of realizations from which the errors of densities are estimated."""
 
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
+_OF_BAND = {
+    "units": "1",
+    "long_name": "factor to the standard errors with which a band holds the whole curve with a probability of 95 %",
+    "comment": f"for the bins of at least {KNOWN:g} standard errors",
+}
 _PER = {"displacement": "m-1", "velocity": "s m-1"}
 
 
@@ -27,7 +33,8 @@ class Density(Record):
     """Probability density of a displacement or velocity, averaged over bins.
 
     Standard errors come from groups of realizations (batches, if there are few), as
-    for the statistics.
+    for the statistics. A band of as many of them on both sides as the band factor says holds the density in
+    all bins with a probability of 95 %.
 
     Parameters
     ----------
@@ -73,10 +80,11 @@ class Density(Record):
         q, n = self.quantity, len(plan.bodies)
         edges = np.full((n, self.bins + 1), np.nan)
         density, error = np.full((2, n, self.bins), np.nan)
+        factor = np.full(n, np.nan)
         for row, (name, low, high) in enumerate(self.limits):
             slot = plan.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_ = _share(counts[:, row], samples[:, row], plan.trusted)
+            share, spread_, factor[slot] = _share(counts[:, row], samples[:, row], plan.trusted)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
@@ -87,6 +95,7 @@ class Density(Record):
         return {
             f"density_{q}": (dims, density, attrs),
             f"density_{q}_standard_error": (dims, error, of_error),
+            f"density_{q}_band_factor": (("oscillator",), factor, _OF_BAND),
             f"{q}_edges": (("oscillator", f"{q}_edge"), edges, {"units": _UNITS[q], "long_name": "edges of the bins"}),
             f"{q}_center": (dims, centers, {"units": _UNITS[q], "long_name": "centers of the bins"}),
         }
@@ -129,7 +138,10 @@ class JointDensity(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = _total(results)
         groups = counts.shape[0]
-        share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted)
+        inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
+        share, spread_, factor = _share(
+            counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted, inner.ravel()
+        )
         shape = (self.bins + 2, self.bins + 2)
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
@@ -142,6 +154,7 @@ class JointDensity(Record):
             "joint_density": (tuple(names), share.reshape(shape)[1:-1, 1:-1] / area, attrs),
             "joint_density_standard_error": (tuple(names), spread_.reshape(shape)[1:-1, 1:-1] / area, attrs),
         }
+        variables["joint_density_band_factor"] = ((), np.array(factor), _OF_BAND)
         for side, edge in zip(("first", "second"), edges, strict=True):
             attrs = {"units": "m", "long_name": f"edges of the bins of {getattr(self, side)}"}
             variables[f"joint_{side}_edges"] = ((f"joint_{side}_edge",), edge, attrs)
@@ -214,14 +227,20 @@ def _groups(plan: Plan, realizations: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(units * _group_count(plan) // (plan.realizations * batches))
 
 
-def _share(counts: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the samples in every bin and its standard error, from groups on the first axis."""
+def _share(
+    counts: np.ndarray, samples: np.ndarray, trusted: bool, inner: np.ndarray | slice = slice(1, -1)
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Share of the samples in every bin, its standard error, and the factor of a band around the inner ones.
+
+    From groups on the first axis.
+    """
     groups, total = len(counts), samples.sum()
     share = counts.sum(axis=0) / total
     if not trusted:
-        return share, np.full_like(share, np.nan)
-    scatter = ((counts - share * samples) ** 2).sum(axis=0)
-    return share, np.sqrt(scatter * groups / (groups - 1.0)) / total
+        return share, np.full_like(share, np.nan), math.nan
+    residuals = counts - share * samples
+    error = np.sqrt((residuals**2).sum(axis=0) * groups / (groups - 1.0)) / total
+    return share, error, band_factor(residuals[:, inner], (share >= KNOWN * error)[inner])
 
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:

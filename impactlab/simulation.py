@@ -280,6 +280,13 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
             observation,
             {"units": "s", "long_name": "time over which peaks are taken"},
         )
+    if plan.contacts:
+        attrs = {
+            "units": "1",
+            "long_name": "number of contacts in one of the samples that standard errors come from",
+            "comment": "Differences beyond 5 standard errors are possible below 20.",
+        }
+        dataset["contacts_per_sample"] = ("contact", estimates.contacts_per_sample, attrs)
     for index, (item, ratio) in enumerate(plan.records):
         if isinstance(item, PerRealization):
             for name in names:

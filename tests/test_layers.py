@@ -10,7 +10,7 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "gather", "incidence", "kernels"},
+    {"errors", "progress", "gather", "incidence", "kernels", "bands"},
     {"component", "build"},
     {"oscillator", "contact", "excitation"},
     {"coupling"},
@@ -24,7 +24,7 @@ LAYERS = [
     {"plan"},
     {"record", "moments", "block", "memory"},
     {"density", "estimate", "tolerance", "ensemble", "trajectories"},
-    {"parts", "together"},
+    {"parts", "together", "derived"},
     {"simulation"},
     {"points"},
     {"sweeps"},
