@@ -103,11 +103,20 @@ class Propagator:
         """Force of the contact in a kick, (gap,) (N)."""
         return self.pair.force(self.shifted_gap)
 
+    @property
+    def _shift(self) -> float:
+        return self.basis.step**2 / 12.0 / self.pair.reduced_mass
+
     @cached_property
     def shifted_gap(self) -> np.ndarray:
         """Places at which the contact is read, (gap,) (m)."""
-        shift = self.basis.step**2 / 12.0 / self.pair.reduced_mass
-        return np.asarray(self.gap - shift * self.pair.force(self.gap))
+        return np.asarray(self.gap - self._shift * self.pair.force(self.gap))
+
+    def stretch(self, gaps: np.ndarray) -> np.ndarray:
+        """Return the derivative of the places at which the contact is read by q."""
+        apart = 1e-6 * self.well.penetration
+        slope = (self.pair.force(gaps + apart) - self.pair.force(gaps - apart)) / (2.0 * apart)
+        return np.asarray(1.0 - self._shift * slope)
 
     @cached_property
     def increments(self) -> np.ndarray:
@@ -131,15 +140,28 @@ class Propagator:
         return [_Shears.of(a, q, decay) for a, q, decay in zip(*self.flow, friction, strict=True)]
 
     @cached_property
-    def _kicks(self) -> tuple[np.ndarray, ...]:
+    def _kicks(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrices of the velocities at every (q, y): both shears and the kick between them."""
+        sums = np.array([shears.first + shears.last for shears in self.shears])
+        first, second = self._shifting(self.increments - sums[:, None, None] * self.displacements)
+        first *= self.well.fade(self.gap).astype(np.float32)[:, None, None, None]
+        return first, second
+
+    def in_kick(self, density: np.ndarray) -> np.ndarray:
+        """Return the density of q, v₁ and v₂ in the middle of the kick."""
+        last = np.array([shears.last for shears in self.shears])
+        first, second = self._shifting(0.5 * self.increments - last[:, None, None] * self.displacements)
+        return np.array(
+            [np.matmul(one @ part, other).sum(axis=0) for one, part, other in zip(first, density, second, strict=True)]
+        )
+
+    def _shifting(self, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the matrices that shift both velocities by amounts (body, gap, center); for the second transposed."""
         result = []
-        for x, v, increment, shears in zip(self.displacements, self.velocities, self.increments, self.shears, strict=True):
-            shift = increment - (shears.first + shears.last) * x
+        for shift, v in zip(shifts, self.velocities, strict=True):
             waves, there = _waves(v)
             phases = np.exp(-1j * shift[..., None] * waves)
             result.append(np.ascontiguousarray(((phases[..., None, :] * there) @ _back(v)).real, dtype=np.float32))
-        result[0] *= self.well.fade(self.gap).astype(np.float32)[:, None, None, None]
         return result[0], np.ascontiguousarray(result[1].swapaxes(-1, -2))
 
     @cached_property

@@ -59,8 +59,8 @@ class Reading:
             "balance_power": np.array([power / supplied - 1.0]),
         }
 
-    def _moments(self, body: int) -> tuple[np.ndarray, float, float, float]:
-        """Return E[x²] and E[v²], the force that is missing, what a step changes, and E[v²] at kicks, of one body."""
+    def _moments(self, body: int) -> tuple[np.ndarray, float, float]:
+        """Return E[x²] and E[v²], the force that is missing, and what a step changes, of one body."""
         propagator = self.propagator
         x, v, shears = propagator.displacements[body], propagator.velocities[body], propagator.shears[body]
         kick = propagator.increments[body]
@@ -81,72 +81,55 @@ class Reading:
         change = float(np.abs((a @ after @ a.T + q - before) / scale).max())
         response = np.linalg.solve(np.eye(2) - a, a @ np.array([0.0, (kick * mass).sum()]))
         missing = float((x * mass).sum() - response[0]) * propagator.pair.stiffness[body]
-        return np.diag(between + 2.0 * middle) / 3.0, missing, change, float(between[1, 1])
-
-    def _closed(self) -> float:
-        """Return the integral of the gap's density over closed contact.
-
-        The density is a trigonometric polynomial plus a part with its kink at 0: to leading order
-        the density at 0 times ``exp(−U/T)``, U being the energy of the contact and T the mean square of
-        the relative velocity there, times the reduced mass (from the equation of momentum).
-        """
-        well, (there, square) = self.propagator.well, self._at_contact
-        hot = well.temperature / (self.propagator.pair.reduced_mass * square)
-        gap, cell = self.propagator.gap, self.propagator.gap[1] - self.propagator.gap[0]
-        last, reach = gap[-1] + 0.5 * cell, 0.3 * self.propagator.gap[-1]
-
-        def kink(places: np.ndarray) -> np.ndarray:
-            return np.asarray(there * np.exp(-((places / reach) ** 2)) * np.expm1(-hot * well.work(places)))
-
-        smooth = self.weights.sum(axis=1) / cell - np.where(gap > 0.0, kink(np.maximum(gap, 0.0)), 0.0)
-        waves = 2.0 * np.pi * np.fft.fftfreq(len(gap), cell)
-        coefficients = np.fft.fft(smooth)[1:] / (1j * waves[1:])
-        phases = np.exp(1j * np.outer((last - gap[0], -gap[0]), waves[1:])) @ coefficients
-        inside = np.linspace(0.0, last, _FINE)
-        polynomial = (phases[0] - phases[1]).real + smooth.sum() * last
-        return float(polynomial / len(gap) + np.trapezoid(kink(inside), inside))
+        return np.diag(between + 2.0 * middle) / 3.0, missing, change
 
     @cached_property
-    def _near(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Density of y, v₁ and v₂ at q = 0, times their cell, and both velocities, (center, node)."""
+    def _at_contact(self) -> tuple[np.ndarray, float]:
+        """Density of both velocities where the contact closes, and the temperature there over that of the box.
+
+        As a function of q, that of the shifted gap is a trigonometric polynomial plus a part with its
+        kink at 0: to leading order the density there times ``exp(−U/T)``, U being the energy of the
+        contact and T the reduced mass times the mean square of the relative velocity (from
+        the equation of momentum).
+        """
         propagator = self.propagator
         gap, cell = propagator.gap, propagator.gap[1] - propagator.gap[0]
         waves = 2.0 * np.pi * np.fft.fftfreq(len(gap), cell)
-        at_zero = np.exp(1j * np.outer(-gap, waves)).sum(axis=1).real / len(gap) / cell
-        near = np.tensordot(at_zero, self._density, axes=(0, 0)) / self._density.sum(dtype=float)
-        weights, clearance = propagator.pair.weights, propagator.pair.contact.clearance
-        velocities = [
-            nodes - shears.last * (propagator.center + weight * clearance)[:, None]
-            for nodes, shears, weight in zip(
-                propagator.velocities, propagator.shears, (weights[1], -weights[0]), strict=True
-            )
-        ]
-        return near, velocities
+        at_zero = np.exp(1j * np.outer(-gap, waves)).sum(axis=1).real / len(gap)
+        density = propagator.in_kick(self._density).astype(float) / self._density.sum(dtype=float) / cell
+        there = np.tensordot(at_zero / propagator.stretch(gap), density, axes=(0, 0))
+        square = float((there * np.subtract.outer(*propagator.velocities) ** 2).sum() / there.sum())
+        hot = propagator.pair.reduced_mass * square / propagator.well.temperature
+        return there / (1.0 + at_zero @ self._kink(gap, hot)), hot
 
-    @cached_property
-    def _at_contact(self) -> tuple[float, float]:
-        """Density of q at 0 (m-1), and mean square of the relative velocity there (m2 s-2)."""
-        near, (first, second) = self._near
-        density = float(near.sum())
-        relative = first[:, :, None] - second[:, None, :]
-        return density, float((near * relative**2).sum()) / density
+    def _kink(self, gaps: np.ndarray, hot: float) -> np.ndarray:
+        """Return the part with a kink of a density that is 1 where the contact closes, at one temperature over T."""
+        reach = 0.3 * self.propagator.gap[-1]
+        closed = np.maximum(gaps, 0.0)
+        return np.asarray(np.exp(-((closed / reach) ** 2)) * np.expm1(-self.propagator.well.work(closed) / hot))
+
+    def _closed(self) -> float:
+        """Return the integral of the gap's density over closed contact."""
+        gap, cell = self.propagator.gap, self.propagator.gap[1] - self.propagator.gap[0]
+        velocities, hot = self._at_contact
+        there = float(velocities.sum())
+        last = gap[-1] + 0.5 * cell
+        smooth = self.weights.sum(axis=1) / cell / self.propagator.stretch(gap) - there * self._kink(gap, hot)
+        waves = 2.0 * np.pi * np.fft.fftfreq(len(gap), cell)
+        inside = np.linspace(0.0, last, _FINE)
+        values = (np.exp(1j * np.outer(inside - gap[0], waves)) @ np.fft.fft(smooth)).real / len(gap)
+        values += there * self._kink(inside, hot)
+        return float(np.trapezoid(values * self.propagator.stretch(inside), inside))
 
     def _rate(self) -> float:
-        """Return the flux of the relative velocity through q = 0.
-
-        The velocity at kicks is a little too small; it is scaled to the mean square of the time between.
-        """
-        near, (first, second) = self._near
-        scale = float(np.sqrt(self._at_contact[1]))
+        """Return the flux of the relative velocity through q = 0."""
+        there = self._at_contact[0]
         nodes = self.propagator.velocities
-        most = np.pi / max(float(v[1] - v[0]) for v in nodes)
-        waves = np.arange(0.0, most, 0.5 * np.pi / sum(map(np.ptp, nodes)))
-        parts = [np.exp(-1j * item[..., None] * waves) for item in (first, -second)]
-        characteristic = np.einsum("yab,yak,ybk->k", near, *parts, optimize=True)
-        rising = np.linspace(0.0, 12.0 * scale, _FINE)
-        flux = float(np.trapezoid(rising * Characteristic(waves, characteristic, 0.0).density(rising), rising))
-        at_kicks, over_time = (sum(self._moments(body)[part] for body in range(2)) for part in (3, 0))
-        return flux * float(np.sqrt(over_time[1] / at_kicks))
+        waves = np.arange(0.0, np.pi / max(float(v[1] - v[0]) for v in nodes), 0.5 * np.pi / sum(map(np.ptp, nodes)))
+        first, second = (np.exp(-1j * np.outer(v, waves)) for v in nodes)
+        characteristic = np.einsum("ab,ak,bk->k", there, first, second.conj(), optimize=True)
+        rising = np.linspace(0.0, float(sum(map(np.ptp, nodes))) / 2.0, _FINE)
+        return float(np.trapezoid(rising * Characteristic(waves, characteristic, 0.0).density(rising), rising))
 
     def displacement(self, body: int) -> Characteristic:
         """Return the characteristic function of a displacement."""

@@ -71,7 +71,7 @@ def fokker_planck(
         the order of the contact) and the ``step`` (s), which are then kept. What is not given is
         chosen and refined.
     tolerance : float
-        Relative error that is aimed at, for all default statistics.
+        Relative error that is aimed at, for all default statistics but the rate of contacts.
 
     Returns
     -------
@@ -191,21 +191,19 @@ def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     """Return the basis with which to begin, from scales of the network.
 
     Four nodes to the depth at which the contact stores the energy T of the box, two to a standard
-    deviation of the center, 1.7 to one of a velocity, and more for a body that alone is colder;
-    a step of 0.4 over the frequency of the closed contact and 0.8 over those of the bodies.
+    deviation of the center, 1.7 to one of a velocity, and more where one body alone is colder than
+    T, as the fourth root of the ratio; a step of 0.4 over the frequency of the closed contact and 0.8 over those of the bodies.
     """
-    from scipy.fft import next_fast_len
-
     low, high = well.ends
     gap = (high - low) / min(0.25 * well.penetration, 0.5 * well.width)
-    colder = np.maximum(well.temperature / pair.temperatures, 1.0)
-    velocities = REACH / 0.3 * colder**0.25
+    velocity = _odd(part * REACH / 0.3 * max(well.temperature / float(pair.temperatures.min()), 1.0) ** 0.25)
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
     step = min(0.4 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
     return Basis(
-        next_fast_len(math.ceil(part * gap), real=True),
+        _fast(part * gap),
         _odd(part * 4.0 * REACH),
-        *(_odd(part * count) for count in velocities),
+        velocity,
+        velocity,
         step / part,
     )
 
@@ -228,13 +226,13 @@ class Convergence:
     def errors(self) -> dict[str, Values]:
         """Errors of each direction of the basis, by name of the direction and the statistic.
 
-        A quarter fewer nodes, or a step longer by √2, are taken to make the error at least three
-        times and twice as large: for the step as much as three steps show, between the first and
-        the fourth order.
+        A quarter fewer nodes are taken to make the error at least twice as large for the gap, where the
+        contact has a kink, and three times for the others; a longer step as much as three steps show,
+        between the first and the fourth order.
         """
         result: dict[str, Values] = {}
         for direction in Basis._fields:
-            share: Any = 0.5
+            share: Any = 1.0 if direction == "gap" else 0.5
             result[direction] = {}
             for name, value in self.values.items():
                 change = np.abs(self.coarser[direction][name] - value)
@@ -252,8 +250,11 @@ class Convergence:
         return {name: sum(item[name] for item in self.errors.values()) for name in self.values}
 
     def insufficient(self, tolerance: float) -> list[str]:
-        """Return the directions to refine, none if the errors are within the tolerance."""
-        scale = {name: np.abs(value) for name, value in self.values.items()}
+        """Return the directions to refine, none if the errors are within the tolerance.
+
+        The rate of contacts, which is read at a single place of the gap, is left out.
+        """
+        scale = {name: np.abs(value) for name, value in self.values.items() if name != "contact_rate"}
         if all((self.total[name] <= tolerance * scale[name]).all() for name in scale):
             return []
         share = tolerance / len(self.errors)
@@ -445,17 +446,21 @@ def _largest(error: np.ndarray, value: np.ndarray) -> float:
 
 def _changed(basis: Basis, name: str, nodes: float, step: float) -> Basis:
     """Return a basis with one direction changed."""
-    from scipy.fft import next_fast_len
-
     value = getattr(basis, name)
     if name == "step":
         return basis._replace(step=value * step)
-    count = math.ceil(nodes * value)
-    return basis._replace(**{name: next_fast_len(count, real=True) if name == "gap" else _odd(count)})
+    return basis._replace(**{name: (_fast if name == "gap" else _odd)(nodes * value)})
+
+
+def _fast(count: float) -> int:
+    """Return the nearest length that Fourier transforms take well."""
+    smooth = np.multiply.outer(np.multiply.outer(2 ** np.arange(16), 3 ** np.arange(10)), 5 ** np.arange(7)).ravel()
+    return int(smooth[np.argmin(np.abs(smooth - count))])
 
 
 def _odd(count: float) -> int:
-    return 2 * math.ceil(0.5 * (count - 1.0)) + 1
+    """Return the nearest odd number."""
+    return 2 * round(0.5 * (count - 1.0)) + 1
 
 
 def _flat(values: Values) -> np.ndarray:
