@@ -168,7 +168,7 @@ def test_verdicts_see_intervals_of_random_networks(run):
     assert found(scores) == ["holds", "holds", "holds"]
     assert found(2.0 * scores)[:2] == ["does not hold", "does not hold"]  # errors of half the size
     assert found(0.3 * scores)[:2] == ["sampling error", "sampling error"]  # all are covered
-    assert found(np.where(names == "mean_contact_force", 1.3 * scores, scores))[:2] == ["holds", "does not hold"]
+    assert found(np.where(names == "mean_contact_force", 1.6 * scores, scores))[:2] == ["holds", "does not hold"]
     assert found(with_one(5.2))[2] == "sampling error"
     assert found(with_one(-7.0))[2] == "does not hold"
 
