@@ -661,14 +661,20 @@ def refused(oscillators, contacts=None, excitations=None):
 
 
 def test_refused_excitations():
-    body = {"body": SPRING}
+    body, stop = {"body": SPRING}, {"stop": il.Contact("body", WALL, HERTZ)}
     assert "'body' is excited by ShinozukaNoise; the law is known for constant white noise only" in refused(
-        body, {}, {"body": il.ShinozukaNoise(1.0)}
+        body, stop, {"body": il.ShinozukaNoise(1.0, components=100)}
     )
     assert "'body' is excited by Cosine" in refused(body, {}, {"body": Cosine()})
     assert "'body' is excited by FadingNoise" in refused(body, {}, {"body": FadingNoise()})
-    assert "'body' has damping without noise" in refused(body)
-    assert "'body' has noise without damping" in refused({"body": COLD}, {}, {"body": il.WhiteNoise(1.0)})
+    assert "'body' has damping without noise: its temperature is 0; with white noise it" in refused(body, stop)
+    assert "'body': damping without noise" in refused(body)
+    assert "'body' has noise without damping and gains energy" in refused(
+        {"body": COLD}, stop, {"body": il.WhiteNoise(1.0)}
+    )
+    assert "'body': noise without damping, the energy grows" in refused(
+        {"body": COLD}, {}, {"body": il.WhiteNoise(1.0)}
+    )
     assert "'body': neither noise nor damping" in refused({"body": COLD})
     assert "'body': neither noise nor damping" in refused({"body": COLD}, {}, {"body": il.WhiteNoise(0.0)})
     with pytest.raises(il.InvalidInput, match=r"ConstantNoise.intensity of 'body'.*-1"):
@@ -734,8 +740,9 @@ def test_all_reasons_are_given():
     assert message.splitlines() == [
         "There is no exact stationary law that is known here:",
         "- 'a' is excited by ShinozukaNoise; the law is known for constant white noise only.",
-        "- 'b' has damping without noise: its temperature is 0.",
-        "- ForceOnlyContact, the law of contact 'gap', does not define potential.",
+        "- 'b' has damping without noise: its temperature is 0; with white noise it would have a law.",
+        "- ForceOnlyContact, the law of contact 'gap', does not define potential; define potential(indentation, ...), "
+        "the integral of ForceOnlyContact.force from 0.",
     ]
 
 
