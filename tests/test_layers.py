@@ -12,7 +12,7 @@ PACKAGE = Path(impactlab.__file__).parent
 LAYERS = [
     {"errors", "progress", "gather", "incidence", "kernels", "bands"},
     {"component", "build"},
-    {"oscillator", "contact", "excitation"},
+    {"oscillator", "contact", "excitation", "potentials"},
     {"coupling"},
     {"network"},
     {"items", "model", "dataset", "plot"},
