@@ -105,6 +105,10 @@ class PeakForces(Record):
             )
         return steps
 
+    def bytes_per_realization(self, plan: Plan) -> int:
+        bins, windows = 2 * samples_per_realization(plan) * self.bins, plan.steps // self.steps_per_window(plan)
+        return 8 * len(self.limits) * (bins + windows)
+
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         count, window = len(plan.contacts), self.steps_per_window(plan) * plan.step
         if not count:

@@ -155,3 +155,11 @@ def test_numbers_do_not_depend_on_the_blocks(realizations, duration):
         whole, parts = (il.simulate(base(), duration, executor=pool, **options) for pool in (one, many))
     for name in whole.data_vars:
         np.testing.assert_array_equal(parts[name], whole[name], err_msg=name)
+
+
+def test_what_would_not_fit_into_memory_is_refused():
+    fine = il.PeakForces(bins=10**9)
+    with pytest.raises(il.InvalidInput, match=r"GB of memory .* or records of less"):
+        il.simulate(base(), 5.0, realizations=64, rng=1, record=fine)
+    with pytest.raises(il.InvalidInput, match="GB of memory"):
+        il.simulate(base(), 1e6, realizations=10**4, rng=1, record=il.Spectrum(segment=1e6))
