@@ -14,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 import impactlab.density
-import impactlab.peaks  # noqa: F401  (records must be known when one is made again)
+import impactlab.peaks
+import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
