@@ -38,6 +38,7 @@ from impactlab.network import chain as chain
 from impactlab.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.oscillator import LinearOscillator as LinearOscillator
 from impactlab.oscillator import Oscillator as Oscillator
+from impactlab.peaks import PeakForces as PeakForces
 from impactlab.record import PerRealization as PerRealization
 from impactlab.record import Record as Record
 from impactlab.record import Trajectory as Trajectory
@@ -45,6 +46,7 @@ from impactlab.reference import ExactReference as ExactReference
 from impactlab.reference import compare as compare
 from impactlab.reference import exact as exact
 from impactlab.simulation import simulate as simulate
+from impactlab.spectrum import Spectrum as Spectrum
 from impactlab.study import Study as Study
 from impactlab.study import run_study as run_study
 from impactlab.sweeps import sweep as sweep

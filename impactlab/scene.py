@@ -221,8 +221,9 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
     depth = np.where(penetration > 0.0, penetration, np.inf)
     scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)
     narrowest = np.full(len(variance), np.inf)
+    reach = np.sqrt(np.where(np.isnan(variance), np.inf, variance))  # free bodies without noise: unknown
     for side in (0, 1):
-        np.minimum.at(narrowest, model.ends[:, side], np.hypot(depth, np.sqrt(variance[model.ends[:, 1 - side]])))
+        np.minimum.at(narrowest, model.ends[:, side], np.hypot(depth, reach[model.ends[:, 1 - side]]))
     narrowest[-1] = np.inf  # a wall keeps no bodies from each other
     scale = np.minimum(scale, narrowest[model.ends].min(axis=1))
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)

@@ -13,13 +13,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import impactlab.density  # noqa: F401  (its records must be known when one is made again)
+import impactlab.density
+import impactlab.peaks
+import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
+from impactlab.groups import samples_per_realization
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.memory import check_memory
@@ -268,6 +271,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "duration": observation,
         "spin_up": plan.spin_up_steps * plan.step,
         "realizations": plan.realizations,
+        "independent_samples": plan.realizations * samples_per_realization(plan),
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
     }
@@ -298,8 +302,9 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
                         {"units": units, "long_name": f"{long_name}, by realization"},
                     )
         variables = item.label(plan, [result.records[index] for result in results], ratio * plan.every * plan.step)
-        dataset = dataset.assign_coords({name: value for name, value in variables.items() if name in ("time",)})
-        dataset = dataset.assign({name: value for name, value in variables.items() if name != "time"})
+        coordinates = {name for name, (dims, *_) in variables.items() if dims == (name,)}
+        dataset = dataset.assign_coords({name: variables[name] for name in coordinates})
+        dataset = dataset.assign({name: value for name, value in variables.items() if name not in coordinates})
     if "realization" in dataset.dims:
         dataset = dataset.assign_coords(realization=np.arange(plan.realizations))
     return dataset

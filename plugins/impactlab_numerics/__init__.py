@@ -1,13 +1,18 @@
-"""Studies of impactlab's own numerics: run time against error and size, and accuracy on random networks."""
+"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
 
-_HOME = {"AccuracyStudy": "accuracy", "ScalingStudy": "scaling", "WorkPrecisionStudy": "work_precision"}
+_HOME = {
+    "AccuracyStudy": "accuracy",
+    "ConservationStudy": "conservation",
+    "ScalingStudy": "scaling",
+    "WorkPrecisionStudy": "work_precision",
+}
 
-__all__ = ["AccuracyStudy", "ScalingStudy", "WorkPrecisionStudy"]
+__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "WorkPrecisionStudy"]
 
 
 def __getattr__(name: str) -> Any:

@@ -19,7 +19,7 @@ import impactlab.simulation
 from impactlab.block import Block
 from impactlab.kernels.sums import FF, FV, FX, VV, XV, XX, F, V, X
 from impactlab.series import Cosines
-from planted.plant import Bug, Plant, both, in_plan, instead, returned
+from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
 from planted.scenes import ALONE, BATCHES, BOUNDED, INTERVALS, LONG, PAIR, TREE
 
 
@@ -191,6 +191,6 @@ BUGS = [
     Bug("contact rate of one body's temperature", PAIR, of_contacts(contact_rate=math.sqrt(0.5)), in_reference=True),
     Bug("mean force over the time in contact", PAIR, of_contacts(mean_contact_force=1.0 / 0.1077), in_reference=True),
     Bug("temperature without the factor π", PAIR,
-        returned(impactlab.reference.conditions, "_spectral_density", lambda s, *_: None if s is None else s / math.pi),
+        called(impactlab.reference.conditions, "pair_law", lambda group, heat: (group, heat / math.pi)),
         in_reference=True),
 ]  # fmt: skip
