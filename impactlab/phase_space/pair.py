@@ -130,7 +130,9 @@ class Well:
         reach, center = _REACH * self.spread, -pair.contact.clearance
         right = 1e-9 * reach
         while True:
-            gaps = np.append(np.linspace(min(center, 0.0) - reach, 0.0, _SAMPLES)[:-1], np.linspace(0.0, right, _SAMPLES))
+            gaps = np.append(
+                np.linspace(min(center, 0.0) - reach, 0.0, _SAMPLES)[:-1], np.linspace(0.0, right, _SAMPLES)
+            )
             force = pair.force(gaps)
             steps = 0.5 * (force[1:] + force[:-1]) * np.diff(gaps)
             work = np.append(0.0, np.cumsum(steps)) / self.temperature
@@ -142,12 +144,12 @@ class Well:
     def energy(self, gaps: np.ndarray) -> np.ndarray:
         """Return the energy above the least one, in units of T."""
         places, _, energy = self._table
-        return np.interp(gaps, places, energy)
+        return np.asarray(np.interp(gaps, places, energy))
 
     def work(self, gaps: np.ndarray) -> np.ndarray:
         """Return the energy of the contact, in units of T."""
         places, work, _ = self._table
-        return np.interp(gaps, places, work)
+        return np.asarray(np.interp(gaps, places, work))
 
     @cached_property
     def width(self) -> float:
@@ -185,7 +187,7 @@ class Well:
         (left, inner), (outer, right) = zip(
             self._places(_FADE[0][1], _FADE[1][0]), self._places(_FADE[0][0], _FADE[1][1]), strict=True
         )
-        return _ramp((gaps - left) / (inner - left)) * _ramp((right - gaps) / (right - outer))
+        return np.asarray(_ramp((gaps - left) / (inner - left)) * _ramp((right - gaps) / (right - outer)))
 
     def _places(self, left: float, right: float) -> tuple[float, float]:
         gaps, _, energy = self._table
@@ -206,9 +208,10 @@ def _ramp(t: np.ndarray) -> np.ndarray:
 def _hurwitz(power: float, place: float) -> float:
     """Return ζ(−power, place), by the sum formula of Euler and Maclaurin."""
     last = 20.0 + place
-    total = math.fsum((k + place) ** power for k in range(20))
+    total: float = math.fsum((k + place) ** power for k in range(20))
     rest = last ** (power + 1.0) / (power + 1.0) - 0.5 * last**power + power * last ** (power - 1.0) / 12.0
-    return total - rest + power * (power - 1.0) * (power - 2.0) * last ** (power - 3.0) / 720.0
+    rest -= power * (power - 1.0) * (power - 2.0) * last ** (power - 3.0) / 720.0
+    return total - rest
 
 
 def _reasons(network: Network) -> Iterator[str]:

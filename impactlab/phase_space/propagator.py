@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -121,7 +120,9 @@ class Propagator:
     @cached_property
     def increments(self) -> np.ndarray:
         """Change of each velocity in a kick, (body, gap, 1) (m s-1)."""
-        return np.asarray(self.basis.step / self.pair.mass[:, None, None] * np.outer((-1.0, 1.0), self.forces)[..., None])
+        return np.asarray(
+            self.basis.step / self.pair.mass[:, None, None] * np.outer((-1.0, 1.0), self.forces)[..., None]
+        )
 
     @cached_property
     def flow(self) -> tuple[np.ndarray, np.ndarray]:
@@ -172,7 +173,10 @@ class Propagator:
         weights = self.pair.weights
         result = []
         for wave, v, shears in zip(
-            (of_gap + weights[0] * of_center, -of_gap + weights[1] * of_center), self.velocities, self.shears, strict=True
+            (of_gap + weights[0] * of_center, -of_gap + weights[1] * of_center),
+            self.velocities,
+            self.shears,
+            strict=True,
         ):
             waves, there = _waves(v)
             friction = ((there * np.exp(-0.5 * shears.noise * waves**2)) @ _back(shears.decay * v, waves)).real
