@@ -21,6 +21,7 @@ _HOME = {
     "integrators": ["EulerMaruyama", "ExactFlow", "Integrator", "RungeKutta4"],
     "density": ["Density", "JointDensity"],
     "derived": ["effective_samples", "jackknife"],
+    "peaks": ["PeakForces"],
     "record": ["PerRealization", "Record", "Trajectory"],
     "simulation": ["simulate"],
     "sweeps": ["sweep"],

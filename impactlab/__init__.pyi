@@ -38,6 +38,7 @@ from impactlab.network import chain as chain
 from impactlab.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.oscillator import LinearOscillator as LinearOscillator
 from impactlab.oscillator import Oscillator as Oscillator
+from impactlab.peaks import PeakForces as PeakForces
 from impactlab.record import PerRealization as PerRealization
 from impactlab.record import Record as Record
 from impactlab.record import Trajectory as Trajectory

@@ -8,24 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.bands import KNOWN, band_factor
 from impactlab.component import parameter, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.groups import OF_BAND, group_count, groups_of, mean_of_groups
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear import spread
 from impactlab.model import Model
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Record, Variables, first_own
 
-GROUPS = 256
-"""Largest number of groups of realizations from which the errors of densities are estimated."""
-
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
-_OF_BAND = {
-    "units": "1",
-    "long_name": "factor to the standard errors with which a band holds the whole curve with a probability of 95 %",
-    "comment": f"for the bins of at least {KNOWN:g} standard errors",
-}
 _PER = {"displacement": "m-1", "velocity": "s m-1"}
 
 
@@ -84,7 +76,7 @@ class Density(Record):
         for row, (name, low, high) in enumerate(self.limits):
             slot = plan.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_, factor[slot] = _share(counts[:, row], samples[:, row], plan.trusted)
+            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.trusted)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
@@ -95,7 +87,7 @@ class Density(Record):
         return {
             f"density_{q}": (dims, density, attrs),
             f"density_{q}_standard_error": (dims, error, of_error),
-            f"density_{q}_band_factor": (("oscillator",), factor, _OF_BAND),
+            f"density_{q}_band_factor": (("oscillator",), factor, OF_BAND),
             f"{q}_edges": (("oscillator", f"{q}_edge"), edges, {"units": _UNITS[q], "long_name": "edges of the bins"}),
             f"{q}_center": (dims, centers, {"units": _UNITS[q], "long_name": "centers of the bins"}),
         }
@@ -139,7 +131,7 @@ class JointDensity(Record):
         counts = _total(results)
         groups = counts.shape[0]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
-        share, spread_, factor = _share(
+        share, spread_, factor = mean_of_groups(
             counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted, inner.ravel()
         )
         shape = (self.bins + 2, self.bins + 2)
@@ -154,7 +146,7 @@ class JointDensity(Record):
             "joint_density": (tuple(names), share.reshape(shape)[1:-1, 1:-1] / area, attrs),
             "joint_density_standard_error": (tuple(names), spread_.reshape(shape)[1:-1, 1:-1] / area, attrs),
         }
-        variables["joint_density_band_factor"] = ((), np.array(factor), _OF_BAND)
+        variables["joint_density_band_factor"] = ((), np.array(factor), OF_BAND)
         for side, edge in zip(("first", "second"), edges, strict=True):
             attrs = {"units": "m", "long_name": f"edges of the bins of {getattr(self, side)}"}
             variables[f"joint_{side}_edges"] = ((f"joint_{side}_edge",), edge, attrs)
@@ -165,10 +157,10 @@ class _Counts(Keeper):
     """Histograms per group of realizations."""
 
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
-        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
         offset = 0 if record.quantity == "displacement" else len(plan.bodies)
         self.quantities = [offset + plan.bodies.index(name) for name, _, _ in record.limits]
-        self.counts = np.zeros((len(record.limits), _group_count(plan), record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((len(record.limits), group_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = first_own(self.seen, self.ratio)
@@ -192,11 +184,11 @@ class _Counts(Keeper):
 
 class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
-        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
         self.quantities = np.array([plan.bodies.index(name) for name, _, _ in record.limits])
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
-        self.counts = np.zeros((_group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = first_own(self.seen, self.ratio)
@@ -214,33 +206,6 @@ def _total(results: list[dict[str, np.ndarray]]) -> np.ndarray:
     """Add the counts of all blocks."""
     total: np.ndarray = np.sum([result["counts"] for result in results], axis=0)
     return total
-
-
-def _group_count(plan: Plan) -> int:
-    return min(plan.realizations * len(plan.boundaries), GROUPS)
-
-
-def _groups(plan: Plan, realizations: np.ndarray) -> np.ndarray:
-    """Group of every realization in every batch, (batch, lane)."""
-    batches = len(plan.boundaries)
-    units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
-    return np.ascontiguousarray(units * _group_count(plan) // (plan.realizations * batches))
-
-
-def _share(
-    counts: np.ndarray, samples: np.ndarray, trusted: bool, inner: np.ndarray | slice = slice(1, -1)
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Share of the samples in every bin, its standard error, and the factor of a band around the inner ones.
-
-    From groups on the first axis.
-    """
-    groups, total = len(counts), samples.sum()
-    share = counts.sum(axis=0) / total
-    if not trusted:
-        return share, np.full_like(share, np.nan), math.nan
-    residuals = counts - share * samples
-    error = np.sqrt((residuals**2).sum(axis=0) * groups / (groups - 1.0)) / total
-    return share, error, band_factor(residuals[:, inner], (share >= KNOWN * error)[inner])
 
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:

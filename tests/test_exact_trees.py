@@ -27,14 +27,6 @@ class BilinearContact(il.ContactLaw):
         return stiffness * (0.5 * first**2 + depth * rest + 0.05 * rest**2)
 
 
-class PrintedHertzContact(il.HertzContact):
-    """The potential with the exponent of the force."""
-
-    @staticmethod
-    def potential(indentation, stiffness):
-        return 0.4 * stiffness * indentation * math.sqrt(indentation)
-
-
 class DoubleWell(il.Oscillator):
     depth: float = il.parameter(units="J", above=0.0)
 
@@ -298,9 +290,6 @@ def test_refusals():
     slack = line | {"bc": il.Contact("b", "c", il.HertzContact(0.0))}
     assert "'c' has neither noise nor damping, and nothing heats it" in refused(heated(cold, slack))
     exact(heated(cold, line))
-    wrong = line | {"bc": il.Contact("b", "c", PrintedHertzContact(1e4), clearance=0.1)}
-    with pytest.raises(il.InvalidInput, match=r"PrintedHertzContact\.potential is not the integral of the force"):
-        exact(heated(dict.fromkeys("abc", SOFT), wrong))
     pressed = heated(dict.fromkeys("ab", SOFT), {"gap": il.Contact("a", "b", il.LinearContact(1e12), clearance=-20.0)})
     with pytest.raises(il.NoExactReference, match="too stiff for their preload"):
         tree_law(pressed)
