@@ -11,6 +11,9 @@ from impactlab.plan import Plan
 COPIES = 6
 """How many times the sums of a run are in memory while they are evaluated, at most."""
 
+RECORD_COPIES = 3
+"""The same of what records keep."""
+
 
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
@@ -35,9 +38,11 @@ def sizes(plan: Plan) -> tuple[int, int]:
 def needed(plan: Plan, workers: int) -> int:
     """Return the bytes that a run with its results takes, without trajectories."""
     running, of_sums = sizes(plan)
-    return min(plan.realizations, workers * plan.lanes) * running + (
-        COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums
+    kept: int = plan.realizations * sum(record.bytes_per_realization(plan) for record, _ in plan.records)
+    run: int = min(plan.realizations, workers * plan.lanes) * running + (
+        COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )
+    return run
 
 
 def available() -> float:
@@ -82,5 +87,6 @@ def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
         raise InvalidInput(
             f"{plan.realizations} realizations of {len(plan.bodies)} bodies and {len(plan.contacts)} contacts would "
             f"take {run / 1e9:.3g} GB of memory ({run / plan.realizations / len(plan.bodies):.3g} bytes per body and "
-            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations or a smaller network."
+            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
+            "records of less."
         )
