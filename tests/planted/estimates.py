@@ -131,6 +131,11 @@ def into_end_bins(found: dict[str, np.ndarray], *_: Any) -> dict[str, np.ndarray
     return {"counts": counts}
 
 
+def wider(found: dict[str, Any], *_: Any) -> dict[str, Any]:
+    dims, density, attributes = found["density_displacement"]
+    return {**found, "density_displacement": (dims, 24.0 / 23.0 * density, attributes)}
+
+
 def lines(frequency: float = 1.0, amplitude: float = 1.0) -> Plant:
     return returned(il.ShinozukaNoise, "lines", lambda found, *_: (frequency * found[0], amplitude * found[1]))
 
@@ -198,8 +203,7 @@ BUGS = [
     Bug("bins that are too wide", PAIR, bins(width=24.0 / 23.0)),
     Bug("samples beyond the limits in the last bins", PAIR,
         returned(impactlab.density._Counts, "result", into_end_bins)),
-    Bug("density per sample", PAIR,
-        returned(impactlab.density, "_share", lambda found, counts, *_: (found[0] * 1.02, *found[1:]))),
+    Bug("density by the width of the bins without the last", PAIR, returned(il.Density, "label", wider)),
     Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
     Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
     Bug("frequencies of cosines in Hz", BOUNDED, lines(frequency=0.5 / math.pi)),
