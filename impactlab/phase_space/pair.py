@@ -208,10 +208,10 @@ def _ramp(t: np.ndarray) -> np.ndarray:
 def _hurwitz(power: float, place: float) -> float:
     """Return ζ(−power, place), by the sum formula of Euler and Maclaurin."""
     last = 20.0 + place
-    total: float = math.fsum((k + place) ** power for k in range(20))
+    total = math.fsum((k + place) ** power for k in range(20))
     rest = last ** (power + 1.0) / (power + 1.0) - 0.5 * last**power + power * last ** (power - 1.0) / 12.0
     rest -= power * (power - 1.0) * (power - 2.0) * last ** (power - 3.0) / 720.0
-    return total - rest
+    return float(total - rest)
 
 
 def _reasons(network: Network) -> Iterator[str]:

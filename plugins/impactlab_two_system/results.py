@@ -115,9 +115,10 @@ class Results:
     @property
     def solved(self) -> list[float]:
         """Frequency ratios at which the Fokker–Planck equation was solved."""
-        if "reference/fokker_planck" not in self.tree:
+        try:
+            return list(self.node(SOURCES["fokker-planck"])["frequency_ratio"].values.tolist())
+        except Missing:
             return []
-        return list(self.node("reference/fokker_planck")["frequency_ratio"].values.tolist())
 
     def ratios(self, low: float, high: float = math.inf) -> list[float]:
         """Return the frequency ratios from `low` to `high`, of which there must be one."""

@@ -187,7 +187,7 @@ def test_the_fokker_planck_equation_as_reference():
     assert solved["frequency_ratio"].values.tolist() == [1.0]  # of those that the study has
     checks = [item for item in study.checks(tree) if item.name.startswith("Fokker–Planck equation")]
     assert len(checks) == 8
-    assert all(item.holds for item in checks), checks
+    assert all(item.ok for item in checks), checks
     assert tree["reference/fokker_planck_convergence"]["direction"].values[0] == "gap"
     density = tree["reference/fokker_planck_density"].to_dataset().sel(oscillator="two")
     measured = tree["density/accurate"].to_dataset().sel(frequency_ratio=[1.0], oscillator="two")
