@@ -42,6 +42,7 @@ def energy(table: xr.Dataset, bounce: xr.Dataset) -> Figure:
             "contacts (dashed: √n)" if np.isfinite(part.power) else "time (contacts would close)", fontsize=8
         )
     panels[0].legend(fontsize=7)
+    panels[0].set_ylim(top=10.0)  # beyond, it grows without end
     axes = figure.add_subplot(2, 3, 6)
     for row, force in enumerate(bounce.force.values):
         part = bounce.sel(force=force)
