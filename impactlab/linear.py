@@ -14,6 +14,10 @@ from impactlab.model import Model, kept
 ZERO = 1e-12
 """Part of the largest stiffness or rate below which another counts as 0."""
 
+LARGE, APART, MOST_APART = 1e6, 1e9, 1e12
+"""Largest entry of a drift, by the fastest rate and by the slowest, at which SI units will do, and at which no units
+will."""
+
 _CHUNK = 2e6  # complex numbers that a response may take at a time
 
 
@@ -76,17 +80,26 @@ class LinearSystem:
         ]
         return math.sqrt(max(largest[0], 0.0)), max(largest[1], 0.0)
 
+    @property
+    def units(self) -> np.ndarray:
+        """Return units of (z, v) in which no entry of the drift is much larger than the fastest rate."""
+        count = self.directions[0].shape[1]
+        return np.concatenate([np.full(count, math.sqrt(np.abs(self.stiffness).max())), np.sqrt(self.mass)])
+
     @cached_property
     def rates(self) -> np.ndarray:
         """Return the rates at which motions decay (s-1), exactly 0 for those that are not damped."""
-        values = np.linalg.eigvals(self.drift)
+        drift, units = self.drift, self.units
+        if np.abs(drift).max() > LARGE * max(self.scales):
+            drift = units[:, None] * drift / units
+        values = np.linalg.eigvals(drift)
         return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
 
     @cached_property
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
 
-        Displacements in free directions, which have no stationary law, are taken as 0.
+        There is none either where rates lie so far apart that it cannot be computed. Displacements in free directions, which have no stationary law, are taken as 0.
         """
         from scipy.linalg import solve_continuous_lyapunov  # loaded only where there are couplings
 
@@ -96,7 +109,11 @@ class LinearSystem:
             return None
         held = self.directions[0].shape[1]
         growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
-        reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        units = self.units if np.abs(self.drift).max() > APART * self.rates.min() else np.ones(len(growth))
+        drift = units[:, None] * self.drift / units
+        if np.abs(drift).max() > MOST_APART * self.rates.min():
+            return None
+        reduced = solve_continuous_lyapunov(drift, -np.diag(units**2 * growth)) / np.outer(units, units)
         return np.asarray(self.reduction.T @ reduced @ self.reduction)
 
     def thermal_covariance(self, temperature: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, solve_discrete_lyapunov
+from scipy.linalg import eigh
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
@@ -135,7 +135,12 @@ def _joined(alone: np.ndarray, joints: Sequence[np.ndarray], slots: Sequence[np.
 
 
 def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Solve ``P = T P Tᵀ + N``; infinite if T is not stable."""
-    if np.abs(np.linalg.eigvals(growth)).max() >= 1.0:
+    """Solve ``P = T P Tᵀ + N``, a sum of powers that is doubled until it grows no more; infinite if T is not stable."""
+    if not np.isfinite(growth).all() or np.abs(np.linalg.eigvals(growth)).max() >= 1.0:
         return np.full(growth.shape, np.inf)
-    return np.asarray(solve_discrete_lyapunov(growth, noise))
+    for _ in range(60):  # 2^60 steps
+        more = growth @ noise @ growth.T
+        noise, growth = noise + more, growth @ growth
+        if not (np.abs(np.diag(more)) > 1e-17 * np.diag(noise)).any():
+            return noise
+    return np.full(growth.shape, np.inf)
