@@ -14,9 +14,9 @@ from impactlab.model import Model, kept
 ZERO = 1e-12
 """Part of the largest stiffness or rate below which another counts as 0."""
 
-LARGE, APART, MOST_APART = 1e6, 1e9, 1e12
-"""Largest entry of a drift, by the fastest rate and by the slowest, at which SI units will do, and at which no units
-will."""
+LARGE, APART, MOST_APART = 1e6, 1e6, 1e12
+"""Largest entry of a drift by the fastest rate at which rates are found in SI units; by the slowest rate at which its
+Lyapunov equation is solved as it is, and at which there is a covariance at all."""
 
 _CHUNK = 2e6  # complex numbers that a response may take at a time
 
@@ -99,7 +99,8 @@ class LinearSystem:
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
 
-        There is none either where rates lie so far apart that it cannot be computed. Displacements in free directions, which have no stationary law, are taken as 0.
+        There is none either where rates lie so far apart that it cannot be computed.
+        Displacements in free directions, which have no stationary law, are taken as 0.
         """
         from scipy.linalg import solve_continuous_lyapunov  # loaded only where there are couplings
 
@@ -109,11 +110,15 @@ class LinearSystem:
             return None
         held = self.directions[0].shape[1]
         growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
-        units = self.units if np.abs(self.drift).max() > APART * self.rates.min() else np.ones(len(growth))
-        drift = units[:, None] * self.drift / units
-        if np.abs(drift).max() > MOST_APART * self.rates.min():
-            return None
-        reduced = solve_continuous_lyapunov(drift, -np.diag(units**2 * growth)) / np.outer(units, units)
+        largest, slowest = np.abs(self.drift).max(), self.rates.min()
+        if largest <= APART * slowest:
+            reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        else:
+            units = self.units
+            drift = units[:, None] * self.drift / units
+            if np.abs(drift).max() > MOST_APART * slowest:
+                return None
+            reduced = stationary(*_over_step(drift, units**2 * growth)) / np.outer(units, units)
         return np.asarray(self.reduction.T @ reduced @ self.reduction)
 
     def thermal_covariance(self, temperature: float) -> np.ndarray:
@@ -151,6 +156,32 @@ class LinearSystem:
             except np.linalg.LinAlgError:  # a line meets an undamped mode
                 parts.append(np.full((len(omega), len(self.mass)), np.inf, dtype=complex))
         return np.concatenate(parts)
+
+
+def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return transition and covariance of a motion over a short time (Van Loan, IEEE Trans. Autom. Control 23, 1978)."""
+    from scipy.linalg import expm
+
+    step, count = 1.0 / np.abs(drift).max(), len(drift)
+    block = expm(step * np.block([[-drift, np.diag(growth)], [np.zeros_like(drift), drift.T]]))
+    transition = block[count:, count:].T
+    return transition, transition @ block[:count, count:]
+
+
+def stationary(transition: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Solve ``P = A P Aᵀ + Q`` as a sum over steps whose number is doubled until it grows no more.
+
+    All terms are positive, so that nothing cancels, whatever the units. Infinite if A is not stable.
+    """
+    nowhere = np.full(transition.shape, np.inf)
+    if not np.isfinite(transition).all() or np.abs(np.linalg.eigvals(transition)).max() >= 1.0:
+        return nowhere
+    for _ in range(60):
+        more = transition @ covariance @ transition.T
+        covariance, transition = covariance + more, transition @ transition
+        if not (np.abs(np.diag(more)) > 1e-17 * np.diag(covariance)).any():
+            return covariance
+    return nowhere
 
 
 @kept

@@ -1,13 +1,18 @@
-"""Studies of impactlab's own numerics: run time against error and size, and accuracy on random networks."""
+"""Studies of impactlab's own numerics: run time against error and size, accuracy on random networks, stability."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
 
-_HOME = {"AccuracyStudy": "accuracy", "ScalingStudy": "scaling", "WorkPrecisionStudy": "work_precision"}
+_HOME = {
+    "AccuracyStudy": "accuracy",
+    "ScalingStudy": "scaling",
+    "StabilityStudy": "stability",
+    "WorkPrecisionStudy": "work_precision",
+}
 
-__all__ = ["AccuracyStudy", "ScalingStudy", "WorkPrecisionStudy"]
+__all__ = ["AccuracyStudy", "ScalingStudy", "StabilityStudy", "WorkPrecisionStudy"]
 
 
 def __getattr__(name: str) -> Any:

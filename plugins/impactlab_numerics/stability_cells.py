@@ -156,10 +156,11 @@ def _rate(network: il.Network) -> float:
 def verdict(result: xr.Dataset, reference: Mapping[str, Any]) -> Verdict:
     """Judge a result by exact values, or by a run with the same noise.
 
-    A statistic with a standard error above `KNOWN` is not judged; the mean of the differences of
+    A statistic with a standard error above `KNOWN` is not judged, nor are contacts fewer than `SEEN`. The mean of the differences of
     realizations counts where it is known better.
     """
     names, deviations, errors, blown_up = [], [], [], False
+    seen = float(np.asarray(reference["contact_rate"])[0]) * result.attrs["duration"] * result.attrs["realizations"]
     for name in JUDGED:
         value, expected = result[name].values, np.asarray(reference[name])
         scale = np.abs(expected)
@@ -178,16 +179,18 @@ def verdict(result: xr.Dataset, reference: Mapping[str, Any]) -> Verdict:
             relative, scatter = difference / scale, error / scale
         if "mean_square" in name:
             blown_up |= bool((relative > BLOWN_UP).any())
+        if "contact" in name and seen < SEEN:
+            scatter = np.full_like(scatter, np.nan)
         labels = result[result[name].dims[0]].values
         names += [f"{name} of {label}" for label in labels]
         deviations += relative.tolist()
         errors += scatter.tolist()
     known = np.array(errors) <= KNOWN
-    beyond = np.where(known, np.abs(deviations) - SURE * np.array(errors), -np.inf)
+    used = np.where(known, np.abs(deviations) / (ALLOWED + SURE * np.array(errors)), -1.0)
     if blown_up:
         return Verdict("unstable", judged=int(known.sum()), reason=f"a mean square grew more than {BLOWN_UP:g} times")
     if not known.any():
         return Verdict("refused for its cost", reason="no statistic is known well enough")
-    worst = int(beyond.argmax())
-    kind = "accurate" if beyond[worst] <= ALLOWED else "degraded"
+    worst = int(used.argmax())
+    kind = "accurate" if used[worst] <= 1.0 else "degraded"
     return Verdict(kind, names[worst], deviations[worst], errors[worst], int(known.sum()))

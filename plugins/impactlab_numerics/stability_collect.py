@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from scipy.fft import next_fast_len
 
 import impactlab as il
 from impactlab.together import run_together
@@ -68,19 +69,21 @@ def _maps(study: StabilityStudy) -> xr.Dataset:
             steps[noise, axis, value] = known = _steps(network)
             automatic = known[type(METHODS[0]).__name__][0]
             if noise == "series":
-                length = Length.of(network, study.automatic_body_steps * QUARTER**2 * automatic / 2.0)
+                length = Length.of(network, study.body_steps * automatic / 2.0)
                 references[axis, value] = Cell(
                     il.ExactFlow(), noise, axis, value, "reference", network, _whole(network, QUARTER * automatic),
-                    length, study.automatic_body_steps,
+                    length, study.body_steps / QUARTER,
                 )  # fmt: skip
             for method in METHODS:
                 own = known[type(method).__name__][0]
                 wanted = {AUTOMATIC: own, **{f"{factor:g}": factor * automatic for factor in study.factors}}
                 for label, step in {**wanted, PAPER: study.paper_step}.items():
-                    most = study.automatic_body_steps if label == AUTOMATIC else study.body_steps
-                    most = QUARTER * study.automatic_body_steps if noise == "series" else most
+                    trusted = label == AUTOMATIC and method is METHODS[0] and noise == "white"
+                    most = study.automatic_body_steps if trusted else study.body_steps
                     if noise == "white":
                         length = Length.of(network, most * step / 2.0) if step == step else None
+                    else:
+                        most /= QUARTER
                     given = None if label == AUTOMATIC else _whole(network, step) if noise == "series" else step
                     cells.append(Cell(method, noise, axis, value, label, network, given, length, most))
     found = dict(zip(references, _run(list(references.values()), study.seed, lambda cell: None), strict=True))
@@ -124,9 +127,9 @@ def _steps(network: il.Network) -> dict[str, tuple[float, float]]:
 
 
 def _whole(network: il.Network, step: float) -> float:
-    """Return a step near the given one, of which the period of the fastest series is a whole number."""
+    """Return a step near the given one; the period of the fastest series is a number of them that an FFT takes well."""
     spacing = max(noise.spacing for noise in network.excitations.values())  # type: ignore[attr-defined]
-    return float(1.0 / (spacing * max(2, round(1.0 / (spacing * step)))))
+    return float(1.0 / (spacing * next_fast_len(max(2, round(1.0 / (spacing * step))), real=True)))
 
 
 def _exact(network: il.Network) -> dict[str, np.ndarray]:
