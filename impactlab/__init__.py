@@ -20,6 +20,8 @@ _HOME = {
     "compiled": ["CompiledNetwork"],
     "integrators": ["EulerMaruyama", "ExactFlow", "Integrator", "RungeKutta4"],
     "density": ["Density", "JointDensity"],
+    "derived": ["effective_samples", "jackknife"],
+    "peaks": ["PeakForces"],
     "record": ["PerRealization", "Record", "Trajectory"],
     "simulation": ["simulate"],
     "sweeps": ["sweep"],

@@ -18,6 +18,8 @@ from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.density import Density as Density
 from impactlab.density import JointDensity as JointDensity
+from impactlab.derived import effective_samples as effective_samples
+from impactlab.derived import jackknife as jackknife
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError
@@ -36,6 +38,7 @@ from impactlab.network import chain as chain
 from impactlab.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.oscillator import LinearOscillator as LinearOscillator
 from impactlab.oscillator import Oscillator as Oscillator
+from impactlab.peaks import PeakForces as PeakForces
 from impactlab.record import PerRealization as PerRealization
 from impactlab.record import Record as Record
 from impactlab.record import Trajectory as Trajectory

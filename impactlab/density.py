@@ -10,14 +10,12 @@ import numpy as np
 
 from impactlab.component import parameter, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.groups import OF_BAND, group_count, groups_of, mean_of_groups
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear import spread
 from impactlab.model import Model
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Record, Variables, first_own
-
-GROUPS = 256
-"""Largest number of groups of realizations from which the errors of densities are estimated."""
 
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
 _PER = {"displacement": "m-1", "velocity": "s m-1"}
@@ -27,7 +25,8 @@ class Density(Record):
     """Probability density of a displacement or velocity, averaged over bins.
 
     Standard errors come from groups of realizations (batches, if there are few), as
-    for the statistics.
+    for the statistics. A band of as many of them on both sides as the band factor says holds the density in
+    all bins with a probability of 95 %.
 
     Parameters
     ----------
@@ -73,10 +72,11 @@ class Density(Record):
         q, n = self.quantity, len(plan.bodies)
         edges = np.full((n, self.bins + 1), np.nan)
         density, error = np.full((2, n, self.bins), np.nan)
+        factor = np.full(n, np.nan)
         for row, (name, low, high) in enumerate(self.limits):
             slot = plan.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_ = _share(counts[:, row], samples[:, row], plan.trusted)
+            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.trusted)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
@@ -87,6 +87,7 @@ class Density(Record):
         return {
             f"density_{q}": (dims, density, attrs),
             f"density_{q}_standard_error": (dims, error, of_error),
+            f"density_{q}_band_factor": (("oscillator",), factor, OF_BAND),
             f"{q}_edges": (("oscillator", f"{q}_edge"), edges, {"units": _UNITS[q], "long_name": "edges of the bins"}),
             f"{q}_center": (dims, centers, {"units": _UNITS[q], "long_name": "centers of the bins"}),
         }
@@ -129,7 +130,10 @@ class JointDensity(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = _total(results)
         groups = counts.shape[0]
-        share, spread_ = _share(counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted)
+        inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
+        share, spread_, factor = mean_of_groups(
+            counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted, inner.ravel()
+        )
         shape = (self.bins + 2, self.bins + 2)
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
@@ -142,6 +146,7 @@ class JointDensity(Record):
             "joint_density": (tuple(names), share.reshape(shape)[1:-1, 1:-1] / area, attrs),
             "joint_density_standard_error": (tuple(names), spread_.reshape(shape)[1:-1, 1:-1] / area, attrs),
         }
+        variables["joint_density_band_factor"] = ((), np.array(factor), OF_BAND)
         for side, edge in zip(("first", "second"), edges, strict=True):
             attrs = {"units": "m", "long_name": f"edges of the bins of {getattr(self, side)}"}
             variables[f"joint_{side}_edges"] = ((f"joint_{side}_edge",), edge, attrs)
@@ -152,10 +157,10 @@ class _Counts(Keeper):
     """Histograms per group of realizations."""
 
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
-        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
         offset = 0 if record.quantity == "displacement" else len(plan.bodies)
         self.quantities = [offset + plan.bodies.index(name) for name, _, _ in record.limits]
-        self.counts = np.zeros((len(record.limits), _group_count(plan), record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((len(record.limits), group_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = first_own(self.seen, self.ratio)
@@ -179,11 +184,11 @@ class _Counts(Keeper):
 
 class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
-        self.groups, self.ratio, self.seen, self.record = _groups(plan, realizations), ratio, 0, record
+        self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
         self.quantities = np.array([plan.bodies.index(name) for name, _, _ in record.limits])
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
-        self.counts = np.zeros((_group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = first_own(self.seen, self.ratio)
@@ -201,27 +206,6 @@ def _total(results: list[dict[str, np.ndarray]]) -> np.ndarray:
     """Add the counts of all blocks."""
     total: np.ndarray = np.sum([result["counts"] for result in results], axis=0)
     return total
-
-
-def _group_count(plan: Plan) -> int:
-    return min(plan.realizations * len(plan.boundaries), GROUPS)
-
-
-def _groups(plan: Plan, realizations: np.ndarray) -> np.ndarray:
-    """Group of every realization in every batch, (batch, lane)."""
-    batches = len(plan.boundaries)
-    units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
-    return np.ascontiguousarray(units * _group_count(plan) // (plan.realizations * batches))
-
-
-def _share(counts: np.ndarray, samples: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the samples in every bin and its standard error, from groups on the first axis."""
-    groups, total = len(counts), samples.sum()
-    share = counts.sum(axis=0) / total
-    if not trusted:
-        return share, np.full_like(share, np.nan)
-    scatter = ((counts - share * samples) ** 2).sum(axis=0)
-    return share, np.sqrt(scatter * groups / (groups - 1.0)) / total
 
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:

@@ -13,6 +13,7 @@ from impactlab.coupling import Coupling
 from impactlab.errors import InvalidInput
 from impactlab.excitation import Excitation
 from impactlab.oscillator import Oscillator
+from impactlab.potentials import check_potentials
 
 if TYPE_CHECKING:
     from impactlab.check import NetworkCheck
@@ -54,7 +55,8 @@ class Network:
     ------
     InvalidInput
         If there are no bodies, a name is empty or given twice, a contact, a coupling or an
-        excitation names a body that does not exist, or a member is of the wrong family.
+        excitation names a body that does not exist, a member is of the wrong family, or a potential
+        is not the integral of its force.
     """
 
     __slots__ = ("_contacts", "_couplings", "_excitations", "_oscillators")
@@ -85,6 +87,9 @@ class Network:
                     f"There is an excitation for {name!r}, which is not in the network; "
                     f"{suggestion(name, self._oscillators)}"
                 )
+        laws = ((name, contact.law) for name, contact in self._contacts.items())
+        check_potentials("contact", laws, "force", "potential")
+        check_potentials("body", self._oscillators.items(), "residual", "residual_potential", both_sides=True)
 
     @property
     def oscillators(self) -> Mapping[str, Oscillator]:

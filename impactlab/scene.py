@@ -213,11 +213,19 @@ def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarra
 def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
     """Return the length over which the density of each gap varies near contact (m).
 
-    It is the penetration or the spread of the gap, whichever is smaller; 1 if nothing moves.
+    It is the penetration or the spread of the gap, whichever is smaller, or that of another contact
+    which a body of it has: penetration and spread of what is touched there. 1 if nothing moves.
     """
     variance = np.append(spread(model)[0] ** 2, 0.0)
     of_gap = np.sqrt(variance[model.ends].sum(axis=1))
+    depth = np.where(penetration > 0.0, penetration, np.inf)
     scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)
+    narrowest = np.full(len(variance), np.inf)
+    reach = np.sqrt(np.where(np.isnan(variance), np.inf, variance))  # free bodies without noise: unknown
+    for side in (0, 1):
+        np.minimum.at(narrowest, model.ends[:, side], np.hypot(depth, reach[model.ends[:, 1 - side]]))
+    narrowest[-1] = np.inf  # a wall keeps no bodies from each other
+    scale = np.minimum(scale, narrowest[model.ends].min(axis=1))
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import impactlab.density  # noqa: F401  (its records must be known when one is made again)
+import impactlab.density
+import impactlab.peaks  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
@@ -297,6 +298,13 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
             observation,
             {"units": "s", "long_name": "time over which peaks are taken"},
         )
+    if plan.contacts:
+        attrs = {
+            "units": "1",
+            "long_name": "number of contacts in one of the samples that standard errors come from",
+            "comment": "Differences beyond 5 standard errors are possible below 20.",
+        }
+        dataset["contacts_per_sample"] = ("contact", estimates.contacts_per_sample, attrs)
     for index, (item, ratio) in enumerate(plan.records):
         if isinstance(item, PerRealization):
             for name in names:
@@ -308,8 +316,9 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
                         {"units": units, "long_name": f"{long_name}, by realization"},
                     )
         variables = item.label(plan, [result.records[index] for result in results], ratio * plan.every * plan.step)
-        dataset = dataset.assign_coords({name: value for name, value in variables.items() if name in ("time",)})
-        dataset = dataset.assign({name: value for name, value in variables.items() if name != "time"})
+        coordinates = {name for name, (dims, *_) in variables.items() if dims == (name,)}
+        dataset = dataset.assign_coords({name: variables[name] for name in coordinates})
+        dataset = dataset.assign({name: value for name, value in variables.items() if name not in coordinates})
     if "realization" in dataset.dims:
         dataset = dataset.assign_coords(realization=np.arange(plan.realizations))
     return dataset

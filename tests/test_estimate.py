@@ -96,6 +96,61 @@ def test_errors_shrink_with_the_square_root_of_the_realizations():
     assert float(ratio[0]) == pytest.approx(4.0, rel=0.15)
 
 
+# contacts
+
+
+def test_a_contact_that_never_closed_is_not_known():
+    """0 with an error of 0 would say that it cannot close; 1 that it cannot open."""
+    never, always = (il.simulate(base(clearance=d), 20.0, realizations=64, rng=1) for d in (5.0, -12.0))
+    for name in ("contact_ratio", "contact_rate", "mean_contact_force", "peak_contact_force"):
+        assert float(never[name][0]) == 0.0
+        assert np.isnan(never[f"{name}_standard_error"]).all()
+    assert float(never.contacts_per_sample[0]) == 0.0
+    assert float(always.contact_ratio[0]) == 1.0
+    assert np.isnan(always.contact_ratio_standard_error).all()
+    assert (always.mean_contact_force_standard_error > 0.0).all()
+
+
+def test_contacts_of_a_still_network_are_known():
+    """Without noise there is nothing to be estimated."""
+    still = base(excitations={"one": None, "two": None})
+    ds = il.simulate(still, 5.0, realizations=64, rng=1)
+    assert (ds.contact_ratio_standard_error == 0.0).all()
+
+
+def test_contacts_per_sample_are_those_of_a_realization_or_a_batch():
+    rate = float(il.exact(base()).statistics().contact_rate[0])
+    many = il.simulate(base(), 20.0, realizations=64, rng=1)
+    few = il.simulate(base(), 64 * 2.1 * 16.0, realizations=2, rng=1)  # 32 batches each
+    assert float(many.contacts_per_sample[0]) == pytest.approx(20.0 * rate, rel=0.05)
+    assert float(few.contacts_per_sample[0]) == pytest.approx(4.2 * 16.0 * rate, rel=0.05)
+
+
+def test_contacts_that_closed_too_seldom_are_named():
+    message = r"1 contact\(s\) closed less than 30 times in all, .* 'gap' about \d\.\d times. Run for 0\.\d+ s"
+    with pytest.warns(il.AccuracyWarning, match=message):
+        il.simulate(base(), 0.1, realizations=64, rng=1)
+
+
+def test_the_rate_of_a_soft_contact_beside_a_stiff_one():
+    """What is pressed against the body narrows the gap to the wall far more than the soft contact there does."""
+    network = il.Network(
+        {
+            "a": il.DuffingOscillator(mass=0.18, damping=0.18, stiffness=1.6, cubic=3.2),
+            "b": il.LinearOscillator(mass=0.27, damping=1.2, stiffness=154.0),
+        },
+        {
+            "soft": il.Contact("a", il.WALL, il.PowerLawContact(0.44, exponent=1.3), clearance=0.79),
+            "stiff": il.Contact("b", "a", il.LinearContact(1800.0), clearance=-0.76),
+        },
+        {"a": il.WhiteNoise(0.18 / np.pi), "b": il.WhiteNoise(1.2 / np.pi)},
+    )
+    ds = il.simulate(network, 10.0, realizations=512, rng=1)
+    row = il.compare(ds, il.exact(network)).to_dataframe().query("statistic == 'contact_rate' and label == 'soft'")
+    assert abs(row.z.item()) < 3.5
+    assert row.standard_error.item() < 0.005 * row.reference.item()
+
+
 # drift
 
 

@@ -196,6 +196,7 @@ def test_a_realization_is_the_same_in_any_block():
     np.testing.assert_array_equal(part.contacts, whole.contacts[..., 72:96])
 
 
+@pytest.mark.filterwarnings("ignore:1 contact:impactlab.AccuracyWarning")
 def test_trajectories_are_the_same_with_longer_and_shorter_intervals():
     """Samples every second and statistics alone share the noise of equal intervals; the law is the same."""
     far = base(clearance=4.0 * SIGMA)

@@ -9,7 +9,7 @@ from scenes import base
 import impactlab as il
 from impactlab import estimate, moments
 from impactlab.component import call_each
-from impactlab.estimate import _Regression
+from impactlab.estimate import Regression
 from impactlab.integrators import exact_flow
 from impactlab.model import Model
 from impactlab.plan import make_plan
@@ -175,7 +175,7 @@ def test_regressions_row_by_row_are_those_of_least_squares():
     controls = rng.normal(0.1, 1.0, (5, 3, 80)) * np.array([1.0, 1e-6, 1e4])[:, None]
     values = rng.normal(3.0, 1.0, (5, 80)) + controls.sum(axis=1) * 1e-4
     weights = rng.uniform(0.5, 1.5, 80)
-    value, error = _Regression(controls, weights).at_zero(values)
+    value, error = Regression(controls, weights).at_zero(values)
     expected = [reference(*row, weights) for row in zip(values, controls, strict=True)]
     np.testing.assert_allclose(np.stack([value, error], axis=1), expected, rtol=1e-10)
 
@@ -184,7 +184,7 @@ def test_a_control_that_is_a_copy_or_constant_adds_nothing():
     rng = np.random.default_rng(3)
     controls, values, weights = rng.normal(size=(1, 2, 80)), rng.normal(size=(1, 80)), np.ones(80)
     more = np.concatenate([controls, controls[:, :1], np.full((1, 1, 80), 0.3)], axis=1)
-    plain, redundant = _Regression(controls, weights), _Regression(more, weights)
+    plain, redundant = Regression(controls, weights), Regression(more, weights)
     np.testing.assert_allclose(redundant.at_zero(values), plain.at_zero(values), rtol=1e-10)
 
 

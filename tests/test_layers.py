@@ -10,9 +10,9 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "gather", "incidence", "kernels"},
+    {"errors", "progress", "gather", "incidence", "kernels", "bands"},
     {"component", "build"},
-    {"oscillator", "contact", "excitation"},
+    {"oscillator", "contact", "excitation", "potentials"},
     {"coupling"},
     {"network"},
     {"items", "model", "dataset", "plot"},
@@ -22,9 +22,9 @@ LAYERS = [
     {"linearized", "joint", "rules", "intervals"},
     {"check", "compiled", "tiles"},
     {"plan"},
-    {"record", "moments", "block", "memory"},
-    {"density", "estimate", "tolerance", "ensemble", "trajectories"},
-    {"parts", "together"},
+    {"record", "moments", "block", "memory", "groups"},
+    {"density", "peaks", "estimate", "tolerance", "ensemble", "trajectories"},
+    {"parts", "together", "derived"},
     {"simulation"},
     {"points"},
     {"sweeps"},

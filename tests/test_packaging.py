@@ -73,7 +73,14 @@ def test_wheel_holds_the_packages_and_nothing_else(wheel: Path) -> None:
 
 def test_installed_command_lists_the_studies(installed: Path) -> None:
     listed = run(installed / "impactlab", "list", folder=installed)
-    assert [line.split()[0] for line in listed.splitlines()] == ["accuracy", "scaling", "stability", "two-system", "work-precision"]
+    assert [line.split()[0] for line in listed.splitlines()] == [
+        "accuracy",
+        "conservation",
+        "scaling",
+        "stability",
+        "two-system",
+        "work-precision",
+    ]
 
 
 def test_installed_package_simulates(installed: Path) -> None:

@@ -28,3 +28,25 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, bins, 
             b = (snapshots[sample, quantities[1], lane] - low[1]) * inverse_width[1] + 1.0
             row, column = int(min(max(a, 0.0), bins + 1.0)), int(min(max(b, 0.0), bins + 1.0))
             counts[groups[lane], row, column] += 1
+
+
+@kernel
+def add_crossings(snapshots, rows, clearance, inverse_width, groups, flux, push):  # type: ignore[no-untyped-def]
+    """Add the closing velocities of a contact to ``flux[group, bin]`` of its indentations, and these times the force.
+
+    `rows` are those of the displacements of its bodies, −1 for a wall, of their velocities, and of its force.
+    """
+    bins = flux.shape[1]
+    for sample in range(snapshots.shape[0]):
+        for lane in range(snapshots.shape[2]):
+            depth, closing = -clearance, 0.0
+            if rows[0] >= 0:
+                depth += snapshots[sample, rows[0], lane]
+                closing += snapshots[sample, rows[2], lane]
+            if rows[1] >= 0:
+                depth -= snapshots[sample, rows[1], lane]
+                closing -= snapshots[sample, rows[3], lane]
+            place = depth * inverse_width
+            if depth > 0.0 and closing > 0.0 and place < bins:
+                flux[groups[lane], int(place)] += closing
+                push[groups[lane], int(place)] += closing * snapshots[sample, rows[4], lane]

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from impactlab.contact import Contact
 from impactlab.errors import NoExactReference
+from impactlab.reference.marginal import Marginal
 from impactlab.reference.potential import NODES, Gap, Potential, gauss_legendre
 
 _END = 60.0  # energy (in units of T) at which the panels end
@@ -68,6 +69,9 @@ class GibbsLaw:
         object.__setattr__(self, "edges", edges)
         object.__setattr__(self, "normalization", float(self._integrals(edges)[0].sum()))
         self.potential.check_work(self.edges)
+
+    def __str__(self) -> str:
+        return f"temperature {self.temperature:.6g} J, density proportional to exp(−H/T)"
 
     @property
     def temperature(self) -> float:
@@ -133,11 +137,42 @@ class GibbsLaw:
         below, near = self._smeared(body, displacement, ndtr)
         return np.asarray(below + near)
 
+    def marginal(self, body: str, speed: float) -> Marginal:
+        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
+        ends = self.weights[self.bodies.index(body)] * self.edges
+        around = self.spread * np.linspace(-_REACH, _REACH, 81)
+        outside = [ends.min() + around, ends.max() + around, np.linspace(ends.min(), ends.max(), 257)]
+
+        def above(level: float) -> float:
+            below, near = self._smeared(body, np.array([-level]), ndtr, mirrored=True)
+            return float(below[0] + near[0])
+
+        return Marginal(
+            lambda places: self.density(body, places), above, np.unique(np.concatenate([ends, *outside])), speed
+        )
+
+    def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
+        """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
+        gap = Gap.of(contact, self.bodies[0])
+
+        def above(level: float) -> float:
+            *nodes, probabilities = self.quadrature(np.array([gap.corner + gap.sign * level]))
+            return float(probabilities[gap.indentation(*nodes) > level].sum())
+
+        def density(places: np.ndarray) -> np.ndarray:
+            return self.coordinate_density(np.full_like(places, gap.corner), gap.sign * places)
+
+        return Marginal(density, above, np.sort(gap.indentation(self.edges)), speed)
+
     def _smeared(
-        self, body: str, displacement: np.ndarray, kernel: Callable[[np.ndarray], np.ndarray]
+        self,
+        body: str,
+        displacement: np.ndarray,
+        kernel: Callable[[np.ndarray], np.ndarray],
+        mirrored: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum what is below the Gaussian's reach, and what is within it times a kernel."""
-        weight = self.weights[self.bodies.index(body)]
+        """Sum what is below the Gaussian's reach, and what is within it times a kernel; for −x if mirrored."""
+        weight = self.weights[self.bodies.index(body)] * (-1.0 if mirrored else 1.0)
         extra = displacement
         if self.spread > 0.0:  # panels no wider than 2 spread, but only where the Gaussian is looked at
             panel = np.round(displacement / (2.0 * self.spread))[:, None] + np.arange(-6, 7)

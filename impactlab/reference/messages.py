@@ -152,7 +152,7 @@ class Messages:
             high = values[0].max(axis=1)
             noise = np.minimum(FLOOR * np.exp(np.minimum(top - high, 99.0)), 1.0)
             smooth = tails[0] <= TOLERANCE * (1.0 + np.abs(values[0]).max(axis=1)) + noise
-            return np.asarray(smooth | _is_noise(tails[0], before[0], np.exp(0.5 * np.minimum(top - high, 99.0))))
+            return np.asarray(smooth | is_noise(tails[0], before[0], np.exp(0.5 * np.minimum(top - high, 99.0))))
 
         hints = np.subtract.outer(self.own[source].corners, sign * item.corners).ravel()
         edges = between(np.concatenate([np.linspace(span[0], span[1], 9), hints]), *span)
@@ -235,7 +235,7 @@ class Messages:
         def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
             errors = 4.0 * (1.0 + sizes.reshape(values[0].shape).max(axis=1))  # of the logarithms
             smooth = _relative(values[0], tails[0], errors)
-            return np.asarray(smooth | _is_noise(tails[0], before[0], values[0].max(axis=1)))
+            return np.asarray(smooth | is_noise(tails[0], before[0], values[0].max(axis=1)))
 
         probes = between(probes, *edges[[0, -1]])
         return resolve_with(function, edges, probes, lambda: fine, self.own[body].names, 1e-8)
@@ -262,7 +262,7 @@ def origin_of(item: Potential) -> float:
     return item.gaps[0].corner if item.gaps else 0.0
 
 
-def _is_noise(tails: np.ndarray, before: np.ndarray, sizes: np.ndarray | float) -> np.ndarray:
+def is_noise(tails: np.ndarray, before: np.ndarray, sizes: np.ndarray | float) -> np.ndarray:
     """Whether the last coefficients are small and do not shrink with the panels: places are rounded."""
     return np.asarray((tails <= _NOISE * sizes) & (tails > 0.7 * before))
 

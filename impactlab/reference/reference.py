@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtr
 
-from impactlab.component import suggestion
-from impactlab.contact import Contact
 from impactlab.dataset import provenance, statistics
 from impactlab.errors import InvalidInput
 from impactlab.network import Network
-from impactlab.reference.conditions import Law, gibbs_laws
+from impactlab.reference.conditions import laws_of
+from impactlab.reference.gaussian import GaussianLaw
+from impactlab.reference.laws import finite_array
+from impactlab.reference.levels import Levels
+from impactlab.reference.linear_laws import linear_law_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_QUANTITIES = ("displacement", "velocity")
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ExactReference:
+class ExactReference(Levels):
     """Exact stationary law of a network; `exact` makes it.
 
     Parameters
     ----------
     network : Network
         The network.
-    laws : tuple of GibbsLaw and TreeLaw
+    laws : tuple of GibbsLaw, TreeLaw and GaussianLaw
         The laws of its connected parts, which are independent.
+    untouched : frozenset of str
+        Contacts that are left out, because less than 10⁻¹² of all time they are closed.
     """
-
-    network: Network
-    laws: tuple[Law, ...]
 
     def statistics(self) -> xr.Dataset:
         """Return the exact values of the default statistics.
@@ -46,10 +43,11 @@ class ExactReference:
             The variables of `simulate` but the peak force, which depends on the time of
             observation, and the standard errors. The rate of contacts is
             ``sqrt(T/(2πμ)) p(δ = 0)`` with ``1/μ = 1/m_first + 1/m_second`` (Rice's
-            formula; a wall has ``1/m = 0``).
+            formula; a wall has ``1/m = 0``). What is known of contacts that cannot matter is 0.
+            The attribute ``laws`` says which laws these are.
         """
         bodies = [self._moments(name) for name in self.network.oscillators]
-        contacts = [self._contact(contact) for contact in self.network.contacts.values()]
+        contacts = [self._contact(name) for name in self.network.contacts]
         values = {
             name: np.array([item[name] for item in items])
             for items in (bodies, contacts)
@@ -57,7 +55,7 @@ class ExactReference:
         }
         dataset = statistics(list(self.network.oscillators), list(self.network.contacts), values)
         configuration = {"network": self.network.to_dict()}
-        return dataset.assign_attrs(provenance("exact stationary statistics", configuration))
+        return dataset.assign_attrs(provenance("exact stationary statistics", configuration), laws=self._described())
 
     def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:
         """Return the probability density of a displacement or a velocity.
@@ -81,9 +79,11 @@ class ExactReference:
         InvalidInput
             If a name is unknown or a number is not finite.
         """
-        law, grid = self._law(oscillator, quantity), _finite("grid", grid)
+        law, grid = self._law(oscillator, quantity), finite_array("grid", grid)
+        if isinstance(law, GaussianLaw):
+            return law.density_of(oscillator, quantity, grid.ravel()).reshape(grid.shape)
         if quantity == "velocity":
-            scale = self._thermal_velocity(oscillator)
+            scale = self._speed(oscillator)
             return np.asarray(np.exp(-0.5 * (grid / scale) ** 2) / (math.sqrt(2.0 * math.pi) * scale))
         return law.density(oscillator, grid.ravel()).reshape(grid.shape)
 
@@ -109,11 +109,13 @@ class ExactReference:
         InvalidInput
             If a name is unknown or the edges do not increase.
         """
-        law, edges = self._law(oscillator, quantity), _finite("edges", edges)
+        law, edges = self._law(oscillator, quantity), finite_array("edges", edges)
         if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
             raise InvalidInput("edges must be at least two increasing numbers in one dimension.")
-        if quantity == "velocity":
-            below = ndtr(edges / self._thermal_velocity(oscillator))
+        if isinstance(law, GaussianLaw):
+            below = law.probability_of(oscillator, quantity, edges)
+        elif quantity == "velocity":
+            below = ndtr(edges / self._speed(oscillator))
         else:
             below = law.probability(oscillator, edges)
         return np.asarray(np.diff(below) / np.diff(edges))
@@ -141,47 +143,90 @@ class ExactReference:
         laws = [self._law(name, "displacement") for name in (first, second)]
         if first == second:
             raise InvalidInput(f"joint_density takes two different bodies, {first!r} was given twice.")
-        x, y = np.broadcast_arrays(_finite("x", x), _finite("y", y))
+        x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
         if laws[0] is not laws[1]:
             marginals = [self.density(name, "displacement", at) for name, at in ((first, x), (second, y))]
             return np.asarray(marginals[0] * marginals[1])
         return laws[0].joint_density(first, second, x, y)
 
-    def __repr__(self) -> str:
-        lines = [f"  {' and '.join(law.bodies)}: temperature {law.temperature:.6g} J" for law in self.laws]
-        return "\n".join(["ExactReference: density proportional to exp(−H/T)", *lines])
+    def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
+        """Return ``E[q(t) q(t + lag)]`` of a body whose motion is linear.
 
-    def _law(self, oscillator: str, quantity: str) -> Law:
-        for kind, name, known in (
-            ("body", oscillator, self.network.oscillators),
-            ("quantity", quantity, _QUANTITIES),
-        ):
-            if name not in known:
-                raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")
-        return next(law for law in self.laws if oscillator in law.bodies)
+        Parameters
+        ----------
+        oscillator : str
+            Name of the body.
+        quantity : {"displacement", "velocity"}
+            q, the mean of which is 0.
+        lags : array_like
+            Lags (s), of either sign.
 
-    def _thermal_velocity(self, oscillator: str) -> float:
-        temperature = self._law(oscillator, "velocity").temperature
-        return math.sqrt(temperature / self.network.oscillators[oscillator].mass)
+        Returns
+        -------
+        ndarray
+            Autocovariance (m2 or m2 s-2), of the shape of `lags`.
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown or a number is not finite.
+        NoExactReference
+            If the motion is not linear.
+        """
+        law, lags = self._linear_law(oscillator, quantity), finite_array("lags", lags)
+        return law.autocovariance(oscillator, quantity, lags.ravel()).reshape(lags.shape)
+
+    def spectrum(self, oscillator: str, quantity: str, frequencies: Any) -> np.ndarray:
+        """Return the spectral density of a body whose motion is linear.
+
+        It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all
+        frequencies, negative ones too, is the mean square.
+
+        Parameters
+        ----------
+        oscillator : str
+            Name of the body.
+        quantity : {"displacement", "velocity"}
+            Of what.
+        frequencies : array_like
+            Angular frequencies (rad s-1).
+
+        Returns
+        -------
+        ndarray
+            Spectral density (m2 s rad-1 or m2 s-1 rad-1), of the shape of `frequencies`.
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown or a number is not finite.
+        NoExactReference
+            If the motion is not linear, or moved by cosines: then it has lines instead.
+        """
+        law, frequencies = self._linear_law(oscillator, quantity), finite_array("frequencies", frequencies)
+        return law.spectrum(oscillator, quantity, frequencies.ravel()).reshape(frequencies.shape)
+
+    def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
+        law = self._law(oscillator, quantity)
+        return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
 
     def _moments(self, name: str) -> dict[str, float]:
-        mean, variance = self._law(name, "displacement").moments(name)
+        mean, variance = self._law_of[name].moments(name)
         return {
             "mean_displacement": mean,
             "mean_square_displacement": variance + mean**2,
             "variance_displacement": variance,
             "mean_velocity": 0.0,
-            "mean_square_velocity": self._thermal_velocity(name) ** 2,
+            "mean_square_velocity": self._speed(name) ** 2,
         }
 
-    def _contact(self, contact: Contact) -> dict[str, float]:
-        sides = [side for side in (contact.first, contact.second) if isinstance(side, str)]
-        law = self._law(sides[0], "displacement")
-        relative_velocity = math.sqrt(sum(self._thermal_velocity(name) ** 2 for name in sides))
-        ratio, density, force = law.contact(contact)
+    def _contact(self, name: str) -> dict[str, float]:
+        if name in self.untouched:
+            return dict.fromkeys(("contact_ratio", "contact_rate", "mean_contact_force"), 0.0)
+        ratio, density, force = self._gap_law(name).contact(self.network.contacts[name])
         return {
             "contact_ratio": ratio,
-            "contact_rate": relative_velocity / math.sqrt(2.0 * math.pi) * density,
+            "contact_rate": self._relative_speed(name) / math.sqrt(2.0 * math.pi) * density,
             "mean_contact_force": force,
         }
 
@@ -189,17 +234,23 @@ class ExactReference:
 def exact(network: Network) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
-    Known are networks in which the bodies that contacts and couplings connect form trees: between
-    any two of them at most one way, over one or more contacts and couplings. Bodies may have
-    residual potentials and walls. The noises must be white, the contact forces have a
-    potential, the couplings be linear without damping, and the temperatures ``π S / damping`` of connected bodies
-    be equal (for two unit masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023,
-    equation 8); then the density is proportional to ``exp(−H/T)`` with the energy H.
+    Parts of a network that neither contacts nor couplings connect are independent. Known are
+
+    - parts in which contacts and couplings form trees (between any two bodies at most one way,
+      over one or more contacts and couplings), with walls and residual potentials: the noises
+      must be white, the contact forces have a potential, the couplings be linear without
+      damping, and the temperatures ``π S / damping`` of connected bodies be equal (for two unit
+      masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density is
+      proportional to ``exp(−H/T)`` with the energy H;
+    - linear parts, also in loops and with damping in couplings, under constant white noise of
+      any temperatures and sums of cosines. Contacts are allowed if the law without them closes
+      them so rarely that they cannot matter: a bound of the probability, and of the contacts
+      in a relaxation time, is 10⁻¹².
 
     Parameters
     ----------
     network : Network
-        Bodies, contacts and white noises.
+        Bodies, contacts, couplings and noises.
 
     Returns
     -------
@@ -208,17 +259,11 @@ def exact(network: Network) -> ExactReference:
     Raises
     ------
     NoExactReference
-        If there is no such law; the message gives all reasons with the names of the bodies.
+        If there is no such law; the message gives all reasons with the names of the bodies, and
+        what would be exact instead.
     InvalidInput
         If `network` is not a network, or a potential is not the integral of its force.
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"exact takes an il.Network, {network!r} was given.")
-    return ExactReference(network, gibbs_laws(network))
-
-
-def _finite(name: str, values: Any) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{name} must hold finite numbers only.")
-    return array
+    return ExactReference(network, *laws_of(network))

@@ -9,9 +9,10 @@ import numpy as np
 
 from impactlab.contact import Contact
 from impactlab.reference.ground import outwards
-from impactlab.reference.messages import FLOOR, NONE, PROBED, TOLERANCE, Messages, between, narrow, origin_of
-from impactlab.reference.piecewise import Piecewise, fine_integrals, resolve
-from impactlab.reference.potential import Gap, gauss_legendre
+from impactlab.reference.marginal import Marginal
+from impactlab.reference.messages import FLOOR, NONE, PROBED, TOLERANCE, Messages, between, is_noise, narrow, origin_of
+from impactlab.reference.piecewise import Piecewise, fine_integrals, resolve, shifted_integrals
+from impactlab.reference.potential import Gap, Potential, gauss_legendre
 
 
 class TreeLaw(Messages):
@@ -51,6 +52,9 @@ class TreeLaw(Messages):
         If a potential is not the integral of its force.
     """
 
+    def __str__(self) -> str:
+        return f"temperature {self.temperature:.6g} J, density proportional to exp(−H/T)"
+
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
         density = self._density(self._places[body])
@@ -65,16 +69,32 @@ class TreeLaw(Messages):
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
-        sides = [self._places[side] for side in (contact.first, contact.second) if isinstance(side, str)]
-        if len(sides) == 1:
-            item, of_gaps = self.own[sides[0]], self._of_walls(sides[0])
-            gap = Gap.of(contact, self.bodies[sides[0]])
-        else:
-            link = dict(self._around[sides[0]])[sides[1]]
-            item, of_gaps = self.links[link][2], self._of_link(link)
-            gap = Gap.of(contact, self.bodies[self.links[link][0]])
-        ratio, density, force = of_gaps[item.gaps.index(gap)]
-        return ratio, density, force
+        walled, place, item, gap = self._gap(contact)
+        of_gaps = self._of_walls(place) if walled else self._of_link(place)
+        return of_gaps[item.gaps.index(gap)]
+
+    def marginal(self, body: str, speed: float) -> Marginal:
+        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
+        return self._marginal(self._density(self._places[body]), 1.0, 0.0, speed)
+
+    def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
+        """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
+        walled, place, item, gap = self._gap(contact)
+        if walled:
+            return self._marginal(self._density(place), gap.sign, -gap.clearance, speed)
+        shift = float(gap.indentation(np.array(origin_of(item))))
+        return self._marginal(self._difference(place), gap.sign, shift, speed)
+
+    def _marginal(self, law: Piecewise, sign: float, shift: float, speed: float) -> Marginal:
+        """Return the law of ``sign u + shift``, u having some density."""
+        total, mirrored = law.integrals[0].sum(), law.mirrored()
+
+        def above(level: float) -> float:
+            beyond = mirrored if sign > 0.0 else law
+            return float(beyond.cumulative(np.array([shift - level]))[0, 0] / total)
+
+        places = np.sort(sign * np.concatenate([law.edges, law.nodes.ravel()]) + shift)
+        return Marginal(lambda places: self._values(law, sign * (places - shift)), above, places, speed)
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
@@ -101,6 +121,15 @@ class TreeLaw(Messages):
         result = np.zeros(places.shape)
         result[inside] = density(places[inside])[0] / density.integrals[0].sum()
         return result
+
+    def _gap(self, contact: Contact) -> tuple[bool, int, Potential, Gap]:
+        """Return whether a contact is a wall's, the body or the link that it acts on, the potential and the gap."""
+        ends = [self._places[side] for side in (contact.first, contact.second) if isinstance(side, str)]
+        if len(ends) == 1:
+            return True, ends[0], self.own[ends[0]], Gap.of(contact, self.bodies[ends[0]])
+        link = dict(self._around[ends[0]])[ends[1]]
+        i, _, item = self.links[link]
+        return False, link, item, Gap.of(contact, self.bodies[i])
 
     def _of_walls(self, body: int) -> list[tuple[float, float, float]]:
         """Return the statistics of a body's walls."""
@@ -161,6 +190,33 @@ class TreeLaw(Messages):
         density = self._density(body)
         counts = np.flatnonzero(density.values[0].max(axis=1) > FLOOR)
         return density.edges[[counts[0], counts[-1] + 1]]
+
+    def _difference(self, link: int) -> Piecewise:
+        """Return the density of the difference of two connected bodies, not normalised, from `origin_of` on."""
+        (i, j, item), kernel = self.links[link], self._kernels[link]
+        one, other, origin = self._density(i, j), self._density(j, i), origin_of(item)
+
+        def make() -> Piecewise:
+            coefficients, top = one.coefficients[0].ravel(), 0.0
+
+            def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+                nonlocal top
+                q = starts + offsets
+                sums = shifted_integrals(one.edges, other, q + origin)[0].reshape(len(q), -1) @ coefficients
+                result = sums * np.exp(-item.energy(np.full_like(q, origin), q))
+                top = max(top, float(result.max()))
+                return np.asarray(result[None])
+
+            def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
+                smooth = tails[0] <= 10.0 * TOLERANCE * np.abs(values[0]).max(axis=1) + FLOOR * top
+                return np.asarray(smooth | is_noise(tails[0], before[0], np.abs(values[0]).max(axis=1)))
+
+            low = max(kernel.edges[0], one.edges[0] - other.edges[-1] - origin)
+            high = min(kernel.edges[-1], one.edges[-1] - other.edges[0] - origin)
+            return resolve(function, between(kernel.edges, low, high), fine, item.names)
+
+        result: Piecewise = self._once(make, "difference", one, other, kernel)
+        return result
 
     def _given(self, body: int, place: float, target: int) -> Piecewise:
         """Return the density of one body given the displacement of another, not normalised."""

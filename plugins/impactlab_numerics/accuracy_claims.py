@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import bdtrc, ndtri
 
+from impactlab_numerics import accuracy_intervals
 from impactlab_numerics.accuracy_collect import ERRORS
 
 if TYPE_CHECKING:
@@ -57,6 +58,9 @@ def _claims(study: AccuracyStudy, tree: xr.DataTree) -> Iterator[Claim]:
     for kind, reference in references.items():
         if kind in tree.children:
             yield _bias(study, tree[kind].to_dataset(), f"random networks, {kind} temperatures", reference)
+    if "intervals" in tree.children:
+        for judgement in accuracy_intervals.judge(tree["intervals"].to_dataset()):
+            yield Claim("random networks, short runs", *judgement)
     if "coverage" in tree.children:
         yield _covered(tree["coverage"].to_dataset())
     if "tolerance" in tree.children:
@@ -136,8 +140,10 @@ def tables(tree: xr.DataTree) -> Iterator[tuple[str, list[dict[str, Any]]]]:
             order = np.argsort(-table.excess.values)[:_WORST]
             yield f"Largest differences, {kind} temperatures", [_row(tree, table, int(i)) for i in order]
             yield f"All networks together, {kind} temperatures", _pooled(table)
+    if "intervals" in tree.children:
+        yield "Coverage of 95 % intervals, random networks", accuracy_intervals.shares(tree["intervals"].to_dataset())
     if "coverage" in tree.children:
-        yield "Coverage of 95 % intervals", _coverage_rows(tree["coverage"].to_dataset())
+        yield "Coverage of 95 % intervals, base case", _coverage_rows(tree["coverage"].to_dataset())
 
 
 def _row(tree: xr.DataTree, table: xr.Dataset, index: int) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from scipy.special import stdtrit
 import impactlab as il
 from impactlab import dataset
 from impactlab.ensemble import cores
+from impactlab_numerics.accuracy_intervals import collect as intervals
 from impactlab_numerics.random_networks import random_network
 from impactlab_numerics.scenes import scene
 from impactlab_numerics.transfer import transfer_statistics
@@ -43,22 +44,30 @@ def collect(study: AccuracyStudy, results: Mapping[str, xr.Dataset]) -> xr.DataT
     """Return the tree of results.
 
     Groups: ``networks`` (step and time scales of each), ``equal`` (all statistics of all
-    networks against exact laws), ``unequal`` (against runs at a quarter of the step),
-    ``coverage`` (of each statistic, and of each run) and ``tolerance`` (each seed).
+    networks against exact laws), ``unequal`` (against runs at a quarter of the step), ``intervals`` (short runs of
+    many networks), ``coverage`` (of each statistic, and of each run) and ``tolerance`` (each seed).
     """
     nodes: dict[str, xr.Dataset] = {}
     if study.networks:
         nodes["/networks"] = _networks(study, results)
-        with ThreadPoolExecutor(cores()) as pool:
-            laws = dict(zip(study.seeds, pool.map(exact_statistics, map(random_network, study.seeds)), strict=True))
+        laws = _laws(study.seeds)
         nodes["/equal"] = _compared(study, results, "equal", laws.__getitem__)
         if study.unequal:
             nodes["/unequal"] = _compared(study, results, "unequal", lambda number: results[f"quarter_{number}"])
+    if study.coverage_networks:
+        nodes["/intervals"] = intervals(study, results, _laws(range(study.coverage_networks)))
     if study.coverage_runs:
         nodes["/coverage"] = _coverage(study, results)
     if study.tolerance_seeds:
         nodes["/tolerance"] = _tolerance(study, results)
     return xr.DataTree.from_dict(nodes)
+
+
+def _laws(numbers: Iterable[int]) -> dict[int, xr.Dataset]:
+    """Return the exact statistics of random networks."""
+    numbers = list(numbers)
+    with ThreadPoolExecutor(cores()) as pool:
+        return dict(zip(numbers, pool.map(exact_statistics, map(random_network, numbers)), strict=True))
 
 
 def exact_statistics(network: il.Network) -> xr.Dataset:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from impactlab.plot import COLORS
 
@@ -21,6 +21,8 @@ def draw(study: AccuracyStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]
     for kind in ("equal", "unequal"):
         if kind in tree.children:
             yield f"bias_{kind}", _differences(study, tree[kind].to_dataset())
+    if "intervals" in tree.children:
+        yield "intervals", _intervals(tree["intervals"].to_dataset())
     if "coverage" in tree.children:
         yield "coverage", _coverage(tree["coverage"].to_dataset())
     if "tolerance" in tree.children:
@@ -53,6 +55,29 @@ def _differences(study: AccuracyStudy, table: xr.Dataset) -> Figure:
     right.plot(normal, normal, color="black", lw=0.7)
     right.set_xlabel("quantile of the normal law")
     right.set_ylabel("difference in standard errors")
+    return figure
+
+
+def _intervals(table: xr.Dataset) -> Figure:
+    """Share of intervals of each size that hold the exact value, by statistic: the diagonal is right."""
+    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+    axes = figure.subplots()
+    asked = np.linspace(0.5, 0.995, 100)
+    sizes = stdtrit(table.attrs["realizations"] - 1, 0.5 + 0.5 * asked)
+    for row, name in enumerate(dict.fromkeys(table.statistic.values.tolist())):
+        z = np.abs(table.z.values[table.statistic.values == name])
+        share = (z[:, None] <= sizes).mean(axis=0)
+        axes.plot(
+            100.0 * asked,
+            100.0 * (share - asked),
+            color=COLORS[row % len(COLORS)],
+            lw=1.0,
+            label=name.replace("_", " "),
+        )
+    axes.axhline(0.0, color="black", lw=0.7)
+    axes.set_xlabel("size of the intervals (%)")
+    axes.set_ylabel("share that holds the exact value, minus the size (%)")
+    axes.legend(fontsize=7)
     return figure
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from impactlab_numerics import AccuracyStudy
 from impactlab_numerics.accuracy_claims import judge
 from impactlab_numerics.accuracy_collect import exact_statistics
 from impactlab_numerics.random_networks import LEAST_RATE, closing_rates, random_network
 
 import impactlab as il
+from impactlab.dataset import STATISTICS
 
 ROOT = Path(__file__).parents[2]
 
@@ -41,7 +43,7 @@ def test_the_study_is_described_without_heavy_imports():
 
 def test_a_study_of_nothing_is_refused():
     with pytest.raises(il.InvalidInput, match="there is nothing to do"):
-        AccuracyStudy(networks=0, coverage_runs=0, tolerance_seeds=0)
+        AccuracyStudy(networks=0, coverage_networks=0, coverage_runs=0, tolerance_seeds=0)
 
 
 @pytest.mark.parametrize("seed", [4, 9, 14])
@@ -90,7 +92,7 @@ def test_runs_end_when_the_errors_are_small_or_the_steps_are_spent():
 
 def test_the_quick_form_holds(run):
     assert [check for check in run.checks if not check.ok] == []
-    assert run.claims.sizes["claim"] == 4
+    assert run.claims.sizes["claim"] == 7
     equal = run.tree["equal"].to_dataset()
     networks = [random_network(number) for number in (11, 12)]
     rows = sum(5 * len(network.oscillators) + 3 * len(network.contacts) for network in networks)
@@ -102,6 +104,7 @@ def test_the_quick_form_holds(run):
     assert {name for name, _ in run.study.figures(run.tree)} == {
         "bias_equal",
         "bias_unequal",
+        "intervals",
         "coverage",
         "tolerance",
     }
@@ -146,11 +149,44 @@ def test_verdicts_see_intervals_that_are_too_short_or_too_long(run):
     table = run.tree["coverage"].to_dataset().isel(run=[0] * 200)
     shares = {0.95: "holds", 0.92: "sampling error", 0.88: "does not hold", 0.98: "sampling error"}
     for share, verdict in shares.items():
-        assert verdicts(run, coverage=table.assign(by_run=("run", np.full(200, share))))[2] == verdict
+        assert verdicts(run, coverage=table.assign(by_run=("run", np.full(200, share))))[5] == verdict
+
+
+def test_verdicts_see_intervals_of_random_networks(run):
+    names = np.tile(np.repeat(list(STATISTICS)[:-1], 4), 200)
+    scores = np.random.default_rng(3).standard_t(63, size=len(names))
+    coordinates = {"statistic": ("comparison", names), "label": ("comparison", names)}
+
+    def found(z):
+        columns = {"network": np.repeat(np.arange(200), 32), "z": z, "held": (np.abs(z) <= 2.0).astype(float)}
+        rows = {name: ("comparison", values) for name, values in columns.items()}
+        return verdicts(run, intervals=xr.Dataset(rows, coordinates, {"realizations": 64}))[2:5]
+
+    def with_one(score):
+        return np.where(np.arange(len(names)) == 5, score, scores)
+
+    assert found(scores) == ["holds", "holds", "holds"]
+    assert found(2.0 * scores)[:2] == ["does not hold", "does not hold"]  # errors of half the size
+    assert found(0.3 * scores)[:2] == ["sampling error", "sampling error"]  # all are covered
+    assert found(np.where(names == "mean_contact_force", 1.6 * scores, scores))[:2] == ["holds", "does not hold"]
+    assert found(with_one(5.2))[2] == "sampling error"
+    assert found(with_one(-7.0))[2] == "does not hold"
+
+
+def test_runs_of_intervals_hold_twenty_contacts(run):
+    item = next(item for item in run.study.items() if item.key == "intervals_3")
+    law, result = exact_statistics(item.network), il.simulate(item.network, **item.options)
+    assert float((law.contact_rate * item.options["duration"]).min()) == pytest.approx(20.0, rel=1e-3)
+    assert float(result.contacts_per_sample.min()) == pytest.approx(20.0, rel=0.1)
+    table = run.tree["intervals"].to_dataset()
+    (row,) = np.flatnonzero((table.network == 3) & (table.statistic == "contact_ratio") & (table.label == "contact_0"))
+    score = (result.contact_ratio[0] - law.contact_ratio[0]) / result.contact_ratio_standard_error[0]
+    assert float(table.z[row]) == pytest.approx(float(score), rel=1e-9)
+    assert bool(table.held[row]) == (abs(float(score)) <= 1.998)
 
 
 def test_verdicts_see_tolerances_that_were_missed(run):
     table = run.tree["tolerance"].to_dataset().isel(run=[0] * 100)
     for missed, verdict in ((5, "holds"), (8, "sampling error"), (13, "does not hold")):
         error = np.where(np.arange(100) < missed, 1.1, 0.4)
-        assert verdicts(run, tolerance=table.assign(error=("run", error)))[3] == verdict
+        assert verdicts(run, tolerance=table.assign(error=("run", error)))[6] == verdict

@@ -1,0 +1,56 @@
+"""Sums over groups of realizations, or of batches of them: mean, standard error and band."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impactlab.bands import KNOWN, band_factor
+from impactlab.plan import Plan
+
+GROUPS = 256
+"""Largest number of groups from which errors are estimated."""
+
+OF_BAND = {
+    "units": "1",
+    "long_name": "factor to the standard errors with which a band holds the whole curve with a probability of 95 %",
+    "comment": f"for the bins of at least {KNOWN:g} standard errors",
+}
+"""Attributes of a band factor."""
+
+
+def group_count(plan: Plan) -> int:
+    """Return the number of groups of a run."""
+    return min(plan.realizations * len(plan.boundaries), GROUPS)
+
+
+def groups_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
+    """Group of every realization in every batch, (batch, lane)."""
+    batches = len(plan.boundaries)
+    units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
+    return np.ascontiguousarray(units * group_count(plan) // (plan.realizations * batches))
+
+
+def mean_of_groups(
+    sums: np.ndarray, samples: np.ndarray, trusted: bool, inner: np.ndarray | slice = slice(1, -1)
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the mean of every bin, its standard error, and the factor of a band around the inner ones.
+
+    Parameters
+    ----------
+    sums : (group, bin) ndarray
+    samples : (group, 1) ndarray
+        How many samples the sums are of.
+    trusted : bool
+        Whether there are enough groups; otherwise the errors are NaN.
+    inner : slice or (bin,) ndarray of bool
+        Bins that a band is for.
+    """
+    groups, total = len(sums), samples.sum()
+    mean = sums.sum(axis=0) / total
+    if not trusted:
+        return mean, np.full_like(mean, np.nan), math.nan
+    residuals = sums - mean * samples
+    error = np.sqrt((residuals**2).sum(axis=0) * groups / (groups - 1.0)) / total
+    return mean, error, band_factor(residuals[:, inner], (mean >= KNOWN * error)[inner])

@@ -1,0 +1,256 @@
+"""Exact law of linear bodies on linear couplings: Gaussian under white noise, a sum over lines under cosines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+from scipy.special import j0, ndtr
+
+from impactlab.errors import NoExactReference
+from impactlab.linear import LinearSystem
+from impactlab.reference.marginal import Marginal
+
+_REACH = 10.0  # standard deviations beyond which the density of a sum of cosines is 0
+_FAR = 37.5  # standard deviations after which a Gaussian is no number
+_MOST_NODES = 4000  # of the characteristic function
+_CHUNK = 4_000_000  # numbers at a time
+
+
+@dataclass(frozen=True, eq=False)
+class CosineResponse:
+    """What a sum of cosines with random phases on one body moves.
+
+    Attributes
+    ----------
+    frequencies, amplitudes : (line,) ndarray
+        Of the force (rad s-1, N).
+    receptance : (line, body) ndarray
+        Complex displacement of each body by unit force (m N-1).
+    """
+
+    frequencies: np.ndarray
+    amplitudes: np.ndarray
+    receptance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianLaw:
+    """Stationary law of linear bodies on linear couplings, at any temperatures.
+
+    Under white noise the state (x, v) is Gaussian, with mean 0 and the covariance Σ that
+    solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise. Each cosine adds
+    ``½ |A H(ω)|²`` and is independent of all others, H being the receptance; the sum is
+    not Gaussian, but its characteristic function is known, ``exp(−σ² t²/2) Π J₀(|A H| t)``,
+    and gives the density of a displacement or a velocity by one sum.
+
+    Parameters
+    ----------
+    bodies : tuple of str
+        Names of the bodies.
+    system : LinearSystem
+        Their motion and the white noise on them; every motion is damped, and springs hold all bodies.
+    temperature : float, optional
+        Temperature of all bodies, if it is one and no coupling has damping (J).
+    cosines : sequence of CosineResponse
+        The sums of cosines.
+    """
+
+    bodies: tuple[str, ...]
+    system: LinearSystem
+    temperature: float | None = None
+    cosines: Sequence[CosineResponse] = ()
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of (x, v), (2 body, 2 body)."""
+        return np.asarray(self._white + self._of_cosines)
+
+    @cached_property
+    def _white(self) -> np.ndarray:
+        """Covariance of what the white noises move."""
+        mass, count = self.system.mass, len(self.bodies)
+        result = np.zeros((2 * count, 2 * count))
+        if self.temperature is not None:
+            result[:count, :count] = self.temperature * np.linalg.inv(self.system.stiffness)
+            result[count:, count:] = np.diag(self.temperature / mass)
+        elif self.system.intensity.any():
+            # in coordinates whose squares are energies, where only damping is not skew
+            root, inverse = np.linalg.cholesky(self.system.stiffness), 1.0 / np.sqrt(mass)
+            turning = inverse[:, None] * root
+            braking = inverse[:, None] * self.system.damping * inverse
+            drift = np.block([[np.zeros((count, count)), turning.T], [-turning, -braking]])
+            noise = np.diag(np.concatenate([np.zeros(count), 2.0 * np.pi * self.system.intensity / mass]))
+            for _ in range(2):  # what rounding leaves is solved for again
+                result += solve_continuous_lyapunov(drift, -(noise + drift @ result + result @ drift.T))
+            back = block_diag(np.linalg.inv(root).T, np.diag(inverse))
+            result = back @ result @ back.T
+        return result
+
+    @cached_property
+    def _of_cosines(self) -> np.ndarray:
+        """Covariance of what the cosines move."""
+        count = len(self.bodies)
+        result = np.zeros((2 * count, 2 * count))
+        for item in self.cosines:
+            moved = math.sqrt(0.5) * item.amplitudes[:, None] * item.receptance
+            both = np.concatenate([moved, 1j * item.frequencies[:, None] * moved], axis=1)
+            result += (both.T @ both.conj()).real
+        return result
+
+    def moments(self, body: str) -> tuple[float, float]:
+        """Return the mean (m) and the variance (m2) of a body's displacement."""
+        return 0.0, self.variance(body, "displacement")
+
+    def variance(self, body: str, quantity: str) -> float:
+        """Return the variance of a displacement (m2) or a velocity (m2 s-2)."""
+        place = self._place(body, quantity)
+        return float(self.covariance[place, place])
+
+    def relative_variances(self, bodies: Sequence[str]) -> tuple[float, float]:
+        """Return the variances of the displacement and the velocity of one body, or of a difference of two."""
+        signs = np.array([1.0, -1.0][: len(bodies)])
+        parts = []
+        for quantity in ("displacement", "velocity"):
+            places = [self._place(name, quantity) for name in bodies]
+            parts.append(float(signs @ self.covariance[np.ix_(places, places)] @ signs))
+        return parts[0], parts[1]
+
+    def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
+        """Return the density of a body's displacement (m-1)."""
+        return self.density_of(body, "displacement", displacement)
+
+    def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
+        """Return the probability that a body's displacement is smaller."""
+        return self.probability_of(body, "displacement", displacement)
+
+    def density_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
+        """Return the density of a displacement (m-1) or a velocity (s m-1)."""
+        deviation = math.sqrt(self.variance(body, quantity))
+        z = values / deviation
+        if not self.cosines:
+            return np.asarray(np.exp(-0.5 * z**2) / (math.sqrt(2.0 * math.pi) * deviation))
+        t, weights = self._characteristic(body, quantity)
+        density = np.maximum(np.cos(np.multiply.outer(z, t)) @ weights, 0.0)
+        return np.where(np.abs(z) < _REACH, density, 0.0) / deviation
+
+    def probability_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
+        """Return the probability that a displacement or a velocity is smaller."""
+        z = values / math.sqrt(self.variance(body, quantity))
+        if not self.cosines:
+            return np.asarray(ndtr(z))
+        t, weights = self._characteristic(body, quantity)
+        return np.asarray(0.5 + np.sin(np.multiply.outer(np.clip(z, -_REACH, _REACH), t)) @ (weights / t))
+
+    def marginal(self, body: str, speed: float) -> Marginal:
+        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
+        if self.cosines:
+            raise NoExactReference(
+                f"The rate at which {body!r} crosses levels is not known, because sums of cosines move it; under "
+                "white noise it would be."
+            )
+        deviation = math.sqrt(self.variance(body, "displacement"))
+        return Marginal(
+            lambda places: self.density(body, places),
+            lambda level: float(ndtr(-level / deviation)),
+            deviation * np.linspace(-_FAR, _FAR, 601),
+            speed,
+        )
+
+    def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the joint density of the displacements of two bodies (m-2)."""
+        if self.cosines:
+            raise NoExactReference(
+                f"The joint density of {first!r} and {second!r} is not known, because sums of cosines move them; "
+                "under white noise it would be Gaussian."
+            )
+        places = [self._place(name, "displacement") for name in (first, second)]
+        part = self.covariance[np.ix_(places, places)]
+        root = np.linalg.cholesky(part)
+        z = x / root[0, 0]
+        rest = (y - root[1, 0] * z) / root[1, 1]
+        return np.asarray(np.exp(-0.5 * (z**2 + rest**2)) / (2.0 * math.pi * root[0, 0] * root[1, 1]))
+
+    def autocovariance(self, body: str, quantity: str, lags: np.ndarray) -> np.ndarray:
+        """Return ``E[q(t) q(t + lag)]`` of a displacement (m2) or a velocity (m2 s-2)."""
+        place, count = self._place(body, quantity), len(self.bodies)
+        result = np.zeros(len(lags))
+        if self.system.intensity.any():
+            drift, step = _drift(self.system), max(1, _CHUNK // (2 * count) ** 2)
+            for first in range(0, len(lags), step):
+                part = slice(first, first + step)
+                flows = expm(np.abs(lags[part])[:, None, None] * drift)
+                result[part] = flows[:, place] @ self._white[:, place]
+        for frequencies, amplitudes in self._amplitudes(body, quantity):
+            step = max(1, _CHUNK // len(frequencies))
+            for first in range(0, len(lags), step):
+                part = slice(first, first + step)
+                result[part] += np.cos(np.multiply.outer(lags[part], frequencies)) @ (0.5 * amplitudes**2)
+        return result
+
+    def spectrum(self, body: str, quantity: str, frequencies: np.ndarray) -> np.ndarray:
+        """Return the two-sided spectral density over angular frequency (m2 s rad-1 or m2 s-1 rad-1)."""
+        if self.cosines:
+            raise NoExactReference(
+                f"The spectrum of {body!r} has no density, because sums of cosines move it: it consists of lines. "
+                "Under white noise it would have one."
+            )
+        response = self.system.receptance(self.bodies.index(body), frequencies)
+        result = np.abs(response) ** 2 @ self.system.intensity
+        return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
+
+    def __str__(self) -> str:
+        if self.cosines:
+            return "linear motion under sums of cosines"
+        one = self.temperature is not None
+        return f"temperature {self.temperature:.6g} J, Gaussian" if one else "several temperatures, Gaussian"
+
+    def _place(self, body: str, quantity: str) -> int:
+        return self.bodies.index(body) + (len(self.bodies) if quantity == "velocity" else 0)
+
+    def _amplitudes(self, body: str, quantity: str) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the frequencies and the amplitudes of the cosines in a displacement or a velocity."""
+        index = self.bodies.index(body)
+        return [
+            (
+                item.frequencies,
+                item.amplitudes
+                * np.abs(item.receptance[:, index])
+                * (item.frequencies if quantity == "velocity" else 1.0),
+            )
+            for item in self.cosines
+        ]
+
+    def _characteristic(self, body: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the nodes t, in units of 1/σ, and the weights of ``p(z) = Σ weight cos(t z)``.
+
+        The sum over nodes that are 2π/L apart is the density repeated after L with alternating
+        signs; L is twice the reach, so that only tails of ``exp(−_REACH²/2)`` overlap.
+        """
+        place = self._place(body, quantity)
+        variance = float(self.covariance[place, place])
+        amplitudes = np.concatenate([part for _, part in self._amplitudes(body, quantity)]) / math.sqrt(variance)
+        white, spacing = float(self._white[place, place]) / variance, math.pi / _REACH
+        values: list[np.ndarray] = []
+        while len(values) * 16 < _MOST_NODES:
+            t = spacing * (np.arange(16 * len(values), 16 * len(values) + 16) + 0.5)
+            values.append(np.exp(-0.5 * white * t**2) * j0(np.multiply.outer(t, amplitudes)).prod(axis=1))
+            if np.abs(values[-1]).max() < 1e-17:
+                weights = spacing / math.pi * np.concatenate(values)
+                return spacing * (np.arange(len(weights)) + 0.5), weights
+        raise NoExactReference(
+            f"The density of {body!r} is not computed, because a few cosines make most of its {quantity}: it is not "
+            "smooth. With more components, or white noise besides, it would be."
+        )
+
+
+def _drift(system: LinearSystem) -> np.ndarray:
+    """Return the matrix L of ``(x, v)' = L (x, v)``."""
+    count, inverse = len(system.mass), 1.0 / system.mass[:, None]
+    return np.block(
+        [[np.zeros((count, count)), np.eye(count)], [-inverse * system.stiffness, -inverse * system.damping]]
+    )

@@ -1,0 +1,167 @@
+"""Bodies that contacts and couplings connect, and the temperatures of their noises."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from impactlab.contact import Contact
+from impactlab.coupling import Coupling, LinearCoupling
+from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.network import Network
+
+_SAME_TEMPERATURE = 1e-9  # relative difference
+_REFUSAL = "There is no exact stationary law that is known here:"
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Bodies that contacts and couplings connect."""
+
+    network: Network
+    bodies: tuple[str, ...]
+    contacts: Mapping[str, Contact]
+    couplings: Mapping[str, Coupling]
+
+    @cached_property
+    def stiffness(self) -> dict[tuple[str, ...], float]:
+        """Stiffness of the couplings between two bodies, and of what holds one to the ground (N m-1)."""
+        result: dict[tuple[str, ...], float] = {}
+        for name in self.bodies:
+            result[name,] = self.network.oscillators[name].stiffness
+        for item in self.couplings.values():
+            result[sides(item)] = result.get(sides(item), 0.0) + item.law.linear[0]
+        return result
+
+    @cached_property
+    def touching(self) -> dict[tuple[str, ...], list[Contact]]:
+        """Contacts of two bodies, or of one and a wall."""
+        result: dict[tuple[str, ...], list[Contact]] = {}
+        for contact in self.contacts.values():
+            result.setdefault(sides(contact), []).append(contact)
+        return result
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, ...]]:
+        """Connected pairs of bodies."""
+        return [pair for pair in dict.fromkeys([*self.stiffness, *self.touching]) if len(pair) == 2]
+
+    @cached_property
+    def bent(self) -> list[str]:
+        """The bodies that have a residual force."""
+        return [name for name in self.bodies if self.network.oscillators[name].has_kernel("residual")]
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether nothing is there but linear bodies and couplings."""
+        return not self.contacts and not self.bent and all(map(is_linear, self.couplings.values()))
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether the law is that of a single coordinate."""
+        if len(self.bodies) == 1:
+            return True
+        walled = any(len(pair) == 1 for pair in self.touching)
+        return len(self.bodies) == 2 and not walled and not self.bent
+
+    @property
+    def loop(self) -> list[str]:
+        """The bodies in loops and between them."""
+        around: dict[str, set[str]] = {name: set() for name in self.bodies}
+        for one, other in self.pairs:
+            around[one].add(other)
+            around[other].add(one)
+        ends = [name for name, others in around.items() if len(others) < 2]
+        for name in ends:
+            for other in around.pop(name, ()):
+                around[other].discard(name)
+                if len(around[other]) == 1:
+                    ends.append(other)
+        return [name for name, others in around.items() if others]
+
+    @cached_property
+    def temperatures(self) -> dict[str, float]:
+        """``π S / damping`` (J) of the bodies that have noise and damping."""
+        densities = {name: spectral_density(self.network, name) for name in self.bodies}
+        dampings = {name: self.network.oscillators[name].damping for name in self.bodies}
+        return {name: math.pi * S / dampings[name] for name, S in densities.items() if S and dampings[name]}
+
+    def without_contacts(self) -> Network:
+        """Return the bodies with their couplings and excitations only."""
+        return Network(
+            {name: self.network.oscillators[name] for name in self.bodies},
+            None,
+            {name: self.network.excitations[name] for name in self.bodies if name in self.network.excitations},
+            self.couplings,
+        )
+
+
+def groups_of(network: Network) -> list[Group]:
+    """Return the bodies, in order, the contacts and the couplings of every connected component.
+
+    Couplings of strength 0 connect nothing and are left out.
+    """
+    acting = {name: item for name, item in network.couplings.items() if not is_linear(item) or any(item.law.linear)}
+    leader = {name: name for name in network.oscillators}
+
+    def led(name: str) -> str:
+        while leader[name] != name:
+            leader[name] = name = leader[leader[name]]
+        return name
+
+    links: list[Contact | Coupling] = [*network.contacts.values(), *acting.values()]
+    for link in links:
+        one, *other = map(led, sides(link))
+        leader[one] = other[0] if other else one
+    members: dict[str, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
+    for name in network.oscillators:
+        members.setdefault(led(name), ([], {}, {}))[0].append(name)
+    for name, contact in network.contacts.items():
+        members[led(sides(contact)[0])][1][name] = contact
+    for name, coupling in acting.items():
+        members[led(sides(coupling)[0])][2][name] = coupling
+    return [Group(network, tuple(names), contacts, couplings) for names, contacts, couplings in members.values()]
+
+
+def is_linear(coupling: Coupling) -> bool:
+    """Whether a coupling is a spring and damper."""
+    return isinstance(coupling.law, LinearCoupling)
+
+
+def differ(*temperatures: float) -> bool:
+    """Whether some temperatures are not the same."""
+    return max(temperatures) - min(temperatures) > _SAME_TEMPERATURE * max(temperatures)
+
+
+def refusal(reasons: Sequence[str]) -> NoExactReference:
+    """Return the error that gives some reasons."""
+    return NoExactReference("\n- ".join([_REFUSAL, *reasons]))
+
+
+def sides(link: Contact | Coupling) -> tuple[str, ...]:
+    """Return the one or two bodies of a contact or a coupling, as sorted names."""
+    return tuple(sorted(side for side in (link.first, link.second) if isinstance(side, str)))
+
+
+def named(bodies: Sequence[str]) -> str:
+    """Return the names of some bodies, of many the first ones."""
+    shown = list(map(repr, bodies[: 6 if len(bodies) < 8 else 3]))
+    rest = len(bodies) - len(shown)
+    return " and ".join([*shown, *([f"{rest} others"] if rest else [])])
+
+
+def spectral_density(network: Network, name: str) -> float | None:
+    """Return the density S of a body's noise (N2 s rad-1); None if it is not constant white noise."""
+    excitation = network.excitations.get(name)
+    if excitation is None:
+        return 0.0
+    if excitation.kind != "intensity" or "time" in excitation.kernel("intensity")[1]:
+        return None
+    density = float(excitation.call("intensity", 0.0))
+    if not 0.0 <= density < math.inf:
+        raise InvalidInput(
+            f"{type(excitation).__name__}.intensity of {name!r} must be finite and not negative: {density!r}."
+        )
+    return density

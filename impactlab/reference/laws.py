@@ -1,0 +1,94 @@
+"""The laws of a network's parts, found by the names of bodies and contacts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from impactlab.component import suggestion
+from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.network import Network
+from impactlab.reference.conditions import Law
+from impactlab.reference.gaussian import GaussianLaw
+from impactlab.reference.gibbs import GibbsLaw
+from impactlab.reference.groups import named
+from impactlab.reference.linear_laws import NEVER
+from impactlab.reference.tree import TreeLaw
+
+_QUANTITIES = ("displacement", "velocity")
+_SHOWN = 6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Laws:
+    """Laws of the parts of a network; `ExactReference` says more."""
+
+    network: Network
+    laws: tuple[Law, ...]
+    untouched: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        return f"ExactReference:\n{self._described()}"
+
+    def _described(self) -> str:
+        """Say what law each part has, of many the first ones."""
+        lines = [f"  {named(law.bodies).replace(chr(39), '')}: {law}" for law in self.laws[:_SHOWN]]
+        lines += [f"  … and {len(self.laws) - _SHOWN} more"] if len(self.laws) > _SHOWN else []
+        if self.untouched:
+            names = [name for name in self.network.contacts if name in self.untouched]
+            lines.append(f"  left out, because it closes with a probability below {NEVER:g}: contact {named(names)}")
+        return "\n".join(lines)
+
+    @cached_property
+    def _law_of(self) -> dict[str, Law]:
+        return {name: law for law in self.laws for name in law.bodies}
+
+    def _law(self, oscillator: str, quantity: str) -> Law:
+        known_name("body", oscillator, self.network.oscillators)
+        known_name("quantity", quantity, _QUANTITIES)
+        return self._law_of[oscillator]
+
+    def _gap_law(self, contact: str) -> GibbsLaw | TreeLaw:
+        """Return the law of which a contact is a part."""
+        known_name("contact", contact, self.network.contacts)
+        law = self._law_of[self._sides(contact)[0]]
+        if isinstance(law, GaussianLaw):
+            raise NoExactReference(
+                f"Contact {contact!r} was left out, because it closes with a probability below {NEVER:g}; how it "
+                "closes is not known."
+            )
+        return law
+
+    def _speed(self, oscillator: str) -> float:
+        """Return the standard deviation of a velocity."""
+        law = self._law_of[oscillator]
+        if isinstance(law, GaussianLaw):
+            return math.sqrt(law.variance(oscillator, "velocity"))
+        return math.sqrt(law.temperature / self.network.oscillators[oscillator].mass)
+
+    def _sides(self, contact: str) -> list[str]:
+        item = self.network.contacts[contact]
+        return [side for side in (item.first, item.second) if isinstance(side, str)]
+
+    def _relative_speed(self, contact: str) -> float:
+        """Return the standard deviation of the rate of an indentation."""
+        return math.sqrt(sum(self._speed(name) ** 2 for name in self._sides(contact)))
+
+
+def known_name(kind: str, name: str, known: Iterable[str]) -> None:
+    """Refuse a name that is unknown."""
+    if name not in known:
+        raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")
+
+
+def finite_array(name: str, values: Any) -> np.ndarray:
+    """Return an array of finite numbers, or refuse it."""
+    array = np.asarray(values, dtype=float)
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{name} must hold finite numbers only.")
+    return array

@@ -1,0 +1,167 @@
+"""Which parts of a network are linear, or would be without contacts that never close, and their laws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from impactlab.errors import NoExactReference
+from impactlab.linear import LinearSystem, lines_of, responses
+from impactlab.model import Model
+from impactlab.network import Network
+from impactlab.reference.gaussian import CosineResponse, GaussianLaw
+from impactlab.reference.groups import Group, differ, groups_of, is_linear, named, refusal, spectral_density
+
+NEVER = 1e-12
+"""Bound of the probability that a contact is closed, and of the contacts in a relaxation time, below which it cannot
+matter."""
+
+
+def linear_law_of(network: Network, body: str) -> GaussianLaw:
+    """Return the law of a body and what is connected to it, where nothing but linear motion matters.
+
+    Raises
+    ------
+    NoExactReference
+        With all reasons, if something else matters.
+    """
+    group = next(item for item in groups_of(network) if body in item.bodies)
+    if group.is_linear:
+        part = LinearPart(group)
+        if part.reasons:
+            raise refusal(part.reasons)
+        return part.law
+    apart = Apart.of(group)
+    if apart is None or apart.mattering:
+        what = [f"the residual force of {name!r}" for name in group.bent] + [repr(name) for name in group.contacts]
+        what += [repr(name) for name, item in group.couplings.items() if not is_linear(item)]
+        raise NoExactReference(
+            f"The motion of {body!r} is not linear, because of {' and '.join(what[:4])}; correlations in time are "
+            "known for linear motion only."
+        )
+    return next(law for law in apart.laws if body in law.bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPart:
+    """Bodies that linear couplings connect."""
+
+    group: Group
+
+    @cached_property
+    def _model(self) -> Model:
+        return Model.of(self.group.without_contacts())
+
+    @cached_property
+    def _system(self) -> LinearSystem:
+        model = self._model
+        springs, dampers = (model.of_links(strength) for strength in model.coupling)
+        damping, stiffness = np.diag(model.damping) + dampers, np.diag(model.stiffness) + springs
+        return LinearSystem(model.mass, damping, stiffness, model.initial_intensities)
+
+    @cached_property
+    def reasons(self) -> list[str]:
+        """Why there is no law."""
+        return list(self._varying()) or list(self._unstable())
+
+    @cached_property
+    def law(self) -> GaussianLaw:
+        """The law, where there are no reasons against it."""
+        system, model = self._system, self._model
+        together = ((np.arange(len(model.bodies)), system),)
+        cosines = [
+            CosineResponse(item.frequencies, item.amplitudes, receptance)
+            for item, (_, receptance) in zip(lines_of(model), responses(model, together), strict=True)
+        ]
+        temperatures = list(self.group.temperatures.values())
+        balanced = ((system.intensity > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
+        thermal = temperatures and balanced and not differ(*temperatures)
+        return GaussianLaw(self.group.bodies, system, temperatures[0] if thermal else None, cosines)
+
+    @cached_property
+    def slowest(self) -> float:
+        """The longest relaxation time (s)."""
+        return 1.0 / float(self._system.rates.min())
+
+    def _varying(self) -> Iterator[str]:
+        network = self.group.network
+        for name in self.group.bodies:
+            excitation = network.excitations.get(name)
+            if excitation and excitation.kind != "lines" and spectral_density(network, name) is None:
+                yield (
+                    f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant white "
+                    "noise or a sum of cosines of random phases the law would be stationary."
+                )
+
+    def _unstable(self) -> Iterator[str]:
+        system, model, names = self._system, self._model, self.group.bodies
+        driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
+        one = len(names) == 1
+        if not driven and not system.damping.any():
+            yield f"{named(names)}: neither noise nor damping, the energy stays as it was at the start."
+        elif not driven:
+            yield f"{named(names)}: damping without noise, everything comes to rest; with noise there would be a law."
+        elif not (model.damping > 0.0).all() and not system.rates.all():
+            _, motions = np.linalg.eig(system.drift)
+            moving = np.abs(motions[-len(names) :, system.rates == 0.0]).max(axis=1) > 1e-6
+            free = named([name for name, moves in zip(names, moving, strict=True) if moves])
+            yield f"{free}: noise without damping, the energy grows for ever; with damping there would be a law."
+        elif system.directions[1].size:
+            yield (
+                f"{named(names)}: the law cannot be normalised, because no spring confines "
+                f"{'it' if one else 'their center'}; with stiffness on {'it' if one else 'one of them'} there would "
+                "be a law."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """The bodies of a group without its contacts.
+
+    Attributes
+    ----------
+    laws : list of GaussianLaw
+        Their laws.
+    mattering : dict of str to float
+        The contacts that matter, with the clearance (m) from which on they would not.
+    """
+
+    laws: list[GaussianLaw]
+    mattering: dict[str, float]
+
+    @classmethod
+    def of(cls, group: Group) -> Apart | None:
+        """Take the contacts away; None if what is left has no Gaussian law."""
+        left = groups_of(group.without_contacts())
+        if not group.contacts or not all(item.is_linear for item in left):
+            return None
+        parts = list(map(LinearPart, left))
+        if any(part.reasons for part in parts):
+            return None
+        part_of = {name: part for part in parts for name in part.group.bodies}
+        slowest = max(part.slowest for part in parts)
+        mattering = {}
+        for name, contact in group.contacts.items():
+            bodies = [side for side in (contact.first, contact.second) if isinstance(side, str)]
+            together = part_of[bodies[0]] is part_of[bodies[-1]]
+            moving = [bodies] if together else [[body] for body in bodies]
+            place, speed = np.sum([part_of[pair[0]].law.relative_variances(pair) for pair in moving], axis=0).tolist()
+            # exp(−c²/2σ²) bounds the tail of a Gaussian and of sums of cosines, and times ω/2π the rate of contacts
+            often = 1.0 + slowest * math.sqrt(speed / place) / (2.0 * math.pi)
+            enough = math.sqrt(2.0 * place * math.log(often / NEVER))
+            if contact.clearance < enough:
+                mattering[name] = enough
+        return cls([part.law for part in parts], mattering)
+
+    @property
+    def advice(self) -> str:
+        """What would have to be so that the law is Gaussian."""
+        some = [f"{clearance:.3g} m for {name!r}" for name, clearance in list(self.mattering.items())[:3]]
+        return (
+            "Without contacts the law would be Gaussian, and so it would with clearances so wide that they never "
+            f"close: {', '.join(some)}{', …' if len(self.mattering) > 3 else ''}."
+        )

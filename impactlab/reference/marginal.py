@@ -1,0 +1,79 @@
+"""Laws of one coordinate: crossings of levels, return levels, and what follows for largest values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.errors import InvalidInput, NoExactReference
+
+_RAREST = 1e-20  # density, relative to its top, that is resolved
+
+Function = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Marginal:
+    """Law of a displacement or an indentation whose rate is Gaussian and independent of it.
+
+    A level u is then crossed upwards at the rate ``speed/sqrt(2π) p(u)`` (Rice, Bell Syst.
+    Tech. J. 24, 1945, 46).
+
+    Attributes
+    ----------
+    density : callable
+        Density p (m-1) at some places (m).
+    above : callable
+        Probability of more than one place.
+    places : (place,) ndarray
+        Increasing places, close enough to show every peak of the density; at the last it has vanished.
+    speed : float
+        Standard deviation of the rate (m s-1).
+    """
+
+    density: Function
+    above: Callable[[float], float]
+    places: np.ndarray
+    speed: float
+
+    def exceedance(self, level: float) -> float:
+        """Return the probability to be above a level."""
+        return self.above(level) if level < self.places[-1] else 0.0
+
+    def rate(self, level: float) -> float:
+        """Return how often a level is crossed upwards (s-1)."""
+        if level > self.places[-1]:
+            return 0.0
+        return self.speed / math.sqrt(2.0 * math.pi) * float(self.density(np.array([level]))[0])
+
+    def return_level(self, time: float) -> float:
+        """Return the highest level that is crossed upwards once in a time, on average.
+
+        Raises
+        ------
+        InvalidInput
+            If no level is crossed so often.
+        NoExactReference
+            If the density is not known so far out.
+        """
+        wanted = math.sqrt(2.0 * math.pi) / (self.speed * time)
+        values = self.density(self.places)
+        often = np.flatnonzero(values >= wanted)
+        if not len(often):
+            shortest = math.sqrt(2.0 * math.pi) / (self.speed * values.max())
+            raise InvalidInput(
+                f"No level is crossed upwards once in {time:g} s, but at most once in {shortest:.6g} s; "
+                "give a time that is longer."
+            )
+        if wanted < _RAREST * values.max():
+            raise NoExactReference(f"Levels that are crossed once in {time:g} s are too rare to be resolved.")
+        low, high = self.places[often[-1] : often[-1] + 2]
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            if not low < middle < high:
+                break
+            low, high = (middle, high) if self.density(np.array([middle]))[0] >= wanted else (low, middle)
+        return float(low)

@@ -1,0 +1,121 @@
+"""What the motion without friction and noise keeps, and the order to which paths are found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import impactlab as il
+from impactlab.study import Check, Item, Study
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+SAMPLES = 3000
+"""Samples of a run."""
+
+PATH_DURATION, PATH_INTERVAL = 2.0, 0.25
+"""Length of the paths whose order is measured, and the time between their samples (s)."""
+
+COARSEST = {"ExactFlow": 2.0**-6, "RungeKutta4": 2.0**-6, "EulerMaruyama": 2.0**-12}
+"""Largest step of each integrator at which its order shows (s)."""
+
+
+class ConservationStudy(Study):
+    """Energy, time reversal, momentum and observed orders.
+
+    Networks without friction, noise and given forces keep their energy. It is followed over many contacts,
+    at the automatic step and at parts of it. The motion is reversed after some contacts and must come
+    back; a free chain must keep its momentum. The order of each integrator is measured path by path,
+    with smooth forces and with contacts.
+    """
+
+    name: ClassVar[str] = "conservation"
+    title: ClassVar[str] = "Conservation: energy over many contacts, time reversal, momentum, observed orders"
+
+    contacts: float = il.parameter(1e6, minimum=100.0)
+    copies: int = il.parameter(4, minimum=2)
+    halvings: int = il.parameter(2, minimum=1)
+    reversed_contacts: tuple[float, ...] = il.parameter((3.0, 10.0, 30.0, 100.0, 300.0))
+    momentum_contacts: float = il.parameter(1e5, minimum=10.0)
+    order_steps: int = il.parameter(5, minimum=3)
+    seed: int = il.parameter(2023, minimum=0)
+
+    def quick(self) -> Self:
+        """The smoke form: few contacts."""
+        return self.replace(contacts=2000.0, momentum_contacts=1000.0, reversed_contacts=(3.0, 10.0, 100.0))
+
+    def items(self) -> list[Item]:
+        """The scenes of constant energy at several steps, a free chain, and short paths."""
+        from impactlab_numerics.conservation_scenes import (
+            SCENES,
+            automatic_step,
+            free_chain,
+            path_starts,
+            paths,
+            side_by_side,
+            starts,
+        )
+
+        items = []
+        for number, (name, scene) in enumerate(SCENES.items()):
+            network = side_by_side(scene.make(), self.copies)
+            initial = starts(scene.make(), self.copies, scene.speed, [self.seed, number])
+            for halving in range(self.halvings + 1):
+                # the same work at each step, but for the first
+                duration = self.contacts / scene.rate / 2.0 ** max(0, halving - 1)
+                step = automatic_step(network, initial, duration)
+                options = {"initial": initial, **_sampled(duration, step / 2.0**halving), "rng": self.seed}
+                items.append(Item(f"{name}_{halving}", network, options))
+        free, initial = free_chain(), {"velocity": {f"body_{k}": (-1.0) ** k + 0.1 for k in range(8)}}
+        duration = self.momentum_contacts / 2.0
+        step = automatic_step(free, initial, duration)
+        items.append(Item("momentum", free, {"initial": initial, **_sampled(duration, step), "rng": self.seed}))
+        for name, path in paths().items():
+            for integrator in (il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()):
+                kind = type(integrator).__name__
+                for halving in range(self.order_steps):
+                    options = {
+                        "duration": PATH_DURATION,
+                        "step": COARSEST[kind] / 2.0**halving,
+                        "integrator": integrator,
+                        "initial": path_starts(self.copies),
+                        "record": il.Trajectory(PATH_INTERVAL),
+                        "rng": self.seed,
+                    }
+                    items.append(Item(f"{kind}_{name}_{halving}", side_by_side(path.network, self.copies), options))
+        return items
+
+    def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
+        from impactlab_numerics.conservation_collect import collect
+
+        return collect(self, results)
+
+    def claims(self, tree: xr.DataTree) -> xr.Dataset:
+        from impactlab_numerics.conservation_claims import judge
+
+        return judge(tree)
+
+    def checks(self, tree: xr.DataTree) -> list[Check]:
+        table = self.claims(tree)
+        rows = zip(table.statement.values, table.verdict.values, table.measured.values, strict=True)
+        return [Check(str(name), verdict != "does not hold", str(found)) for name, verdict, found in rows]
+
+    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
+        from impactlab_numerics.conservation_claims import tables
+
+        return tables(tree)
+
+    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:
+        from impactlab_numerics.conservation_figures import draw
+
+        return draw(tree)
+
+
+def _sampled(duration: float, step: float) -> dict[str, Any]:
+    """Return the options of a run that is sampled at whole steps, the step being made a little smaller."""
+    interval = duration / SAMPLES
+    step = interval / math.ceil(interval / step)
+    return {"duration": duration, "step": step, "record": il.Trajectory(interval)}

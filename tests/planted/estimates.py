@@ -1,0 +1,196 @@
+"""Bugs in what is made of the motion: moments, balances, errors, densities; in series of cosines; in exact laws."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+import impactlab as il
+import impactlab.density
+import impactlab.estimate
+import impactlab.moments
+import impactlab.reference.conditions
+import impactlab.reference.reference
+import impactlab.rules
+import impactlab.series
+import impactlab.simulation
+from impactlab.block import Block
+from impactlab.kernels.sums import FF, FV, FX, VV, XV, XX, F, V, X
+from impactlab.series import Cosines
+from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
+from planted.scenes import ALONE, BATCHES, BOUNDED, INTERVALS, LONG, PAIR, TREE
+
+
+def continuous_balances(right: Any, plan: Any, flows: Any, s: np.ndarray, *_: Any) -> Any:
+    """The balances of continuous time: k E[x] = E[f], c E[v²] = πS/m + E[f v], and that of x v."""
+    (mass, damping, stiffness), mean = (item[:, None] for item in plan.linear), s.mean(axis=0)
+    heat = np.zeros_like(mass)
+    heat[plan.white, 0] = np.pi * plan.intensity
+    kinetic = mass * mean[VV] - (heat + mass * mean[FV]) / damping
+    return {
+        "balance_mean_displacement": mean[X] - mean[F] / stiffness,
+        "balance_mean_square_displacement": mean[XX] - (mass * mean[VV] + mean[FX]) / stiffness,
+        "balance_mean_square_velocity": kinetic / mass,
+    }, right[1]
+
+
+def after_the_kick(monkeypatch: Any) -> None:
+    """Read velocities at the end of the kick."""
+    right = impactlab.moments.statistics_of
+
+    def wrong(plan: Any, sums: np.ndarray, *others: Any) -> Any:
+        half = 0.5 * plan.step / plan.linear[0][:, None]
+        s = sums.copy()
+        s[:, V] += half * sums[:, F]
+        s[:, XV] += half * sums[:, FX]
+        s[:, VV] += 2.0 * half * sums[:, FV] + half**2 * sums[:, FF]
+        s[:, FV] += half * sums[:, FF]
+        return right(plan, s, *others)
+
+    monkeypatch.setattr(impactlab.estimate, "statistics_of", wrong)
+
+
+def at_kicks(processed: Any, plan: Any, flows: Any, s: Any, kicks: Any, *_: Any) -> Any:
+    return dict(kicks)
+
+
+def other_sign(monkeypatch: Any) -> None:
+    """Move values away from balance 0 instead of to it."""
+    regression = impactlab.estimate.Regression
+    right = regression.at_zero
+
+    def wrong(self: Any, values: np.ndarray) -> Any:
+        value, error = right(self, values)
+        return 2.0 * (values * self.share).sum(axis=1) - value, error
+
+    monkeypatch.setattr(regression, "at_zero", wrong)
+
+
+def errors(factor: Any) -> Plant:
+    """Multiply all standard errors by a function of the number of units."""
+
+    def plant(monkeypatch: Any) -> None:
+        regression, mean = impactlab.estimate.Regression, impactlab.estimate._mean
+        at_zero = regression.at_zero
+
+        def of_regression(self: Any, values: np.ndarray) -> Any:
+            value, error = at_zero(self, values)
+            return value, factor(values.shape[-1]) * error
+
+        def of_mean(units: np.ndarray, *others: Any) -> Any:
+            value, error = mean(units, *others)
+            return value, factor(units.shape[-1]) * error
+
+        monkeypatch.setattr(regression, "at_zero", of_regression)
+        monkeypatch.setattr(impactlab.estimate, "_mean", of_mean)
+
+    return plant
+
+
+def scaled(name: str, factor: float) -> Plant:
+    return returned(impactlab.estimate, "statistics_of", lambda found, *_: {**found, name: factor * found[name]})
+
+
+def bins(shift: float = 0.0, width: float = 1.0) -> Plant:
+    """Count into bins that are shifted by a part of their width, or wider."""
+    right = impactlab.density.count_samples
+
+    def wrong(snapshots, first, stride, quantity, low, inverse_width, groups, counts):  # type: ignore[no-untyped-def]
+        low += shift / inverse_width
+        right(snapshots, first, stride, quantity, low, inverse_width / width, groups, counts)
+
+    return instead(impactlab.density, "count_samples", wrong)
+
+
+def into_end_bins(found: dict[str, np.ndarray], *_: Any) -> dict[str, np.ndarray]:
+    counts = found["counts"].copy()
+    counts[..., 1] += counts[..., 0]
+    counts[..., -2] += counts[..., -1]
+    counts[..., 0] = counts[..., -1] = 0
+    return {"counts": counts}
+
+
+def lines(frequency: float = 1.0, amplitude: float = 1.0) -> Plant:
+    return returned(il.ShinozukaNoise, "lines", lambda found, *_: (frequency * found[0], amplitude * found[1]))
+
+
+def one_draw(monkeypatch: Any) -> None:
+    draw = Cosines._draw
+    monkeypatch.setattr(Cosines, "_draw", lambda self, realization, attempt: draw(self, 0, attempt))
+
+
+def sign_of_velocity(monkeypatch: Any) -> None:
+    sample = Cosines.sample
+
+    def wrong(self: Cosines, realization: int, attempt: int, samples: np.ndarray) -> None:
+        sample(self, realization, attempt, samples)
+        samples[1::2] *= -1.0
+
+    monkeypatch.setattr(Cosines, "sample", wrong)
+
+
+def printed_potential(monkeypatch: Any) -> None:
+    """The paper's Eq. 10 and 12: 3/2 where the integral of the force has 5/2."""
+
+    def potential(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return 0.4 * stiffness * indentation * math.sqrt(indentation)
+
+    monkeypatch.setattr(il.HertzContact, "potential", staticmethod(potential))
+
+
+def of_contacts(**factors: float) -> Plant:
+    """Multiply what the exact law says of contacts."""
+    law = impactlab.reference.reference.ExactReference
+    return returned(law, "_contact", lambda found, *_: {**found, **{n: f * found[n] for n, f in factors.items()}})
+
+
+BUGS = [
+    Bug("balances of continuous time", LONG, returned(impactlab.moments, "_balances", continuous_balances)),
+    Bug("regression with the other sign", LONG, other_sign),
+    Bug("moments at the kick alone", PAIR, returned(impactlab.moments, "_processed", at_kicks)),
+    Bug("velocities after the kick", PAIR, after_the_kick),
+    Bug("increment of a kick without the mass", TREE,
+        returned(impactlab.moments, "_increment", lambda found, plan: plan.linear[0][:, None] * found)),
+    Bug("middle of the flow without its noise", PAIR,
+        in_plan(flows=lambda plan: plan.flows._replace(middle_covariance=0.0 * plan.flows.middle_covariance))),
+    Bug("window of the contact rate eight times as wide", PAIR, in_plan(window=lambda plan: 8.0 * plan.window)),
+    Bug("flux through the window in both directions", PAIR, scaled("contact_rate", 2.0)),
+    Bug("flux through the window without its weight", PAIR, scaled("contact_rate", 8.0 / 9.0)),
+    Bug("variance without the square of the mean", PAIR,
+        returned(impactlab.estimate, "_influence", lambda _, units, mean: (units["mean_square_displacement"], 0.0))),
+    Bug("sums that are not cleared between batches", PAIR, instead(Block, "_clear_sums", lambda block: None)),
+    Bug("sums of one batch for the next", BATCHES,
+        returned(impactlab.simulation, "merged",
+                 lambda found, _: tuple(np.repeat(sums[:1], len(sums), axis=0) for sums in found))),
+    Bug("blocks in another order", ALONE,
+        returned(impactlab.simulation, "merged", lambda found, results: tuple(
+            np.concatenate([getattr(item, name) for item in results[::-1]], axis=-1)
+            for name in ("bodies", "contacts", "products")))),
+    Bug("labels of bodies in another order", PAIR, in_plan(bodies=lambda plan: plan.bodies[::-1])),
+    Bug("standard errors of samples as if they were independent", INTERVALS, errors(lambda units: 0.2)),
+    Bug("standard deviations for standard errors", INTERVALS, errors(math.sqrt)),
+    Bug("batches shorter than the relaxation time", BATCHES,
+        both(instead(impactlab.rules, "BATCH_TIMES", 0.2),
+             returned(impactlab.rules, "batches_wanted", lambda wanted, *_: 40 * wanted))),
+    Bug("bins half a width aside", PAIR, bins(shift=0.5)),
+    Bug("bins that are too wide", PAIR, bins(width=24.0 / 23.0)),
+    Bug("samples beyond the limits in the last bins", PAIR,
+        returned(impactlab.density._Counts, "result", into_end_bins)),
+    Bug("density per sample", PAIR,
+        returned(impactlab.density, "_share", lambda found, counts, *_: (found[0] * 1.02, *found[1:]))),
+    Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
+    Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
+    Bug("frequencies of cosines in Hz", BOUNDED, lines(frequency=0.5 / math.pi)),
+    Bug("the same phases in every realization", BOUNDED, one_draw),
+    Bug("the same phases on every body", BOUNDED,
+        instead(impactlab.series, "stream", lambda *_: (1, 2, 3))),
+    Bug("linear response with its velocity reversed", BOUNDED, sign_of_velocity),
+    Bug("potential as printed in the paper", PAIR, printed_potential, in_reference=True),
+    Bug("contact rate of one body's temperature", PAIR, of_contacts(contact_rate=math.sqrt(0.5)), in_reference=True),
+    Bug("mean force over the time in contact", PAIR, of_contacts(mean_contact_force=1.0 / 0.1077), in_reference=True),
+    Bug("temperature without the factor π", PAIR,
+        called(impactlab.reference.conditions, "pair_law", lambda group, heat: (group, heat / math.pi)),
+        in_reference=True),
+]  # fmt: skip

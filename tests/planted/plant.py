@@ -1,0 +1,108 @@
+"""How bugs are planted: what is returned by functions of the real code is changed, or a name in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import impactlab.simulation
+from planted.detectors import Scene
+
+Plant = Callable[[pytest.MonkeyPatch], None]
+Change = Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Bug:
+    """A wrong variant of the code.
+
+    Attributes
+    ----------
+    name : str
+        What is wrong.
+    scene : Scene
+        Where it must show.
+    plant : callable
+        Puts it into the code.
+    in_reference : bool
+        Whether it is in an exact law, so that the simulation may be that of the right code.
+    """
+
+    name: str
+    scene: Scene
+    plant: Plant
+    in_reference: bool = False
+
+
+def returned(module: Any, name: str, change: Callable[..., Any]) -> Plant:
+    """Let a function return ``change(result, *arguments)``."""
+
+    def plant(monkeypatch: pytest.MonkeyPatch) -> None:
+        original = getattr(module, name)
+
+        def wrong(*arguments: Any, **options: Any) -> Any:
+            return change(original(*arguments, **options), *arguments)
+
+        monkeypatch.setattr(module, name, wrong)
+
+    return plant
+
+
+def called(module: Any, name: str, change: Callable[..., tuple[Any, ...]]) -> Plant:
+    """Call a function with ``change(*arguments)`` in the place of its arguments."""
+
+    def plant(monkeypatch: pytest.MonkeyPatch) -> None:
+        original = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *arguments: original(*change(*arguments)))
+
+    return plant
+
+
+def instead(module: Any, name: str, value: Any) -> Plant:
+    """Put something else in the place of a name."""
+    return lambda monkeypatch: monkeypatch.setattr(module, name, value)
+
+
+def both(*plants: Plant) -> Plant:
+    """Plant several changes, which are one bug together."""
+
+    def plant(monkeypatch: pytest.MonkeyPatch) -> None:
+        for item in plants:
+            item(monkeypatch)
+
+    return plant
+
+
+def planned(change: Change) -> Plant:
+    """Change the plan of every simulation."""
+    return returned(impactlab.simulation, "make_plan", lambda plan, *_: change(plan))
+
+
+def in_plan(**changes: Change) -> Plant:
+    """Change fields of the plan: each by a function of the plan."""
+    return planned(lambda plan: replace(plan, **{name: change(plan) for name, change in changes.items()}))
+
+
+def coefficients(change: Callable[[Any, np.ndarray], None]) -> Plant:
+    """Change the numbers of the method, (phase, column, body), in place."""
+
+    def changed(plan: Any) -> Any:
+        result = plan.coefficients.copy()
+        change(plan, result)
+        return replace(plan, coefficients=result)
+
+    return planned(changed)
+
+
+def text(old: str, new: str) -> Plant:
+    """Change the generated text of the forces."""
+
+    def changed(plan: Any) -> Any:
+        assert old in plan.text
+        return replace(plan, text=plan.text.replace(old, new))
+
+    return planned(changed)

@@ -1,0 +1,194 @@
+"""Scenes whose laws are written by hand, and facts: linear bodies, the start, reproducibility."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from scenes import base
+
+import impactlab as il
+from planted.detectors import Distances, Scene, of_independence, of_means
+
+
+class Start(Scene):
+    """The first moments of the base case without a spin-up."""
+
+    name = "start"
+
+    def evidence(self) -> Any:
+        record = il.Trajectory(0.006)
+        return il.simulate(base(), 0.048, realizations=2048, step=0.006, spin_up=0.0, record=record, rng=1)
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        first = found.isel(time=0)
+        squares = {name: first.velocity.sel(oscillator=name).values ** 2 for name in ("one", "two")}
+        result = {f"velocity[{name}] at the start": float(of_means(item, 2.5)) for name, item in squares.items()}
+        result["contacts closed at the start"] = math.inf if (first.contact_force > 0.0).any() else 0.0
+        product = first.velocity.prod("oscillator").values
+        return {**result, "bodies are independent at the start": float(of_means(product, 0.0))}
+
+
+class Linear(Scene):
+    """Linear bodies, alone and coupled: all second moments of the state, at one time and between two."""
+
+    name = "linear"
+    interval = 0.25
+
+    def network(self) -> il.Network:
+        bodies = {
+            "a": il.LinearOscillator(mass=2.0, damping=0.8, stiffness=30.0),
+            "b": il.LinearOscillator(mass=0.5, damping=0.5, stiffness=4.0),
+            "c": il.LinearOscillator(mass=1.5, damping=1.0, stiffness=9.0),
+        }
+        noises = {"a": il.WhiteNoise(1.0), "b": il.WhiteNoise(2.0), "c": il.WhiteNoise(0.5)}
+        return il.Network(bodies, {}, noises, {"bc": il.Coupling("b", "c", il.LinearCoupling(20.0, damping=0.4))})
+
+    def law(self) -> np.ndarray:
+        """Return E[z zᵀ] and E[z(t + interval) zᵀ] of z = (x, v), written by hand."""
+        mass = np.array([2.0, 0.5, 1.5])
+        stiffness = np.array([[30.0, 0.0, 0.0], [0.0, 24.0, -20.0], [0.0, -20.0, 29.0]])
+        damping = np.array([[0.8, 0.0, 0.0], [0.0, 0.9, -0.4], [0.0, -0.4, 1.4]])
+        inverse = 1.0 / mass[:, None]
+        drift = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse * stiffness, -inverse * damping]])
+        growth = np.append(np.zeros(3), 2.0 * np.pi * np.array([1.0, 2.0, 0.5]) / mass**2)
+        covariance = scipy.linalg.solve_continuous_lyapunov(drift, -np.diag(growth))
+        return np.stack([covariance, scipy.linalg.expm(self.interval * drift) @ covariance])
+
+    def evidence(self) -> Any:
+        record = [il.Trajectory(self.interval)]
+        return il.simulate(self.network(), 20.0, realizations=1024, step=self.interval, record=record, rng=1)
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        z = np.concatenate([found.displacement.values, found.velocity.values], axis=2)
+        result = {}
+        for lag, expected, name in zip((0, 1), law, ("E[{0} {1}]", "E[{0} {1}] later"), strict=True):
+            products = np.einsum("rti,rtj->rij", z[:, lag:], z[:, : z.shape[1] - lag]) / (z.shape[1] - lag)
+            distance = of_means(products, expected)
+            labels = [f"{kind}_{body}" for kind in "xv" for body in "abc"]
+            result.update({name.format(labels[i], labels[j]): float(distance[i, j]) for i, j in np.ndindex(6, 6)})
+        result["independence of realizations"] = of_independence((z[:, :, 0] ** 2).mean(axis=1))
+        return result
+
+
+class Bounded(Scene):
+    """Linear bodies under cosines: over one period the mean squares of each are known exactly."""
+
+    name = "bounded noise"
+
+    def network(self) -> il.Network:
+        noise = il.ShinozukaNoise(1.0, band=(0.0, 10.0), components=400)
+        bodies = {
+            "a": il.LinearOscillator(mass=1.0, damping=1.0, stiffness=400.0),
+            "b": il.LinearOscillator(mass=2.0, damping=1.5, stiffness=780.0),
+        }
+        return il.Network(bodies, excitations={"a": noise, "b": noise})
+
+    def law(self) -> Any:
+        frequency = 2.0 * np.pi * 10.0 / 400 * np.arange(1, 401)
+        power = 2.0 * (4.0 * np.pi) * (10.0 / 400)  # A² = 2 S_f Δf, S_f = 4π S
+        squares = {}
+        for name, (m, c, k) in {"a": (1.0, 1.0, 400.0), "b": (2.0, 1.5, 780.0)}.items():
+            gain = 1.0 / ((k - m * frequency**2) ** 2 + (c * frequency) ** 2)
+            squares[name] = 0.5 * power * gain.sum(), 0.5 * power * (gain * frequency**2).sum()
+        return squares
+
+    def evidence(self) -> Any:
+        record = [il.Trajectory(1.0), il.PerRealization()]
+        return il.simulate(
+            self.network(), 40.0, realizations=256, step=0.02, spin_up=0.0, record=record, rng=1
+        )  # fmt: skip
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        result = {}
+        for name, expected in law.items():
+            body = found.sel(oscillator=name)
+            for statistic, value in zip(("displacement", "velocity"), expected, strict=True):
+                each = body[f"mean_square_{statistic}_by_realization"].values
+                result[f"mean_square_{statistic}[{name}]"] = float(np.abs(each / value - 1.0).max()) / 1e-9
+            result[f"start[{name}]"] = float(of_means(body.displacement.values[:, 0], 0.0))
+            result[f"independence of realizations[{name}]"] = of_independence(body.displacement.values[:, 0])
+        product = found.displacement.prod("oscillator").values.mean(axis=1)
+        return {**result, "bodies are independent": float(of_means(product, 0.0))}
+
+
+class ViscousContact(il.ContactLaw):
+    """A spring and a damper."""
+
+    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
+    damping: float = il.parameter(units="N s m-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, damping):
+        return stiffness * indentation + damping * rate
+
+
+class Pressed(Scene):
+    """A body that is pressed on a wall with a damper and never leaves it: linear, with a force that depends on v."""
+
+    name = "pressed"
+
+    def network(self) -> il.Network:
+        contact = il.Contact("a", il.WALL, ViscousContact(60.0, damping=6.0), clearance=-8.0)
+        return il.Network(
+            {"a": il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)},
+            {"wall": contact},
+            {"a": il.WhiteNoise(1.0)},
+        )
+
+    def law(self) -> Any:
+        return {
+            "direct_mean_displacement": -8.0 * 60.0 / 100.0,
+            "variance_displacement": math.pi / (7.0 * 100.0),
+            "mean_square_velocity": math.pi / (7.0 * 2.0),
+            "mean_velocity": 0.0,
+        }
+
+    def evidence(self) -> Any:
+        return il.simulate(self.network(), 20.0, realizations=2048, step=0.005, rng=1)
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        result = {"contact_ratio": 0.0 if found.contact_ratio.item() == 1.0 else math.inf}
+        for name, value in law.items():
+            result[name] = abs(found[name].item() - value) / found[f"{name}_standard_error"].item()
+        return result
+
+
+class Alone(Scene):
+    """Facts: what a realization does depends neither on others, nor on blocks, nor on further bodies."""
+
+    name = "reproducibility"
+
+    def evidence(self) -> Any:
+        options = {"duration": 1.0, "step": 0.006, "spin_up": 0.0, "record": il.PerRealization(), "rng": 3}
+        third = il.LinearOscillator(stiffness=10.0, damping=1.0)
+        more = il.Network(
+            {"body": third, **base().oscillators},
+            {"far": il.Contact("body", "one", il.HertzContact(1.0), clearance=100.0), **base().contacts},
+            {"body": il.WhiteNoise(1.0), **base().excitations},
+        )
+        many = il.simulate(base(), realizations=1100, **options)
+        again = il.simulate(base(), realizations=1100, **options)
+        return (
+            many,
+            again,
+            il.simulate(base(), realizations=70, **options),
+            il.simulate(more, realizations=70, **options),
+        )
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        many, again, few, more = (item.mean_square_displacement_by_realization for item in found)
+        names = ["one", "two"]
+
+        def same(a: Any, b: Any) -> float:
+            return 0.0 if np.array_equal(a.sel(oscillator=names), b.sel(oscillator=names)) else math.inf
+
+        few_of_many = many.isel(realization=slice(0, few.sizes["realization"]))
+        return {
+            "the same numbers again": same(many, again),
+            "the same numbers alone and among others": same(few_of_many, few),
+            "the same numbers with another body": same(few, more),
+            "independence of realizations": of_independence(many.values[:, 1]),
+        }
