@@ -26,17 +26,12 @@ UNITS_PER_CONTROL = 8
 ROUNDING = 1e-15
 """Relative error of a sum, below which no standard error goes."""
 
-<<<<<<< HEAD
-BROKEN = 5.0
-"""Balance, in standard errors, from which one of a few counts as not closed."""
-=======
 CLOSINGS = 30
 """Closings of a contact, in all units together, below which its standard errors are too small: intervals of
 95 % held the mean force in 90 % of cases with 16 to 32 of them, in 83 % with 8 to 16 (random networks, 64 units)."""
 
-BROKEN = 6.0
-"""Balance, in standard errors, from which it counts as not closed."""
->>>>>>> main
+BROKEN = 5.0
+"""Balance, in standard errors, from which one of a few counts as not closed."""
 
 _ROWS = 1000  # regressions at a time
 
@@ -55,24 +50,18 @@ class Estimates:
     drift : float
         Largest difference between the first and the second half of the run, in standard
         errors; NaN with fewer than 8 realizations.
-<<<<<<< HEAD
     unbalanced : str
         Which balance does not close; empty if all do.
-=======
     contacts_per_sample : (contact,) ndarray
         How often each contact closed in a unit, on average.
->>>>>>> main
     """
 
     values: Values
     errors: Values
     by_realization: Values
     drift: float
-<<<<<<< HEAD
     unbalanced: str
-=======
     contacts_per_sample: np.ndarray
->>>>>>> main
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
@@ -133,11 +122,8 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         errors,
         {name: item.T for name, item in by_realization.items()},
         _drift(plan, bodies.sum(axis=1), contacts, steps),
-<<<<<<< HEAD
         unbalanced,
-=======
         closings / len(weights),
->>>>>>> main
     )
 
 

@@ -159,7 +159,7 @@ class LinearSystem:
 
 
 def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return transition and covariance of a motion over a short time (Van Loan, IEEE Trans. Autom. Control 23, 1978)."""
+    """Return transition and covariance of a motion over a short time, by Van Loan's block exponential."""
     from scipy.linalg import expm
 
     step, count = 1.0 / np.abs(drift).max(), len(drift)

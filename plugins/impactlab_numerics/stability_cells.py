@@ -47,7 +47,7 @@ MOST_SAMPLES = 2e6
 
 def pair(
     *, law: il.ContactLaw | None = None, frequency_ratio: float = 16.0, mass_ratio: float = 1.0,
-    damping_ratio: float | None = None, clearance: float = 0.2,
+    damping_ratio: float = 0.1, clearance: float = 0.2,
 ) -> il.Network:  # fmt: skip
     """Return the pair of the base case at 2.5 J with one thing changed.
 
@@ -60,16 +60,13 @@ def pair(
         Of the first body to the second, which has 2π rad/s.
     mass_ratio : float
         Of the first body to the second, which has 1 kg.
-    damping_ratio : float, optional
-        Of both bodies, by default 0.1; with 0 the first one is undamped and without noise, heated by contacts alone.
+    damping_ratio : float
+        Of both bodies; with 0 the first one is undamped and without noise, heated by contacts alone.
     clearance : float
         In standard deviations of the gap without contacts.
     """
-    ratio = 0.1 if not damping_ratio else damping_ratio
-    one = il.LinearOscillator.from_frequency(
-        2.0 * math.pi * frequency_ratio, ratio if damping_ratio != 0.0 else 0.0, mass=mass_ratio
-    )
-    two = il.LinearOscillator.from_frequency(2.0 * math.pi, ratio)
+    one = il.LinearOscillator.from_frequency(2.0 * math.pi * frequency_ratio, damping_ratio, mass=mass_ratio)
+    two = il.LinearOscillator.from_frequency(2.0 * math.pi, damping_ratio or 0.1)
     bodies = {"one": one, "two": two}
     deviation = math.sqrt(sum(TEMPERATURE / body.stiffness for body in bodies.values()))
     law = law or il.HertzContact(1e4 * 2.0 * mass_ratio / (1.0 + mass_ratio))
@@ -85,7 +82,8 @@ def scene_on(axis: str, value: float) -> il.Network:
         return pair(law=il.HertzContact(value))
     if axis == "linear_stiffness":
         return pair(law=il.LinearContact(value))
-    return pair(**{axis.removesuffix("s"): value})
+    changed: dict[str, Any] = {axis.removesuffix("s"): value}
+    return pair(**changed)
 
 
 def shaken(network: il.Network, components: int) -> il.Network:
@@ -128,7 +126,7 @@ class Length:
 
     @classmethod
     def of(cls, network: il.Network, most: float) -> Length | None:
-        """Return what gives `TARGET`, or as much as a simulated time (s) allows; None if it is not enough for `WORST`."""
+        """Return what gives `TARGET`, or as much as a simulated time (s) allows; None if not enough for `WORST`."""
         relaxation, rate = relaxation_time(Model.of(network)), _rate(network)
         wanted = SCATTER * relaxation / TARGET**2
         least = wanted * (TARGET / WORST) ** 2
@@ -156,8 +154,8 @@ def _rate(network: il.Network) -> float:
 def verdict(result: xr.Dataset, reference: Mapping[str, Any]) -> Verdict:
     """Judge a result by exact values, or by a run with the same noise.
 
-    A statistic with a standard error above `KNOWN` is not judged, nor are contacts fewer than `SEEN`. The mean of the differences of
-    realizations counts where it is known better.
+    A statistic with a standard error above `KNOWN` is not judged, nor are contacts fewer than `SEEN`. The mean of
+    the differences of realizations counts where it is known better.
     """
     names, deviations, errors, blown_up = [], [], [], False
     seen = float(np.asarray(reference["contact_rate"])[0]) * result.attrs["duration"] * result.attrs["realizations"]

@@ -71,8 +71,8 @@ def _automatic(cells: xr.Dataset, noise: str) -> Claim:
         measured += f"; the worst statistic is {100.0 * np.abs(rows.deviation.values[seen]).max():.2f} % off"
     return Claim(
         "automatic step",
-        f"Under {'white' if noise == 'white' else 'bounded'} noise the default method at its automatic step is accurate "
-        f"to {ALLOWED:.0%} in every cell, or refused with the reason.",
+        f"Under {'white' if noise == 'white' else 'bounded'} noise the default method at its automatic step is "
+        f"accurate to {ALLOWED:.0%} in every cell, or refused with the reason.",
         measured,
         _verdict(not np.isin(kinds, BROKEN).any(), bool(seen.any())),
     )

@@ -209,9 +209,7 @@ def _paper(study: StabilityStudy) -> xr.Dataset:
         quarter = _whole(network, QUARTER * _steps(network)[type(METHODS[0]).__name__][0])
         scene = "paper", ratio, "reference", network
         references.append(Cell(il.ExactFlow(), *scene[:1], "", ratio, "reference", network, quarter, length, math.inf))
-        cells.append(
-            Cell(il.RungeKutta4(), "paper", "", ratio, PAPER, network, study.paper_step, length, math.inf)
-        )
+        cells.append(Cell(il.RungeKutta4(), "paper", "", ratio, PAPER, network, study.paper_step, length, math.inf))
     found = dict(zip(map(id, cells), _run(references, study.seed, lambda cell: None), strict=True))
     verdicts = _run(cells, study.seed, lambda cell: found[id(cell)])
     return _table(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,7 +160,7 @@ def _network(
     made, excitations = {}, {}
     for name in names:
         own_mass, own = mass * draw.scale(), frequency * draw.scale() * (not draw.chance(0.1))
-        ratio = 0.0 if draw.chance(0.1) and not damped else float(10.0 ** draw.rng.uniform(-1.0 if damped else -3.0, 1.0))
+        ratio = float(10.0 ** draw.rng.uniform(-1.0 if damped else -3.0, 1.0)) * (damped or not draw.chance(0.1))
         made[name] = _body(draw, draw.one(bodies), own_mass, own, ratio, frequency, temperature)
         if not draw.chance(0.25):
             heat = temperature if draw.chance(0.7) else temperature * draw.scale()
@@ -341,6 +340,8 @@ def _not_numbers(result: Any, warned: bool, quiet: bool) -> str:
     for name, item in result.data_vars.items():
         error = str(name).endswith("_standard_error")
         known = np.isfinite(item.values) if item.dtype.kind == "f" else np.ones(item.shape, bool)
+        if error and "contact" in str(name):  # of a contact that was never closed nothing is known
+            known |= result[str(name).removesuffix("_standard_error")].values == 0.0
         if not known.all() and not str(name).startswith("balance_") and not (error and (warned or quiet)):
             return str(name)
     return ""
