@@ -69,7 +69,7 @@ class StabilityStudy(Study):
             damping_ratios=(),
             clearances=(),
             factors=(0.25, 2.0, 8.0),
-            body_steps=4e6,
+            body_steps=1e6,
             automatic_body_steps=1e7,
             paper_frequency_ratios=(16.0, 400.0),
             paper_stiffness=(1e4,),

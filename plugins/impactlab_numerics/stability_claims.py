@@ -10,10 +10,8 @@ import xarray as xr
 
 from impactlab.study import Check
 from impactlab_numerics.stability_cells import ALLOWED, CLASSES, SURE
-from impactlab_numerics.stability_collect import AUTOMATIC, METHODS
+from impactlab_numerics.stability_collect import AUTOMATIC, DEFAULT, METHODS
 from impactlab_numerics.wild import BAD
-
-DEFAULT = type(METHODS[0]).__name__
 
 BROKEN = ("degraded", "unstable")
 """What no cell of the default method at its own step may be."""
@@ -74,7 +72,7 @@ def _automatic(cells: xr.Dataset, noise: str) -> Claim:
         f"Under {'white' if noise == 'white' else 'bounded'} noise the default method at its automatic step is "
         f"accurate to {ALLOWED:.0%} in every cell, or refused with the reason.",
         measured,
-        _verdict(not np.isin(kinds, BROKEN).any(), bool(seen.any())),
+        _verdict(not np.isin(kinds, BROKEN).any(), bool(seen.any() or np.isin(kinds, BROKEN).any())),
     )
 
 

@@ -25,11 +25,16 @@ if TYPE_CHECKING:
 METHODS: tuple[il.Integrator, ...] = (il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama())
 """The methods, the default one first."""
 
+DEFAULT = type(METHODS[0]).__name__
+
 AUTOMATIC, PAPER = "automatic", "paper"
 """What a step is called that a method chooses, and the paper's."""
 
 QUARTER = 0.25
-"""Step of the reference under bounded noise, by the automatic one."""
+"""Step of the reference under bounded noise, by the automatic one, about."""
+
+SERIES = 1.5 / QUARTER
+"""Steps that a cell under bounded noise may take, by those at the automatic step: more than the reference takes."""
 
 
 class Cell(NamedTuple):
@@ -41,9 +46,15 @@ class Cell(NamedTuple):
     value: float
     label: str
     network: il.Network
-    step: float | None
+    given: float | None
+    limits: tuple[float, float]
     length: Length | None
     body_steps: float
+
+    @property
+    def step(self) -> float:
+        """The step that is given, or the automatic one (s)."""
+        return self.limits[0] if self.given is None else self.given
 
 
 def collect(study: StabilityStudy) -> xr.DataTree:
@@ -61,31 +72,35 @@ def collect(study: StabilityStudy) -> xr.DataTree:
 def _maps(study: StabilityStudy) -> xr.Dataset:
     places = [(axis, value) for axis in AXES for value in getattr(study, axis)]
     cells: list[Cell] = []
-    steps, references = {}, {}
+    default = {}
+    references: dict[tuple[str, float], Cell] = {}
     for axis, value in places:
         white = scene_on(axis, value)
         for noise in ("white", "series") if study.series else ("white",):
             network = white if noise == "white" else shaken(white, study.components)
-            steps[noise, axis, value] = known = _steps(network)
-            automatic = known[type(METHODS[0]).__name__][0]
+            limits = _steps(network)
+            default[noise, axis, value] = automatic = limits[DEFAULT][0]
+            length = None if noise == "white" else Length.of(network, study.body_steps * automatic / 2.0)
+            place = noise, axis, value
             if noise == "series":
-                length = Length.of(network, study.body_steps * automatic / 2.0)
                 references[axis, value] = Cell(
-                    il.ExactFlow(), noise, axis, value, "reference", network, _whole(network, QUARTER * automatic),
-                    length, study.body_steps / QUARTER,
+                    METHODS[0], *place, "reference", network, _whole(network, QUARTER * automatic), limits[DEFAULT],
+                    length, SERIES * study.body_steps,
                 )  # fmt: skip
             for method in METHODS:
-                own = known[type(method).__name__][0]
-                wanted = {AUTOMATIC: own, **{f"{factor:g}": factor * automatic for factor in study.factors}}
+                own = limits[type(method).__name__]
+                wanted = {AUTOMATIC: own[0], **{f"{factor:g}": factor * automatic for factor in study.factors}}
                 for label, step in {**wanted, PAPER: study.paper_step}.items():
-                    trusted = label == AUTOMATIC and method is METHODS[0] and noise == "white"
-                    most = study.automatic_body_steps if trusted else study.body_steps
+                    given: float | None = None if label == AUTOMATIC else step
+                    most = study.body_steps
                     if noise == "white":
+                        trusted = label == AUTOMATIC and method is METHODS[0]
+                        most = study.automatic_body_steps if trusted else most
                         length = Length.of(network, most * step / 2.0) if step == step else None
                     else:
-                        most /= QUARTER
-                    given = None if label == AUTOMATIC else _whole(network, step) if noise == "series" else step
-                    cells.append(Cell(method, noise, axis, value, label, network, given, length, most))
+                        most *= SERIES
+                        given = given and _whole(network, given)
+                    cells.append(Cell(method, *place, label, network, given, own, length, most))
     found = dict(zip(references, _run(list(references.values()), study.seed, lambda cell: None), strict=True))
     exact = {place: _exact(scene_on(*place)) for place in places}
 
@@ -93,26 +108,21 @@ def _maps(study: StabilityStudy) -> xr.Dataset:
         place = cell.axis, cell.value
         return exact[place] if cell.noise == "white" else found[place]
 
-    verdicts = _run(cells, study.seed, reference)
-    names = [type(cell.method).__name__ for cell in cells]
-    limits = np.array([steps[cell.noise, cell.axis, cell.value][name] for cell, name in zip(cells, names, strict=True)])
-    default = np.array([steps[cell.noise, cell.axis, cell.value][type(METHODS[0]).__name__][0] for cell in cells])
     return _table(
-        verdicts,
-        method=(names, "method"),
+        _run(cells, study.seed, reference),
+        method=([type(cell.method).__name__ for cell in cells], "method"),
         noise=([cell.noise for cell in cells], "noise"),
         axis=([cell.axis for cell in cells], "what is changed"),
         value=([cell.value for cell in cells], "its value"),
         label=([cell.label for cell in cells], "step, by the automatic one of the default method, or its name"),
-        step=([_step(cell, limit) for cell, limit in zip(cells, limits, strict=True)], "step (s)"),
-        automatic_step=(limits[:, 0], "automatic step of the method (s)"),
-        largest_step=(limits[:, 1], "largest step of the method (s)"),
-        default_step=(default, "automatic step of the default method (s)"),
+        step=([cell.step for cell in cells], "step (s)"),
+        automatic_step=([cell.limits[0] for cell in cells], "automatic step of the method (s)"),
+        largest_step=([cell.limits[1] for cell in cells], "largest step of the method (s)"),
+        default_step=(
+            [default[cell.noise, cell.axis, cell.value] for cell in cells],
+            "automatic step of the default method (s)",
+        ),
     )
-
-
-def _step(cell: Cell, limits: np.ndarray) -> float:
-    return float(limits[0]) if cell.step is None else cell.step
 
 
 def _steps(network: il.Network) -> dict[str, tuple[float, float]]:
@@ -170,9 +180,8 @@ def _run(cells: list[Cell], seed: int, reference: Callable[[Cell], Any]) -> list
 
 def _cost(cell: Cell) -> str:
     """Say why a cell takes too long, if it does; a method that has no step for the scene says that itself."""
-    limits = _steps(cell.network)[type(cell.method).__name__]
-    step = limits[0] if cell.step is None else cell.step
-    if not step <= limits[1]:
+    step = cell.step
+    if not step <= cell.limits[1]:
         return ""
     if cell.length is None:
         return f"a standard error of 3 % takes more than {cell.body_steps:.2g} steps of a body"
@@ -185,8 +194,8 @@ def _cost(cell: Cell) -> str:
 
 def _job(cell: Cell, seed: int) -> Callable[[Executor, Callable[[float], None]], xr.Dataset]:
     length = cell.length or Length(1, 1.0, 0.0)  # is refused
-    options = {**length.options(), "step": cell.step, "integrator": cell.method, "rng": seed}
-    if cell.step is not None:  # a whole number of steps
+    options = {**length.options(), "step": cell.given, "integrator": cell.method, "rng": seed}
+    if cell.given is not None:  # a whole number of steps
         options["duration"] = max(1, math.floor(length.duration / cell.step)) * cell.step
     if cell.noise != "white":
         options["record"] = il.PerRealization()
@@ -202,14 +211,18 @@ def _paper(study: StabilityStudy) -> xr.Dataset:
     period = study.paper_components / (study.paper_band[1] - study.paper_band[0])
     length = Length(study.paper_realizations, 0.8 * period, 0.2 * period)
     places = [(ratio, value) for ratio in study.paper_frequency_ratios for value in study.paper_stiffness]
-    cells, references = [], []
+    cells: list[Cell] = []
+    references: list[Cell] = []
     for ratio, value in places:
         white = pair(frequency_ratio=ratio, law=il.HertzContact(value))
         network = shaken_in_band(white, study.paper_components, study.paper_band)
-        quarter = _whole(network, QUARTER * _steps(network)[type(METHODS[0]).__name__][0])
-        scene = "paper", ratio, "reference", network
-        references.append(Cell(il.ExactFlow(), *scene[:1], "", ratio, "reference", network, quarter, length, math.inf))
-        cells.append(Cell(il.RungeKutta4(), "paper", "", ratio, PAPER, network, study.paper_step, length, math.inf))
+        limits = _steps(network)
+        quarter = _whole(network, QUARTER * limits[DEFAULT][0])
+        for into, method, label, step in (
+            (references, METHODS[0], "reference", quarter), (cells, il.RungeKutta4(), PAPER, study.paper_step),
+        ):  # fmt: skip
+            known = limits[type(method).__name__]
+            into.append(Cell(method, "paper", "", ratio, label, network, step, known, length, math.inf))
     found = dict(zip(map(id, cells), _run(references, study.seed, lambda cell: None), strict=True))
     verdicts = _run(cells, study.seed, lambda cell: found[id(cell)])
     return _table(

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import impactlab as il
+from impactlab.kernels.jit import compilations
 
 FAMILIES = 32
 """Kinds of networks: scenes of a family share compiled code, since only numbers and graphs differ."""
@@ -291,14 +292,21 @@ def run_scene(scene: Scene) -> Outcome:
         not one, a balance off by `UNBALANCED` standard errors without a word, more time than `HANGING` where
         `LIMIT` was foreseen, or an error that is not one of impactlab's.
     """
-    begin = time.monotonic()
+    begin, seen = time.monotonic(), compilations()
+
+    def since() -> float:
+        """Time that was not spent on compiling (s), at least."""
+        nonlocal begin, seen
+        if compilations() != seen:
+            begin, seen = time.monotonic(), compilations()
+        return time.monotonic() - begin
 
     def guard(done: float) -> None:
-        if time.monotonic() - begin > HANGING:
+        if since() > HANGING:
             raise TimeoutError(f"{done:.1%} done")
 
     def outcome(kind: str, detail: object) -> Outcome:
-        return Outcome(kind, str(detail).splitlines()[0] if str(detail) else "", time.monotonic() - begin)
+        return Outcome(kind, str(detail).splitlines()[0] if str(detail) else "", since())
 
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -316,7 +324,7 @@ def run_scene(scene: Scene) -> Outcome:
     foreign = [item for item in said if not issubclass(item.category, il.ImpactLabWarning)]
     if foreign:
         return outcome("crash", f"{foreign[0].category.__name__}: {foreign[0].message}")
-    if time.monotonic() - begin > HANGING:
+    if since() > HANGING:
         return outcome("hanging", "before or after the steps")
     messages = [str(item.message) for item in said]
     noises = scene.network.excitations.values()
@@ -334,15 +342,14 @@ def run_scene(scene: Scene) -> Outcome:
 def _not_numbers(result: Any, warned: bool, quiet: bool) -> str:
     """Name the first variable that is not finite.
 
-    A body without spring or damping has no balance; standard errors may be NaN after a warning, or where nothing is
-    random.
+    Standard errors may be NaN after a warning, or where nothing is random; those of contacts and bands where nothing
+    scattered. A body without spring or damping has no balance.
     """
     for name, item in result.data_vars.items():
-        error = str(name).endswith("_standard_error")
-        known = np.isfinite(item.values) if item.dtype.kind == "f" else np.ones(item.shape, bool)
-        if error and "contact" in str(name):  # of a contact that was never closed nothing is known
-            known |= result[str(name).removesuffix("_standard_error")].values == 0.0
-        if not known.all() and not str(name).startswith("balance_") and not (error and (warned or quiet)):
+        error, of_contact = str(name).endswith("_standard_error"), "contact" in item.dims
+        known = str(name).startswith("balance_") or str(name).endswith("_band_factor")
+        known |= error and (warned or quiet or of_contact)
+        if item.dtype.kind == "f" and not known and not np.isfinite(item.values).all():
             return str(name)
     return ""
 
