@@ -16,7 +16,7 @@ FAMILIES = 32
 """Kinds of networks: scenes of a family share compiled code, since only numbers and graphs differ."""
 
 LIMIT, HANGING = 1.0, 20.0
-"""Work that a scene may be foreseen to take, and the time after which it counts as hanging (s)."""
+"""Work that a scene may be foreseen to take, and the time of the processor after which it counts as hanging (s)."""
 
 UNBALANCED = 5.0
 """Standard errors by which no balance may be off without a warning."""
@@ -98,7 +98,7 @@ class Scene(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How a scene ended: one word or two, what was said, and how long it took (s)."""
+    """How a scene ended: one word or two, what was said, and the time of the processor since the last compilation (s)."""
 
     kind: str
     detail: str
@@ -292,14 +292,14 @@ def run_scene(scene: Scene) -> Outcome:
         not one, a balance off by `UNBALANCED` standard errors without a word, more time than `HANGING` where
         `LIMIT` was foreseen, or an error that is not one of impactlab's.
     """
-    begin, seen = time.monotonic(), compilations()
+    begin, seen = time.process_time(), compilations()
 
     def since() -> float:
         """Time that was not spent on compiling (s), at least."""
         nonlocal begin, seen
         if compilations() != seen:
-            begin, seen = time.monotonic(), compilations()
-        return time.monotonic() - begin
+            begin, seen = time.process_time(), compilations()
+        return time.process_time() - begin
 
     def guard(done: float) -> None:
         if since() > HANGING:
