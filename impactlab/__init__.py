@@ -23,6 +23,7 @@ _HOME = {
     "derived": ["effective_samples", "jackknife"],
     "peaks": ["PeakForces"],
     "record": ["PerRealization", "Record", "Trajectory"],
+    "spectrum": ["Spectrum"],
     "simulation": ["simulate"],
     "sweeps": ["sweep"],
     "again": ["rerun"],

@@ -25,6 +25,9 @@ ATTEMPTS = 100
 HOPELESS = 20
 """Contacts closed in the first draw from which on no draw will have none."""
 
+SNAPSHOT_BYTES = 16_000_000
+"""Memory that the samples of a call may take."""
+
 Tick = Callable[[int], None]
 
 
@@ -202,7 +205,10 @@ class Block:
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
             unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
-            whole = plan.tile_steps or max(unit, plan.steps_per_call // unit * unit)
+            most = plan.steps_per_call
+            if every:
+                most = min(most, SNAPSHOT_BYTES // (8 * quantities * lanes) * every)
+            whole = plan.tile_steps or max(unit, most // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))

@@ -8,6 +8,7 @@ import numpy as np
 
 from impactlab.bands import KNOWN, band_factor
 from impactlab.plan import Plan
+from impactlab.rules import BATCHES
 
 GROUPS = 256
 """Largest number of groups from which errors are estimated."""
@@ -30,6 +31,23 @@ def groups_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
     batches = len(plan.boundaries)
     units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
     return np.ascontiguousarray(units * group_count(plan) // (plan.realizations * batches))
+
+
+def samples_per_realization(plan: Plan) -> int:
+    """Return into how many independent samples a realization is cut: its batches, if there are few realizations."""
+    return 1 if plan.realizations >= BATCHES else len(plan.boundaries)
+
+
+def grouped(blocks: list[np.ndarray]) -> np.ndarray:
+    """Add independent samples of all blocks, (lane, sample, …) each, to at most `GROUPS` groups, (group, …).
+
+    Realizations are added in their order, so that the sums do not depend on the blocks.
+    """
+    each = np.concatenate(blocks)
+    each = each.reshape(-1, *each.shape[2:])
+    starts = -(-np.arange(min(len(each), GROUPS)) * len(each) // GROUPS) if len(each) > GROUPS else np.arange(len(each))
+    result: np.ndarray = np.add.reduceat(each, starts, axis=0)
+    return result
 
 
 def mean_of_groups(

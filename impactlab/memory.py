@@ -12,6 +12,9 @@ from impactlab.series import sample_count
 COPIES = 6
 """How many times the sums of a run are in memory while they are evaluated, at most."""
 
+RECORD_COPIES = 3
+"""The same of what records keep."""
+
 
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
@@ -46,9 +49,11 @@ def _series(plan: Plan) -> int:
 def needed(plan: Plan, workers: int) -> int:
     """Return the bytes that a run with its results takes, without trajectories."""
     running, of_sums = sizes(plan)
-    return min(plan.realizations, workers * plan.lanes) * running + (
-        COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums
+    kept: int = plan.realizations * sum(record.bytes_per_realization(plan) for record, _ in plan.records)
+    run: int = min(plan.realizations, workers * plan.lanes) * running + (
+        COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )
+    return run
 
 
 def available() -> float:
@@ -93,5 +98,6 @@ def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
         raise InvalidInput(
             f"{plan.realizations} realizations of {len(plan.bodies)} bodies and {len(plan.contacts)} contacts would "
             f"take {run / 1e9:.3g} GB of memory ({run / plan.realizations / len(plan.bodies):.3g} bytes per body and "
-            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations or a smaller network."
+            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
+            "records of less."
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.component import finite, parameter, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.groups import OF_BAND, group_count, groups_of, mean_of_groups
+from impactlab.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
 from impactlab.kernels.histogram import add_crossings
 from impactlab.model import Model
 from impactlab.plan import Plan
@@ -105,13 +105,15 @@ class PeakForces(Record):
             )
         return steps
 
+    def bytes_per_realization(self, plan: Plan) -> int:
+        bins, windows = 2 * samples_per_realization(plan) * self.bins, plan.steps // self.steps_per_window(plan)
+        return 8 * len(self.limits) * (bins + windows)
+
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         count, window = len(plan.contacts), self.steps_per_window(plan) * plan.step
         if not count:
             return {}
-        flux, push, samples = (
-            np.sum([result[key] for result in results], axis=0) for key in ("flux", "push", "samples")
-        )
+        flux, push, samples = (grouped([result[key] for result in results]) for key in ("flux", "push", "samples"))
         peaks = np.concatenate([result["peaks"] for result in results])
         times = np.array(self.return_times or (window, 10.0 * window, 100.0 * window))
         rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
@@ -120,9 +122,9 @@ class PeakForces(Record):
         inverse_mass = np.append(1.0 / plan.linear[0], 0.0)
         for row, (name, depth) in enumerate(self.limits):
             slot, width = plan.contacts.index(name), depth / self.bins
-            own, total = flux[row], flux[row].sum(axis=0)
+            own, total = flux[:, row], flux[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
-            force[slot] = np.divide(push[row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
+            force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
             mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.trusted, slice(None))
             # in the middle of a kick the mean square of the velocity is too small by h² K/6
             stiffness = np.nan_to_num(np.gradient(force[slot], width)) * inverse_mass[plan.ends[slot]].sum()
@@ -161,9 +163,9 @@ def _attrs(units: str, long_name: str, error: str | None = None) -> dict[str, st
 
 class _Peaks(Keeper):
     def __init__(self, record: PeakForces, plan: Plan, realizations: np.ndarray) -> None:
-        self.record, self.seen, self.groups = record, 0, groups_of(plan, realizations)
+        self.record, self.seen, self.parts = record, 0, samples_per_realization(plan)
         self.window = record.steps_per_window(plan)
-        bodies, count, groups = len(plan.bodies), len(record.limits), group_count(plan)
+        bodies, count, lanes = len(plan.bodies), len(record.limits), len(realizations)
         slots = [plan.contacts.index(name) for name, _ in record.limits]
         ends = plan.ends[slots]
         places = np.where(ends < bodies, ends, -1)
@@ -171,26 +173,25 @@ class _Peaks(Keeper):
         self.rows = np.column_stack([places, np.where(places < 0, -1, bodies + places), self.forces])
         self.clearance = plan.clearance[slots]
         self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
-        self.flux, self.push = np.zeros((2, count, groups, record.bins))
-        self.samples = np.zeros(groups)
-        self.peaks = np.zeros((len(realizations), plan.steps // self.window, count))
+        self.flux, self.push = np.zeros((2, self.parts, count, lanes, record.bins))
+        self.samples = np.zeros((lanes, self.parts))
+        self.peaks = np.zeros((lanes, plan.steps // self.window, count))
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         begin, self.seen = self.seen, self.seen + len(snapshots)
-        groups = self.groups[batch]
-        np.add.at(self.samples, groups, float(len(snapshots)))
+        part = min(batch, self.parts - 1)
+        self.samples[:, part] += len(snapshots)
         for row in range(len(self.rows)):
-            add_crossings(
-                snapshots, self.rows[row], self.clearance[row], self.inverse_width[row], groups,
-                self.flux[row], self.push[row],
-            )  # fmt: skip
+            target = self.flux[part, row], self.push[part, row]
+            add_crossings(snapshots, self.rows[row], self.clearance[row], self.inverse_width[row], *target)
         for window in range(begin // self.window, min((self.seen - 1) // self.window + 1, self.peaks.shape[1])):
-            part = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
-            largest = snapshots[part, self.forces].max(axis=0).T
+            inside = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
+            largest = snapshots[inside, self.forces].max(axis=0).T
             np.maximum(self.peaks[:, window], largest, out=self.peaks[:, window])
 
     def result(self) -> dict[str, np.ndarray]:
-        return {"flux": self.flux, "push": self.push, "samples": self.samples, "peaks": self.peaks}
+        flux, push = (item.transpose(2, 0, 1, 3) for item in (self.flux, self.push))
+        return {"flux": flux, "push": push, "samples": self.samples, "peaks": self.peaks}
 
 
 def _return_level(

@@ -121,4 +121,5 @@ def _values(component: Component, name: str, places: np.ndarray) -> np.ndarray:
         except Exception:  # whatever it is, those who need the value will say it better
             return np.nan
 
-    return np.array([value(place) for place in places.ravel().tolist()]).reshape(places.shape)
+    with np.errstate(all="ignore"):  # a kernel may be NumPy's, which warns instead
+        return np.array([value(place) for place in places.ravel().tolist()]).reshape(places.shape)

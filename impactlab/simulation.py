@@ -14,13 +14,15 @@ import numpy as np
 import xarray as xr
 
 import impactlab.density
-import impactlab.peaks  # noqa: F401  (records must be known when one is made again)
+import impactlab.peaks
+import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
+from impactlab.groups import samples_per_realization
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.memory import check_memory
@@ -286,6 +288,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "duration": observation,
         "spin_up": plan.spin_up_steps * plan.step,
         "realizations": plan.realizations,
+        "independent_samples": plan.realizations * samples_per_realization(plan),
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
     }

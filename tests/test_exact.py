@@ -729,7 +729,7 @@ def test_all_reasons_are_given():
     )
     assert message.splitlines() == [
         "There is no exact stationary law that is known here:",
-        "- 'a' is excited by ShinozukaNoise; the law is known for constant white noise only.",
+        "- 'a' is excited by ShinozukaNoise; the law is known for constant white noise only, as il.WhiteNoise.",
         "- 'b' has damping without noise: its temperature is 0; with white noise it would have a law.",
         "- ForceOnlyContact, the law of contact 'gap', does not define potential; define potential(indentation, ...), "
         "the integral of ForceOnlyContact.force from 0.",

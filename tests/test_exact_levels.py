@@ -217,3 +217,43 @@ def test_bad_input():
     notched, _ = pair(NotchedContact())
     with pytest.raises(il.NoExactReference, match="force of contact 'gap' falls with the indentation"):
         notched.return_level("gap", "contact_force", 10.0)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_crossings_of_a_simulated_pair_are_counted():
+    """Of displacements and forces, at steps of a sixth of the automatic one, so that few are missed."""
+    network, count, time = base(), 96, 20.0
+    record = il.Trajectory(interval=1e-3)
+    result = il.simulate(network, time, step=1e-3, realizations=count, rng=6, record=[record])
+    reference = exact(network)
+    for name, quantity, variable, period in (
+        ("one", "displacement", result.displacement, 1.0),
+        ("two", "displacement", result.displacement, 3.0),
+        ("gap", "contact_force", result.contact_force, 1.0),
+        ("gap", "contact_force", result.contact_force, 5.0),
+    ):
+        level = reference.return_level(name, quantity, period)
+        above = variable.sel({variable.dims[-1]: name}).values > level
+        crossings = (above[:, 1:] & ~above[:, :-1]).sum(axis=1)
+        error = crossings.std(ddof=1) / math.sqrt(count)
+        assert abs(crossings.mean() - time / period) < 3.5 * error, (name, quantity, period)
+        assert error < 0.1 * time / period
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_onset_velocities_of_a_simulated_pair():
+    """Relative velocities at the samples before contacts close, against Rayleigh's law: mean and mean square."""
+    network = base()
+    record = il.Trajectory(interval=1e-3)
+    result = il.simulate(network, 20.0, step=1e-3, realizations=96, rng=7, record=[record])
+    gap = result.displacement.values[..., 0] - result.displacement.values[..., 1] - 0.05
+    velocity = result.velocity.values[..., 0] - result.velocity.values[..., 1]
+    onset = (gap[:, 1:] > 0.0) & (gap[:, :-1] <= 0.0)
+    found = velocity[:, :-1][onset]
+    v = np.linspace(0.0, 20.0, 4001)
+    density = exact(network).onset_velocity_density("gap", v)
+    for power in (1, 2):
+        expected = np.trapezoid(v**power * density, v)
+        error = (found**power).std() / math.sqrt(found.size)
+        assert abs((found**power).mean() - expected) < 3.5 * error
+    assert found.size > 3000

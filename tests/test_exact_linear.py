@@ -224,6 +224,21 @@ def test_contacts_that_cannot_matter():
         reference.onset_velocity_density("gap", 0.1)
 
 
+def test_contacts_of_coupled_bodies_under_cosines_that_cannot_matter():
+    """What counts is the spread of the difference, which a stiff spring makes small; walls see the bodies."""
+    network = bounded(couplings={"s": spring("a", "b", 5000.0, 0.1)})
+    square = variances(exact(network))[:2]
+    wide = 1.01 * math.sqrt(2.0 * square[1] * math.log(1e12 * 20.0))
+    near = {"gap": il.Contact("b", "a", il.LinearContact(1e3), clearance=0.2 * wide)}
+    far = {"stop": il.Contact(il.WALL, "b", il.HertzContact(1e3), clearance=wide)}
+    reference = exact(network.replace(contacts=near | far))
+    np.testing.assert_array_equal(variances(reference)[:2], square)
+    assert "contact 'gap' and 'stop'" in repr(reference)
+    with pytest.raises(il.NoExactReference, match=r"never close: [0-9.]+ m for 'stop'\.") as caught:
+        exact(network.replace(contacts=near | {"stop": far["stop"].replace(clearance=0.2 * wide)}))
+    assert "'a' is excited by ShinozukaNoise" in str(caught.value)
+
+
 def test_correlations_where_the_law_is_known_but_the_motion_is_not_linear():
     reference = exact(base())
     with pytest.raises(il.NoExactReference, match="'one' is not linear, because of 'gap'"):

@@ -7,6 +7,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import impactlab as il
+from impactlab.ensemble import SharedThreads
 
 T, STIFFNESS, CLEARANCE = np.pi * 16.0 / (0.2 * 32.0 * np.pi), 1e4, 0.05  # of scenes.base(), with unit masses
 
@@ -139,3 +140,26 @@ def test_bad_input_is_refused(options, message):
 def test_a_network_without_contacts_has_no_peaks():
     ds = il.simulate(linear(), 5.0, realizations=64, rng=1, record=il.PeakForces())
     assert "crossing_rate" not in ds
+
+
+@pytest.mark.parametrize(("realizations", "duration"), [(300, 4.0), (10, 300.0)], ids=["realizations", "batches"])
+def test_numbers_do_not_depend_on_the_blocks(realizations, duration):
+    """Groups hold realizations of several blocks; sums of spectra and crossings are those of one block, bit for bit."""
+    records = [
+        il.PeakForces(window=1.0),
+        il.Spectrum("contact_force", segment=2.0),
+        il.Spectrum("velocity", segment=2.0),
+    ]
+    options = {"realizations": realizations, "rng": 1, "record": records}
+    with SharedThreads(1, 1) as one, SharedThreads(5, 1) as many:
+        whole, parts = (il.simulate(base(), duration, executor=pool, **options) for pool in (one, many))
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(parts[name], whole[name], err_msg=name)
+
+
+def test_what_would_not_fit_into_memory_is_refused():
+    fine = il.PeakForces(bins=10**9)
+    with pytest.raises(il.InvalidInput, match=r"GB of memory .* or records of less"):
+        il.simulate(base(), 5.0, realizations=64, rng=1, record=fine)
+    with pytest.raises(il.InvalidInput, match="GB of memory"):
+        il.simulate(base(), 1e6, realizations=10**4, rng=1, record=il.Spectrum(segment=1e6))

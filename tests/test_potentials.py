@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import impactlab as il
@@ -89,6 +90,18 @@ class ShortContact(il.ContactLaw):
         return -limit * indentation - limit**2 * math.log(1.0 - indentation / limit)
 
 
+class NumpyContact(il.ContactLaw):
+    """Overflows with a warning."""
+
+    @staticmethod
+    def force(indentation):
+        return np.exp(1e3 * indentation) - 1.0
+
+    @staticmethod
+    def potential(indentation):
+        return 1e-3 * (np.exp(1e3 * indentation) - 1.0) - indentation
+
+
 class DashpotContact(il.ContactLaw):
     """What its potential should be is not known."""
 
@@ -161,6 +174,7 @@ def test_wrong_potentials_are_refused(law, message):
         *(StagedContact(depth=depth, jump=jump) for depth in (1e-6, 1.0 / 3.0, 0.5) for jump in (0.0, 100.0)),
         ShortContact(0.02),
         ScaledContact(1.0 + 1e-7),
+        NumpyContact(),
         DashpotContact(),
         il.HertzContact(0.0),
     ],

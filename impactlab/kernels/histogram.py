@@ -31,8 +31,8 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, bins, 
 
 
 @kernel
-def add_crossings(snapshots, rows, clearance, inverse_width, groups, flux, push):  # type: ignore[no-untyped-def]
-    """Add the closing velocities of a contact to ``flux[group, bin]`` of its indentations, and these times the force.
+def add_crossings(snapshots, rows, clearance, inverse_width, flux, push):  # type: ignore[no-untyped-def]
+    """Add the closing velocities of a contact to ``flux[lane, bin]`` of its indentations, and these times the force.
 
     `rows` are those of the displacements of its bodies, −1 for a wall, of their velocities, and of its force.
     """
@@ -48,5 +48,5 @@ def add_crossings(snapshots, rows, clearance, inverse_width, groups, flux, push)
                 closing -= snapshots[sample, rows[3], lane]
             place = depth * inverse_width
             if depth > 0.0 and closing > 0.0 and place < bins:
-                flux[groups[lane], int(place)] += closing
-                push[groups[lane], int(place)] += closing * snapshots[sample, rows[4], lane]
+                flux[lane, int(place)] += closing
+                push[lane, int(place)] += closing * snapshots[sample, rows[4], lane]

@@ -10,12 +10,14 @@ from impactlab.coupling import Coupling
 from impactlab.network import Network
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
-from impactlab.reference.groups import Group, differ, groups_of, is_linear, named, refusal, spectral_density
+from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 from impactlab.reference.linear_laws import Apart, LinearPart
 from impactlab.reference.potential import Gap, Potential
 from impactlab.reference.tree import TreeLaw
 
 Law = GibbsLaw | TreeLaw | GaussianLaw
+
+_FORCED = "a contact or a coupling that pushes it would."
 
 
 def laws_of(network: Network) -> tuple[tuple[Law, ...], frozenset[str]]:
@@ -67,7 +69,8 @@ def _body_reasons(group: Group, name: str) -> Iterator[str]:
     known = next(iter(group.temperatures.values()), None)
     if density is None:
         excitation = type(network.excitations[name]).__name__
-        yield f"{name!r} is excited by {excitation}; the law is known for constant white noise only."
+        cure = f"il.WhiteNoise({oscillator.damping * known / math.pi:.6g})" if known else "il.WhiteNoise"
+        yield f"{name!r} is excited by {excitation}; the law is known for constant white noise only, as {cure}."
     elif density and not oscillator.damping:
         cure = f"damping {math.pi * density / known:.6g} N s m-1" if known else "damping"
         yield f"{name!r} has noise without damping and gains energy for ever; with {cure} it would have a law."
@@ -115,7 +118,7 @@ def _group_reasons(group: Group) -> Iterator[str]:
     if temperatures and differ(*temperatures.values()):
         yield _unequal(group)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
-        yield f"{named(bodies)}: neither noise nor damping, the energy stays as it was at the start."
+        yield f"{named(bodies)}: {UNHEATED}"
     if len(group.pairs) >= len(bodies):
         yield (
             f"{named(group.loop)} are connected in loops; the law is computed for trees, such as these bodies "
@@ -191,7 +194,7 @@ def _refuse_unheated(group: Group, law: GibbsLaw | TreeLaw, heated: set[str]) ->
         heated |= reached
     cold = [name for name in group.bodies if name not in heated]
     if cold:
-        raise refusal([f"{name!r} has neither noise nor damping, and nothing heats it." for name in cold])
+        raise refusal([f"{name!r} has neither noise nor damping, and nothing heats it; {_FORCED}" for name in cold])
 
 
 def _pushes(group: Group, law: GibbsLaw | TreeLaw, pair: tuple[str, ...]) -> bool:

@@ -79,7 +79,7 @@ def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, 
         if not np.isfinite(span).all():
             raise NoExactReference(
                 f"{item.names}: the law cannot be normalised, because neither springs nor contacts confine it "
-                "on both sides."
+                "on both sides; either would do."
             )
     reached = [result[i] - result[j, ::-1] for i, j, _ in links]
     between_links = [np.clip(known[item], *ends) for (*_, item), ends in zip(links, reached, strict=True)]

@@ -13,6 +13,9 @@ from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.network import Network
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
+UNHEATED = (
+    "neither noise nor damping, the energy stays as it was at the start; with both on one of them there would be a law."
+)
 _REFUSAL = "There is no exact stationary law that is known here:"
 
 

@@ -14,7 +14,7 @@ from impactlab.linear import LinearSystem, lines_of, responses
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
-from impactlab.reference.groups import Group, differ, groups_of, is_linear, named, refusal, spectral_density
+from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 
 NEVER = 1e-12
 """Bound of the probability that a contact is closed, and of the contacts in a relaxation time, below which it cannot
@@ -102,7 +102,7 @@ class LinearPart:
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         one = len(names) == 1
         if not driven and not system.damping.any():
-            yield f"{named(names)}: neither noise nor damping, the energy stays as it was at the start."
+            yield f"{named(names)}: {UNHEATED}"
         elif not driven:
             yield f"{named(names)}: damping without noise, everything comes to rest; with noise there would be a law."
         elif not (model.damping > 0.0).all() and not system.rates.all():
@@ -150,7 +150,7 @@ class Apart:
             together = part_of[bodies[0]] is part_of[bodies[-1]]
             moving = [bodies] if together else [[body] for body in bodies]
             place, speed = np.sum([part_of[pair[0]].law.relative_variances(pair) for pair in moving], axis=0).tolist()
-            # exp(−c²/2σ²) bounds the tail of a Gaussian and of sums of cosines, and times ω/2π the rate of contacts
+            # exp(−c²/2σ²) bounds the tail, also of sums of cosines; times ω/2π it is a Gaussian's rate of crossings
             often = 1.0 + slowest * math.sqrt(speed / place) / (2.0 * math.pi)
             enough = math.sqrt(2.0 * place * math.log(often / NEVER))
             if contact.clearance < enough:

@@ -1,0 +1,183 @@
+"""Records of spectral densities, by Welch's method."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from impactlab.component import parameter, suggestion
+from impactlab.errors import InvalidInput
+from impactlab.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
+from impactlab.linear import relaxation_time
+from impactlab.model import Model
+from impactlab.plan import Plan
+from impactlab.record import Keeper, Record, Variables, first_own
+
+SEGMENT = 20.0
+"""Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
+
+_DIMENSION = {"displacement": "oscillator", "velocity": "oscillator", "contact_force": "contact"}
+_UNITS = {"displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1"}
+
+
+class Spectrum(Record):
+    """Spectral density of a displacement, a velocity or a contact force.
+
+    It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all frequencies, negative ones
+    too, is the variance. Segments with Hann's window overlap by half (Welch 1967); what they resolve is
+    4π over their length. Standard errors come from groups of realizations, as for densities, with a factor for a band
+    around the whole curve. Samples contain what is faster than half their rate as well; it is folded back.
+
+    Parameters
+    ----------
+    quantity : str
+        "displacement", "velocity" or "contact_force".
+    labels : sequence of str, optional
+        Bodies or contacts; all by default.
+    segment : float, optional
+        Length of the segments (s); by default 20 relaxation times of the slowest body, at most the duration.
+    interval : float, optional
+        Time between samples (s); by default a whole number of steps, 1/2ω of the fastest body for displacements, 1/8ω
+        for velocities, but at least one step, and one step for contact forces.
+    """
+
+    quantity: str = parameter("displacement")
+    labels: tuple[str, ...] | None = parameter(None, kw_only=True)
+    segment: float | None = parameter(None, units="s", above=0.0)
+    interval: float | None = parameter(None, units="s", above=0.0)
+
+    every_step: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quantity not in _UNITS:
+            raise InvalidInput(f"Spectrum.quantity: {suggestion(self.quantity, _UNITS)}")
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        return type(self).__name__, self.quantity
+
+    def resolved(self, model: Model) -> Record:
+        if isinstance(self.labels, str):
+            raise InvalidInput(f"Spectrum: labels is a sequence of names, {self.labels!r} was given.")
+        of_bodies = _DIMENSION[self.quantity] == "oscillator"
+        known = model.bodies if of_bodies else tuple(model.network.contacts)
+        for name in self.labels or ():
+            if name not in known:
+                raise InvalidInput(f"Spectrum: there is no {name!r}; {suggestion(name, known)}")
+        names = tuple(self.labels or known)
+        segment = self.segment or SEGMENT * relaxation_time(model)
+        if not segment > 0.0:
+            raise InvalidInput("Spectrum: no segment can be chosen, since nothing is damped; give segment= (s).")
+        return self.replace(labels=names, segment=segment)
+
+    def exact_interval(self) -> float | None:
+        return self.interval
+
+    def stride(self, model: Model, step: float) -> int:
+        if self.interval is not None:
+            return round(self.interval / step)
+        fastest = float(np.sqrt(model.stiffness / model.mass).max())
+        share = {"displacement": 0.5, "velocity": 0.125, "contact_force": 0.0}[self.quantity]
+        return max(1, int(share / (fastest * step))) if fastest > 0.0 else 1
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Segments(self, plan, realizations, ratio)
+
+    def samples_per_segment(self, plan: Plan, interval: float) -> int:
+        """Return the even number of samples in a segment, at most those of the run."""
+        assert self.segment is not None
+        longest = int(plan.steps * plan.step / interval * (1.0 + 1e-9))
+        count = min(round(self.segment / interval), longest) // 2 * 2
+        if count < 8:
+            raise InvalidInput(
+                f"Spectrum: a segment has {count} samples, {interval:g} s apart; it needs 8. Run for longer, or give a "
+                "longer segment= or a shorter interval= (s)."
+            )
+        return count
+
+    def bytes_per_realization(self, plan: Plan) -> int:
+        ratio = next(ratio for record, ratio in plan.records if record is self)
+        count = self.samples_per_segment(plan, ratio * plan.every * plan.step)
+        return 8 * len(self.labels or ()) * (count + samples_per_realization(plan) * (count // 2 + 1))
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        dimension, q = _DIMENSION[self.quantity], self.quantity
+        known = plan.bodies if dimension == "oscillator" else plan.contacts
+        if not known:
+            return {}
+        power, mean, segments = (grouped([item[key] for item in results]) for key in ("power", "mean", "segments"))
+        count = self.samples_per_segment(plan, interval)
+        window = _window(count)
+        frequencies = 2.0 * math.pi * np.arange(count // 2 + 1) / (count * interval)
+        scale = interval / (2.0 * math.pi * (window**2).sum())
+        of_mean = np.abs(np.fft.rfft(window)) ** 2  # what a constant gives: only at the lowest two frequencies
+        density, error = np.full((2, len(known), len(frequencies)), np.nan)
+        factor = np.full(len(known), np.nan)
+        assert self.labels is not None
+        for row, name in enumerate(self.labels):
+            slot = known.index(name)
+            value, scatter, factor[slot] = mean_of_groups(power[:, row], segments[:, None], plan.trusted, slice(None))
+            constant = mean[:, row].sum() / (segments.sum() * count)
+            density[slot], error[slot] = scale * (value - constant**2 * of_mean), scale * scatter
+        dims = (dimension, f"{q}_frequency")
+        text = f"two-sided spectral density of the {q.replace('_', ' ')} over angular frequency"
+        attrs = {"units": _UNITS[q], "long_name": text, "ancillary_variables": f"spectrum_{q}_standard_error"}
+        of_error = {"units": _UNITS[q], "long_name": f"standard error of the {text}"}
+        return {
+            f"spectrum_{q}": (dims, density, attrs),
+            f"spectrum_{q}_standard_error": (dims, error, of_error),
+            f"spectrum_{q}_band_factor": ((dimension,), factor, OF_BAND),
+            f"{q}_frequency": (
+                (f"{q}_frequency",),
+                frequencies,
+                {"units": "rad s-1", "long_name": "angular frequency"},
+            ),
+        }
+
+
+def _window(count: int) -> np.ndarray:
+    """Hann's window, periodic."""
+    result: np.ndarray = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(count) / count)
+    return result
+
+
+class _Segments(Keeper):
+    def __init__(self, record: Spectrum, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        assert record.labels is not None
+        self.ratio, self.seen, self.filled = ratio, 0, 0
+        bodies, of_bodies = len(plan.bodies), _DIMENSION[record.quantity] == "oscillator"
+        first = {"displacement": 0, "velocity": bodies, "contact_force": 2 * bodies}[record.quantity]
+        known = plan.bodies if of_bodies else plan.contacts
+        self.rows = np.array([first + known.index(name) for name in record.labels], dtype=np.int64)
+        self.count = record.samples_per_segment(plan, ratio * plan.every * plan.step)
+        self.window = _window(self.count)
+        self.parts, rows, lanes = samples_per_realization(plan), len(self.rows), len(realizations)
+        self.buffer = np.empty((rows, lanes, self.count))
+        self.power = np.zeros((lanes, self.parts, rows, self.count // 2 + 1))
+        self.mean, self.segments = np.zeros((lanes, self.parts, rows)), np.zeros((lanes, self.parts))
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        own = snapshots[first_own(self.seen, self.ratio) :: self.ratio]
+        self.seen += len(snapshots)
+        while len(own):
+            taken = min(len(own), self.count - self.filled)
+            self.buffer[:, :, self.filled : self.filled + taken] = own[:taken, self.rows].transpose(1, 2, 0)
+            own, self.filled = own[taken:], self.filled + taken
+            if self.filled == self.count:
+                self._transform(min(batch, self.parts - 1))
+                self.filled = self.count // 2
+                self.buffer[:, :, : self.filled] = self.buffer[:, :, self.filled :]
+
+    def _transform(self, part: int) -> None:
+        """Add the squared amplitudes of the segment, to the batch in which it ends."""
+        self.segments[:, part] += 1.0
+        for row, of_row in enumerate(self.buffer):
+            for lane, series in enumerate(of_row):
+                self.power[lane, part, row] += np.abs(np.fft.rfft(self.window * series)) ** 2
+                self.mean[lane, part, row] += series.sum()
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"power": self.power, "mean": self.mean, "segments": self.segments}
