@@ -98,7 +98,7 @@ class Scene(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How a scene ended: one word or two, what was said, and the time of the processor since the last compilation (s)."""
+    """How a scene ended: one word or two, what was said, and the time of the processor since it last compiled (s)."""
 
     kind: str
     detail: str
