@@ -114,7 +114,7 @@ def test_architecture_names_every_module() -> None:
 
 
 def test_planted_bugs_are_drawn_from_what_the_tests_print(tmp_path: Path) -> None:
-    shown = "half the kick | pair | balance[two] | 195\nwrong | pair | refused: no\nstart | start | overlap | inf\nnone of these"
+    shown = "half | pair | balance[two] | 195\nwrong | pair | refused: no\nstart | start | overlap | inf\nnone of these"
     script = ROOT / "docs" / "figures" / "planted_bugs.py"
     done = subprocess.run(
         [sys.executable, "-X", "utf8", str(script), str(tmp_path)],
