@@ -25,6 +25,9 @@ ATTEMPTS = 100
 HOPELESS = 20
 """Contacts closed in the first draw from which on no draw will have none."""
 
+SNAPSHOT_BYTES = 16_000_000
+"""Memory that the samples of a call may take."""
+
 Tick = Callable[[int], None]
 
 
@@ -152,7 +155,7 @@ class Block:
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
         self.responses = sampled = [
-            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
+            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None, needed)
             for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
         ]
         last = np.full(plan.linear.shape[1] + 1, -1)
@@ -160,7 +163,7 @@ class Block:
             last[slots] = index
         self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
         if not method.takes_response:
-            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
+            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval, needed) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
         samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))
@@ -202,7 +205,10 @@ class Block:
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
             unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
-            whole = plan.tile_steps or max(unit, plan.steps_per_call // unit * unit)
+            most = plan.steps_per_call
+            if every:
+                most = min(most, SNAPSHOT_BYTES // (8 * quantities * lanes) * every)
+            whole = plan.tile_steps or max(unit, most // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
             phase = (self.now - plan.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))

@@ -65,6 +65,10 @@ class Record(Component):
         """Steps between samples; 0 if the record takes none."""
         return 0
 
+    def bytes_per_realization(self, plan: Plan) -> int:
+        """What it keeps of a realization, beside trajectories, if that may be much."""
+        return 0
+
 
 class PerRealization(Record):
     """Each statistic also for every realization, as ``<name>_by_realization``: means over all steps."""

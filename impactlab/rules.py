@@ -44,6 +44,9 @@ SERIES_BYTES = 160e6
 KINK_HEATING = 5e-4
 """Largest part of their temperature by which kinks of contact forces may heat bodies."""
 
+SERIES_FRICTION = 3.0
+"""Largest friction over an automatic step, ``c h/m``, of a body under a sum of cosines that is kicked."""
+
 CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 """Length of a compiled call and the cost it is planned with: short, so that interrupts are answered."""
 
@@ -79,7 +82,7 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
         return given
     step = integrator.recommended_step(model, *stiffness)
     if integrator.kicks:
-        step = min(step, kink_step(model, stiffening))
+        step = min(step, kink_step(model, stiffening), series_step(model))
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step
@@ -121,6 +124,17 @@ def kink_step(model: Model, stiffening: Stiffening) -> float:
     power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
     roots = np.array([item**0.25 for item in power.tolist()])
     return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
+
+
+def series_step(model: Model) -> float:
+    """Return the step at which friction takes little of what a kick gives to bodies under sums of cosines (s).
+
+    The velocities of these are read in the middle of kicks alone, which says nothing of what decays between them:
+    with a damping ratio of 10, a natural frequency of 100 rad/s and a Hertz contact E[v²] is 1.7 % too large at
+    ``c h/m = 16``, and 0.07 ± 0.003 % too small at 4.
+    """
+    kicked = [slot for slot in model.lines if model.nonlinear_bodies[slot] and model.damping[slot] > 0.0]
+    return min((SERIES_FRICTION * float(model.mass[slot] / model.damping[slot]) for slot in kicked), default=math.inf)
 
 
 def fit_step(

@@ -98,6 +98,11 @@ class Spectrum(Record):
             )
         return count
 
+    def bytes_per_realization(self, plan: Plan) -> int:
+        ratio = next(ratio for record, ratio in plan.records if record is self)
+        count = self.samples_per_segment(plan, ratio * plan.every * plan.step)
+        return 8 * len(self.labels or ()) * (count + samples_per_realization(plan) * (count // 2 + 1))
+
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         dimension, q = _DIMENSION[self.quantity], self.quantity
         known = plan.bodies if dimension == "oscillator" else plan.contacts

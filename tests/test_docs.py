@@ -111,3 +111,14 @@ def test_architecture_names_every_module() -> None:
     inside_reference = {file.stem for file in (ROOT / "impactlab" / "reference").glob("*.py")}
     missing = [name for name in modules if name not in inside_reference and not re.search(rf"\b{name}\b", page)]
     assert not missing, "name these modules in the layers of docs/architecture.md"
+
+
+def test_planted_bugs_are_drawn_from_what_the_tests_print(tmp_path: Path) -> None:
+    shown = "half | pair | balance[two] | 195\nwrong | pair | refused: no\nstart | start | overlap | inf\nnone of these"
+    script = ROOT / "docs" / "figures" / "planted_bugs.py"
+    done = subprocess.run(
+        [sys.executable, "-X", "utf8", str(script), str(tmp_path)],
+        input=shown, capture_output=True, encoding="utf-8", check=True,
+    )  # fmt: skip
+    assert [line.split(" | ")[-1] for line in done.stdout.splitlines()[2:]] == ["195 |", "∞ |", "∞ |"]
+    assert (tmp_path / "planted_bugs.png").stat().st_size > 1000

@@ -129,12 +129,20 @@ def test_a_record_of_one_contact_leaves_the_others_out_and_is_made_again():
         ({"contacts": ("hole",)}, r"no contact 'hole'"),
         ({"contacts": "gap"}, r"a sequence of names"),
         ({"limits": {"gap": -1.0}}, r"largest indentation of 'gap' must be more than 0 m"),
+        ({"limits": (0.0, 1.0)}, r"limits is a number or \{name: number\}"),
+        ({"limits": {"hole": 1.0}}, r"no contact 'hole'"),
         ({"return_times": (0.0,)}, r"return_times must be larger than 0 s"),
     ],
 )
 def test_bad_input_is_refused(options, message):
     with pytest.raises(il.InvalidInput, match=message):
         il.simulate(base(), 5.0, realizations=64, rng=1, record=il.PeakForces(**options))
+
+
+def test_limits_by_name_are_a_value():
+    one, other = (il.PeakForces(limits={"gap": 0.2}) for _ in range(2))
+    assert hash(one) == hash(other)
+    assert il.Record.from_dict(one.to_dict()) == one
 
 
 def test_a_network_without_contacts_has_no_peaks():
@@ -155,3 +163,11 @@ def test_numbers_do_not_depend_on_the_blocks(realizations, duration):
         whole, parts = (il.simulate(base(), duration, executor=pool, **options) for pool in (one, many))
     for name in whole.data_vars:
         np.testing.assert_array_equal(parts[name], whole[name], err_msg=name)
+
+
+def test_what_would_not_fit_into_memory_is_refused():
+    fine = il.PeakForces(bins=10**9)
+    with pytest.raises(il.InvalidInput, match=r"GB of memory .* or records of less"):
+        il.simulate(base(), 5.0, realizations=64, rng=1, record=fine)
+    with pytest.raises(il.InvalidInput, match="GB of memory"):
+        il.simulate(base(), 1e6, realizations=10**4, rng=1, record=il.Spectrum(segment=1e6))

@@ -23,13 +23,20 @@ COARSEST = {"ExactFlow": 2.0**-6, "RungeKutta4": 2.0**-6, "EulerMaruyama": 2.0**
 """Largest step of each integrator at which its order shows (s)."""
 
 
+BOUNCES = 256
+"""Pairs whose single contact is followed."""
+
+BOUNCE_STEPS = (0.5, 0.25, 0.125, 0.0625)
+"""Steps of these times the frequency of the contact."""
+
+
 class ConservationStudy(Study):
     """Energy, time reversal, momentum and observed orders.
 
     Networks without friction, noise and given forces keep their energy. It is followed over many contacts,
-    at the automatic step and at parts of it. The motion is reversed after some contacts and must come
-    back; a free chain must keep its momentum. The order of each integrator is measured path by path,
-    with smooth forces and with contacts.
+    at the automatic step and at parts of it, and what one contact does to it is compared with theory. The
+    motion is reversed after some contacts and must come back; a free chain must keep its momentum. The order
+    of each integrator is measured path by path, with smooth forces and with contacts.
     """
 
     name: ClassVar[str] = "conservation"
@@ -50,8 +57,11 @@ class ConservationStudy(Study):
     def items(self) -> list[Item]:
         """The scenes of constant energy at several steps, a free chain, and short paths."""
         from impactlab_numerics.conservation_scenes import (
+            BOUNCE_DURATION,
+            BOUNCING,
             SCENES,
             automatic_step,
+            bounces,
             free_chain,
             path_starts,
             paths,
@@ -68,11 +78,17 @@ class ConservationStudy(Study):
                 duration = self.contacts / scene.rate / 2.0 ** max(0, halving - 1)
                 step = automatic_step(network, initial, duration)
                 options = {"initial": initial, **_sampled(duration, step / 2.0**halving), "rng": self.seed}
-                items.append(Item(f"{name}_{halving}", network, options))
+                items.append(Item(key(name, halving), network, options))
         free, initial = free_chain(), {"velocity": {f"body_{k}": (-1.0) ** k + 0.1 for k in range(8)}}
         duration = self.momentum_contacts / 2.0
         step = automatic_step(free, initial, duration)
         items.append(Item("momentum", free, {"initial": initial, **_sampled(duration, step), "rng": self.seed}))
+        for kind in BOUNCING:
+            network, initial, frequency = bounces(kind, BOUNCES, self.seed)
+            for index, step in enumerate(BOUNCE_STEPS):
+                step = BOUNCE_DURATION / math.ceil(BOUNCE_DURATION * frequency / step)
+                options = {"duration": BOUNCE_DURATION, "step": step, "record": il.Trajectory(BOUNCE_DURATION)}
+                items.append(Item(f"bounce_{kind}_{index}", network, {"initial": initial, **options, "rng": self.seed}))
         for name, path in paths().items():
             for integrator in (il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()):
                 kind = type(integrator).__name__
@@ -112,6 +128,11 @@ class ConservationStudy(Study):
         from impactlab_numerics.conservation_figures import draw
 
         return draw(tree)
+
+
+def key(scene: str, halving: int) -> str:
+    """Return the key of a scene of constant energy at a step."""
+    return f"{scene.replace(', ', '_').replace(' ', '_')}_{halving}"
 
 
 def _sampled(duration: float, step: float) -> dict[str, Any]:

@@ -33,6 +33,9 @@ def _claims(tree: xr.DataTree) -> Iterator[Claim]:
         yield _bounded(energy.sel(scene=scene))
     for scene in energy.scene.values[~smooth]:
         yield _wanders(energy.sel(scene=scene))
+    bounce = tree["bounce"].to_dataset()
+    for force in bounce.force.values:
+        yield _bounces(bounce.sel(force=force))
     yield _returns(tree["reversal"].to_dataset().isel(scene=0))
     yield _kept(tree["momentum"].to_dataset())
     order = tree["order"].to_dataset()
@@ -90,6 +93,19 @@ def _wanders(energy: xr.Dataset) -> Claim:
         f"(p + 1 = {float(energy.power) + 1.0:g}), and at the smallest step grows like n to the power {of_n:.2f}.",
         "power of the step at least 1.5",
         _verdict(of_step >= 1.5),
+    )
+
+
+def _bounces(bounce: xr.Dataset) -> Claim:
+    ratio = (bounce.change / bounce.theory).values
+    first = bounce.isel(step=0)
+    return Claim(
+        "energy",
+        f"{bounce.force.item()} contact: what one contact does to the energy is the error of a sum over a kink.",
+        f"{float(first.change):.1e} at h Ω = {float(first.relative_step):.2f}; over theory "
+        f"{', '.join(f'{item:.2f}' for item in ratio)} from the largest to the smallest step.",
+        "within a quarter of theory at all but the largest step",
+        _verdict(bool((np.abs(ratio[1:] - 1.0) < 0.25).all())),
     )
 
 

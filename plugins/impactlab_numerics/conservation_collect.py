@@ -9,10 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.special import gamma, zeta
 
 import impactlab as il
-from impactlab_numerics.conservation import COARSEST, PATH_DURATION, PATH_INTERVAL
-from impactlab_numerics.conservation_scenes import SCENES, path_starts, paths, side_by_side, starts
+from impactlab_numerics.conservation import BOUNCE_STEPS, BOUNCES, COARSEST, PATH_DURATION, PATH_INTERVAL, key
+from impactlab_numerics.conservation_scenes import (
+    BOUNCING,
+    MASSES,
+    SCENES,
+    bounces,
+    path_starts,
+    paths,
+    side_by_side,
+    starts,
+)
 
 if TYPE_CHECKING:
     from impactlab_numerics.conservation import ConservationStudy
@@ -25,9 +35,10 @@ REVERSED = ("pair, Hertz", "chain, Hertz")
 
 
 def collect(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
-    """Return the tree of results: groups ``energy``, ``reversal``, ``momentum`` and ``order``."""
+    """Return the tree of results: groups ``energy``, ``bounce``, ``reversal``, ``momentum`` and ``order``."""
     groups = {
         "/energy": _energies(study, results),
+        "/bounce": _bounces(study, results),
         "/reversal": _reversals(study),
         "/momentum": _momentum(study, results["momentum"]),
         "/order": _orders(study, results),
@@ -60,8 +71,8 @@ def _by_copy(values: np.ndarray, copies: int) -> np.ndarray:
 def _energies(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr.Dataset:
     """Return how far the energy is from that at the start, over windows of each run.
 
-    It is read while no contact is closed: then it is that of the springs and the velocities, and constant
-    from step to step. Where contacts never open it is averaged over each window, since it swings
+    It is read while no contact is closed, if that happens: then it is that of the springs and the velocities,
+    and constant from step to step. Where contacts never open it is averaged over each window, since it swings
     within every oscillation.
     """
     shape = len(SCENES), study.halvings + 1, WINDOWS
@@ -70,7 +81,7 @@ def _energies(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr
     for row, (name, scene) in enumerate(SCENES.items()):
         network = side_by_side(scene.make(), study.copies)
         for column in range(shape[1]):
-            dataset = results[f"{name}_{column}"]
+            dataset = results[key(name, column)]
             step[row, column] = dataset.attrs["step"]
             energy, is_open = energies(network, dataset, study.copies)
             moving = _by_copy(
@@ -92,7 +103,7 @@ def _energies(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr
                 part, seen = relative[begin:end], is_open[begin:end]
                 if wanders:
                     contacts[row, column, window] = closing * float(dataset.time[begin:end].mean())
-                    known = part[seen]
+                    known = part[seen] if seen.any() else part  # too hot: some contact is always closed
                 else:
                     contacts[row, column, window] = scene.rate * float(dataset.time[begin:end].mean())
                     known = part.mean(axis=0) - relative[: ends[1]].mean(axis=0)
@@ -116,6 +127,43 @@ def _energies(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr
 
 def _named(text: str) -> dict[str, Any]:
     return {"units": "1", "long_name": text}
+
+
+def kink(power: float, stiffness: np.ndarray, step: float) -> np.ndarray:
+    """Return the root mean square of the relative change of the energy by one contact, in theory.
+
+    A pair of reduced mass μ = 2/3 kg that closes at 1 m/s feels ``F = c t^p`` after t = 0. A sum over steps
+    instead of the integral changes the velocity by ``(c/μ) h^(p+1) ζ(−p, a)``, a being uniform on (0, 1);
+    ``∫₀¹ ζ(−p, a)² da = 2 Γ(p + 1)² ζ(2p + 2)/(2π)^(2p+2)``, by Parseval from Hurwitz's series. Opening does
+    the same again, and the energy changes by twice the relative change of the velocity.
+    """
+    square = 2.0 * gamma(power + 1.0) ** 2 * zeta(2.0 * power + 2.0) / (2.0 * np.pi) ** (2.0 * power + 2.0)
+    return np.asarray(2.0 * stiffness / (2.0 / 3.0) * step ** (power + 1.0) * np.sqrt(2.0 * square))
+
+
+def _bounces(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """Return what one contact of an isolated pair does to the energy of its relative motion."""
+    shape = len(BOUNCING), len(BOUNCE_STEPS)
+    found, theory, step = np.empty(shape), np.empty(shape), np.empty(shape)
+    for row, (kind, power) in enumerate(BOUNCING.items()):
+        network, _, frequency = bounces(kind, BOUNCES, study.seed)
+        stiffness = np.array([contact.law.to_dict()["stiffness"] for contact in network.contacts.values()])
+        for column in range(len(BOUNCE_STEPS)):
+            dataset = results[f"bounce_{kind}_{column}"]
+            velocity = dataset.velocity.values[0, -1].reshape(-1, 2)
+            change = (velocity[:, 0] - velocity[:, 1]) ** 2 - 1.0
+            found[row, column] = np.sqrt((change**2).mean())
+            theory[row, column] = np.sqrt((kink(power, stiffness, dataset.attrs["step"]) ** 2).mean())
+            step[row, column] = dataset.attrs["step"] * frequency
+    dims = ("force", "step")
+    return xr.Dataset(
+        {
+            "change": (dims, found, _named("root mean square of the relative change of the energy by a contact")),
+            "theory": (dims, theory, _named("the same from the error of a sum over a kink")),
+            "relative_step": (dims, step, _named("step times the frequency of the contact")),
+        },
+        {"force": list(BOUNCING)},
+    )
 
 
 def _reversals(study: ConservationStudy) -> xr.Dataset:
@@ -159,8 +207,6 @@ def _reversals(study: ConservationStudy) -> xr.Dataset:
 
 
 def _momentum(study: ConservationStudy, dataset: xr.Dataset) -> xr.Dataset:
-    from impactlab_numerics.conservation_scenes import MASSES
-
     momenta = dataset.velocity.values[0] * np.array(MASSES)
     total, size = momenta.sum(axis=1), np.abs(momenta).sum(axis=1)
     contacts = float(dataset.contact_rate.sum()) * dataset.time.values

@@ -3,40 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from impactlab.plot import COLORS
+from impactlab_numerics.conservation_claims import over_contacts
 
 
 def draw(tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
     """Yield the figures."""
-    yield "energy", energy(tree["energy"].to_dataset())
+    yield "energy", energy(tree["energy"].to_dataset(), tree["bounce"].to_dataset())
     yield "reversal", reversal(tree["reversal"].to_dataset())
     yield "order", order(tree["order"].to_dataset())
 
 
-def energy(table: xr.Dataset) -> Figure:
-    """Error of the energy against the number of contacts, one panel for each scene."""
+def energy(table: xr.Dataset, bounce: xr.Dataset) -> Figure:
+    """Error of the energy against the number of contacts, one panel for each scene; and what one contact does."""
     figure = Figure(figsize=(9.0, 5.2), layout="constrained")
-    panels = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
-    for axes, scene in zip(panels, table.scene.values, strict=False):
+    panels: list[Any] = []
+    for place, scene in enumerate(table.scene.values, 1):
+        share = {"sharex": panels[0], "sharey": panels[0]} if panels else {}
+        axes = figure.add_subplot(2, 3, place, **share)
+        panels.append(axes)
         part = table.sel(scene=scene)
         for row in range(part.sizes["halving"]):
             n, error = part.contacts.values[row], part.error.values[row]
-            axes.loglog(n, error, "o-", ms=3, lw=1.0, color=COLORS[row], label=f"step / {2**row}")
+            axes.loglog(n, np.where(error > 0.0, error, np.nan), "o-", ms=3, lw=1.0, color=COLORS[row],
+                        label=f"automatic step / {2**row}" if row else "automatic step")  # fmt: skip
             if np.isinf(part.power):
                 axes.loglog(n, part.swing.values[row], ":", lw=1.0, color=COLORS[row])
-            elif row == 0:
-                known = np.isfinite(error)
-                axes.loglog(n, (error / np.sqrt(n))[known][0] * np.sqrt(n), color="black", lw=0.7, ls="--")
+            else:
+                axes.loglog(n, over_contacts(part)[0][row] * np.sqrt(n), lw=0.7, ls="--", color=COLORS[row])
         axes.set_title(str(scene), fontsize=9)
+        axes.set_xlabel(
+            "contacts (dashed: √n)" if np.isfinite(part.power) else "time (contacts would close)", fontsize=8
+        )
     panels[0].legend(fontsize=7)
-    panels[-1].set_axis_off()
-    panels[-1].text(0.0, 0.5, "dashed: √n\ndotted: swing of the energy", fontsize=8)
-    figure.supxlabel("contacts that have closed", fontsize=9)
+    axes = figure.add_subplot(2, 3, 6)
+    for row, force in enumerate(bounce.force.values):
+        part = bounce.sel(force=force)
+        axes.loglog(part.relative_step, part.change, "o", ms=4, color=COLORS[row], label=str(force))
+        axes.loglog(part.relative_step, part.theory, lw=0.9, color=COLORS[row])
+    axes.set_title("one contact (lines: theory)", fontsize=9)
+    axes.set_xticks(bounce.relative_step.values[0], [f"{item:.2g}" for item in bounce.relative_step.values[0]])
+    axes.minorticks_off()
+    axes.set_xlabel("step times frequency of the contact", fontsize=8)
+    axes.legend(fontsize=7)
     figure.supylabel("relative error of the energy", fontsize=9)
     return figure
 

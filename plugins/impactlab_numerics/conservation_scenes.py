@@ -143,3 +143,32 @@ def path_starts(copies: int) -> dict[str, dict[str, float]]:
         },
         "velocity": {f"a_{k}": 1.0 + 0.1 * k for k in range(copies)},
     }
+
+
+BOUNCE_DURATION = 2.5
+"""Time in which a pair of `bounces` touches once and parts (s)."""
+
+BOUNCING = {"Hertz": 1.5, "linear": 1.0}
+"""Contacts of `bounces`, and their power p."""
+
+
+def bounces(kind: str, copies: int, seed: Any) -> tuple[il.Network, dict[str, dict[str, float]], float]:
+    """Return free pairs that touch once, their start, and the frequency Ω of the contact at its deepest (rad s-1).
+
+    Stiffness and distance differ from pair to pair, so that contacts open and close anywhere within steps. The bodies
+    of 1 and 2 kg approach each other at 1 m/s.
+    """
+    rng = np.random.default_rng(seed)
+    stiffness, gap = rng.uniform(50.0, 150.0, copies), rng.uniform(0.3, 0.6, copies)
+    law = {"Hertz": il.HertzContact, "linear": il.LinearContact}[kind]
+    network = il.Network(
+        {f"{name}_{k}": il.LinearOscillator(mass=m) for k in range(copies) for name, m in (("a", 1.0), ("b", 2.0))},
+        {f"gap_{k}": il.Contact(f"a_{k}", f"b_{k}", law(stiffness[k])) for k in range(copies)},
+    )
+    initial = {
+        "displacement": {f"a_{k}": -float(gap[k]) for k in range(copies)},
+        "velocity": {f"a_{k}": 1.0 for k in range(copies)},
+    }
+    p, mass = BOUNCING[kind], 2.0 / 3.0
+    depth = (0.5 * mass * (p + 1.0) / 100.0) ** (1.0 / (p + 1.0))
+    return network, initial, float(np.sqrt(p * 100.0 * depth ** (p - 1.0) / mass))

@@ -17,10 +17,10 @@ import impactlab.rules
 import impactlab.series
 import impactlab.simulation
 from impactlab.block import Block
-from impactlab.kernels.sums import FF, FV, FX, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import FF, FLUX, FV, FX, SLOTS, VV, XV, XX, F, V, X
 from impactlab.series import Cosines
 from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
-from planted.scenes import ALONE, BATCHES, BOUNDED, INTERVALS, LONG, PAIR, TREE
+from planted.scenes import ALONE, BATCHES, BOUNDED, COARSE, INTERVALS, LONG, PAIR, TREE
 
 
 def continuous_balances(right: Any, plan: Any, flows: Any, s: np.ndarray, *_: Any) -> Any:
@@ -50,6 +50,25 @@ def after_the_kick(monkeypatch: Any) -> None:
         return right(plan, s, *others)
 
     monkeypatch.setattr(impactlab.estimate, "statistics_of", wrong)
+
+
+def closings(monkeypatch: Any) -> None:
+    """Count contacts that close between one step and the next, in the place of the flux."""
+    call = Block._call
+
+    def wrong(self: Block, count: int, snapshots: Any, summing: bool, *others: Any) -> None:
+        before, last = self.sums.contacts[FLUX].copy(), getattr(self, "last", -1.0)
+        slots = slice(self.now % SLOTS, self.now % SLOTS + count)
+        call(self, count, snapshots, summing, *others)
+        for gap in self.history.indentation[slots]:
+            before += ((last <= 0.0) & (gap > 0.0)) * (8.0 / 9.0 * self.plan.window[:, None] / self.plan.step)
+            last = gap.copy()
+        self.last = last
+        if summing:
+            self.sums.contacts[FLUX] = before
+
+    monkeypatch.setattr(Block, "_call", wrong)
+    in_plan(steps_per_call=lambda plan: SLOTS)(monkeypatch)
 
 
 def at_kicks(processed: Any, plan: Any, flows: Any, s: Any, kicks: Any, *_: Any) -> Any:
@@ -112,6 +131,11 @@ def into_end_bins(found: dict[str, np.ndarray], *_: Any) -> dict[str, np.ndarray
     return {"counts": counts}
 
 
+def wider(found: dict[str, Any], *_: Any) -> dict[str, Any]:
+    dims, density, attributes = found["density_displacement"]
+    return {**found, "density_displacement": (dims, 24.0 / 23.0 * density, attributes)}
+
+
 def lines(frequency: float = 1.0, amplitude: float = 1.0) -> Plant:
     return returned(il.ShinozukaNoise, "lines", lambda found, *_: (frequency * found[0], amplitude * found[1]))
 
@@ -156,6 +180,7 @@ BUGS = [
     Bug("middle of the flow without its noise", PAIR,
         in_plan(flows=lambda plan: plan.flows._replace(middle_covariance=0.0 * plan.flows.middle_covariance))),
     Bug("window of the contact rate eight times as wide", PAIR, in_plan(window=lambda plan: 8.0 * plan.window)),
+    Bug("contacts counted from step to step", COARSE, closings),
     Bug("flux through the window in both directions", PAIR, scaled("contact_rate", 2.0)),
     Bug("flux through the window without its weight", PAIR, scaled("contact_rate", 8.0 / 9.0)),
     Bug("variance without the square of the mean", PAIR,
@@ -178,8 +203,7 @@ BUGS = [
     Bug("bins that are too wide", PAIR, bins(width=24.0 / 23.0)),
     Bug("samples beyond the limits in the last bins", PAIR,
         returned(impactlab.density._Counts, "result", into_end_bins)),
-    Bug("density per sample", PAIR,
-        returned(impactlab.density, "_share", lambda found, counts, *_: (found[0] * 1.02, *found[1:]))),
+    Bug("density by the width of the bins without the last", PAIR, returned(il.Density, "label", wider)),
     Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
     Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
     Bug("frequencies of cosines in Hz", BOUNDED, lines(frequency=0.5 / math.pi)),

@@ -21,8 +21,8 @@ class Pair(Scene):
 
     edges: ClassVar = {name: np.linspace(-limit, limit, 25) for name, limit in (("one", 0.047), ("two", 0.51))}
 
-    def __init__(self, name: str, duration: float, realizations: int, initial: str = "stationary") -> None:
-        self.name, self.duration, self.realizations, self.initial = name, duration, realizations, initial
+    def __init__(self, name: str, duration: float, realizations: int, **options: Any) -> None:
+        self.name, self.duration, self.realizations, self.options = name, duration, realizations, options
 
     @cache  # noqa: B019
     def law(self) -> Any:
@@ -34,9 +34,7 @@ class Pair(Scene):
     def evidence(self) -> Any:
         limits = {name: (edge[0], edge[-1]) for name, edge in self.edges.items()}
         record = [il.Density(bins=24, limits=limits), il.PerRealization()]
-        return il.simulate(
-            base(), self.duration, realizations=self.realizations, initial=self.initial, record=record, rng=1
-        )
+        return il.simulate(base(), self.duration, realizations=self.realizations, record=record, rng=1, **self.options)
 
     def distances(self, found: Any, law: Any) -> Distances:
         statistics, density = law
@@ -180,10 +178,31 @@ class Halved(Scene):
         return of_statistics(found, law)
 
 
-PAIR, LONG, EARLY = Pair("pair", 10.0, 4096), Pair("long pair", 20.0, 8192), Pair("pair from rest", 1.0, 8192, "rest")
+PAIR, LONG, EARLY = (
+    Pair("pair", 10.0, 4096),
+    Pair("long pair", 20.0, 8192),
+    Pair("pair from rest", 1.0, 8192, initial="rest"),
+)
+COARSE = Pair("pair at 10 ms", 10.0, 4096, step=0.01)
 START, TREE, GROUP, JUMPS = Start(), Tree(2.0), Tree(120.0), Far()
 LINEAR, BOUNDED, PRESSED, ALONE, HALVED = Linear(), Bounded(), Pressed(), Alone(), Halved()
 INTERVALS = Coverage("intervals", {"duration": 10.0, "realizations": 64, "step": 0.02})
 BATCHES = Coverage("intervals from batches", {"duration": 170.0, "realizations": 4, "step": 0.02})
 
-SCENES = [PAIR, LONG, EARLY, START, TREE, GROUP, JUMPS, LINEAR, BOUNDED, PRESSED, ALONE, HALVED, INTERVALS, BATCHES]
+SCENES = [
+    PAIR,
+    LONG,
+    EARLY,
+    COARSE,
+    START,
+    TREE,
+    GROUP,
+    JUMPS,
+    LINEAR,
+    BOUNDED,
+    PRESSED,
+    ALONE,
+    HALVED,
+    INTERVALS,
+    BATCHES,
+]

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 from impactlab_numerics import ConservationStudy
 from impactlab_numerics.conservation_claims import judge, over_contacts
-from impactlab_numerics.conservation_collect import energies
-from impactlab_numerics.conservation_scenes import SCENES, free_chain, pair, side_by_side, starts
+from impactlab_numerics.conservation_collect import energies, kink
+from impactlab_numerics.conservation_scenes import SCENES, bounces, free_chain, pair, side_by_side, starts
 
 import impactlab as il
 
@@ -110,6 +110,7 @@ def verdict_of(tree, words):
     [
         ("energy", "error", lambda item: item + 0.01 * (item.scene == "pressed chain, Hertz"), "pressed chain"),
         ("energy", "error", lambda item: item.isel(halving=0).broadcast_like(item), "chain, linear: where"),
+        ("bounce", "change", lambda item: 1.4 * item, "Hertz contact"),
         ("reversal", "largest", lambda item: item + 1e-6, "comes back"),
         ("momentum", "error", lambda item: item + 1e-10 * item.time, "momentum"),
         ("order", "order", lambda item: item - 0.5, "RungeKutta4 has order 2.5"),
@@ -121,3 +122,12 @@ def test_verdicts_see_what_does_not_hold(run, group, variable, change, words):
     tree[group] = xr.DataTree(table.assign({variable: change(table[variable]).transpose(*table[variable].dims)}))
     assert verdict_of(run.tree, words) == "holds"
     assert verdict_of(tree, words) == "does not hold"
+
+
+def test_one_contact_by_hand():
+    # for a linear contact ζ(−1, a) = −B₂(a)/2, of which the mean square is 1/720
+    assert kink(1.0, np.array(150.0), 0.01) == pytest.approx(2.0 * 225.0 * 1e-4 * np.sqrt(2.0 / 720.0), rel=1e-12)
+    network, initial, frequency = bounces("linear", 5, 1)
+    assert frequency == pytest.approx(np.sqrt(100.0 / (2.0 / 3.0)))
+    assert len(network.contacts) == 5
+    assert all(-0.6 <= place <= -0.3 for place in initial["displacement"].values())
