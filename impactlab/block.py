@@ -155,7 +155,7 @@ class Block:
         interval = plan.step / method.samples_per_step
         needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
         self.responses = sampled = [
-            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None)
+            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None, needed)
             for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
         ]
         last = np.full(plan.linear.shape[1] + 1, -1)
@@ -163,7 +163,7 @@ class Block:
             last[slots] = index
         self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
         if not method.takes_response:
-            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval) for item in plan.lines]
+            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval, needed) for item in plan.lines]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
         samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))

@@ -14,6 +14,10 @@ from impactlab.model import Model, kept
 ZERO = 1e-12
 """Part of the largest stiffness or rate below which another counts as 0."""
 
+LARGE, APART, MOST_APART = 1e6, 1e6, 1e12
+"""Largest entry of a drift by the fastest rate at which rates are found in SI units; by the slowest rate at which its
+Lyapunov equation is solved as it is, and at which there is a covariance at all."""
+
 _CHUNK = 2e6  # complex numbers that a response may take at a time
 
 
@@ -76,16 +80,26 @@ class LinearSystem:
         ]
         return math.sqrt(max(largest[0], 0.0)), max(largest[1], 0.0)
 
+    @property
+    def units(self) -> np.ndarray:
+        """Return units of (z, v) in which no entry of the drift is much larger than the fastest rate."""
+        count = self.directions[0].shape[1]
+        return np.concatenate([np.full(count, math.sqrt(np.abs(self.stiffness).max())), np.sqrt(self.mass)])
+
     @cached_property
     def rates(self) -> np.ndarray:
         """Return the rates at which motions decay (s-1), exactly 0 for those that are not damped."""
-        values = np.linalg.eigvals(self.drift)
+        drift, units = self.drift, self.units
+        if np.abs(drift).max() > LARGE * max(self.scales):
+            drift = units[:, None] * drift / units
+        values = np.linalg.eigvals(drift)
         return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
 
     @cached_property
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
 
+        There is none either where rates lie so far apart that it cannot be computed.
         Displacements in free directions, which have no stationary law, are taken as 0.
         """
         from scipy.linalg import solve_continuous_lyapunov  # loaded only where there are couplings
@@ -96,7 +110,15 @@ class LinearSystem:
             return None
         held = self.directions[0].shape[1]
         growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
-        reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        largest, slowest = np.abs(self.drift).max(), self.rates.min()
+        if largest <= APART * slowest:
+            reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        else:
+            units = self.units
+            drift = units[:, None] * self.drift / units
+            if np.abs(drift).max() > MOST_APART * slowest:
+                return None
+            reduced = stationary(*_over_step(drift, units**2 * growth)) / np.outer(units, units)
         return np.asarray(self.reduction.T @ reduced @ self.reduction)
 
     def thermal_covariance(self, temperature: float) -> np.ndarray:
@@ -134,6 +156,32 @@ class LinearSystem:
             except np.linalg.LinAlgError:  # a line meets an undamped mode
                 parts.append(np.full((len(omega), len(self.mass)), np.inf, dtype=complex))
         return np.concatenate(parts)
+
+
+def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return transition and covariance of a motion over a short time, by Van Loan's block exponential."""
+    from scipy.linalg import expm
+
+    step, count = 1.0 / np.abs(drift).max(), len(drift)
+    block = expm(step * np.block([[-drift, np.diag(growth)], [np.zeros_like(drift), drift.T]]))
+    transition = block[count:, count:].T
+    return transition, transition @ block[:count, count:]
+
+
+def stationary(transition: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Solve ``P = A P Aᵀ + Q`` as a sum over steps whose number is doubled until it grows no more.
+
+    All terms are positive, so that nothing cancels, whatever the units. Infinite if A is not stable.
+    """
+    nowhere = np.full(transition.shape, np.inf)
+    if not np.isfinite(transition).all() or np.abs(np.linalg.eigvals(transition)).max() >= 1.0:
+        return nowhere
+    for _ in range(60):
+        more = transition @ covariance @ transition.T
+        covariance, transition = covariance + more, transition @ transition
+        if not (np.abs(np.diag(more)) > 1e-17 * np.diag(covariance)).any():
+            return covariance
+    return nowhere
 
 
 @kept

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, solve_discrete_lyapunov
+from scipy.linalg import eigh
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
-from impactlab.linear import LinearSystem
+from impactlab.linear import LinearSystem, stationary
 from impactlab.model import Model
 from impactlab.scene import Stiffening
 
@@ -92,7 +92,7 @@ class LinearizedNetwork:
         for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
             forcing = growth
             growth = growth @ scaled + coefficient * np.eye(len(scaled))
-        return _stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
+        return stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
 
     def _covariance_of_kicks(self, integrator: ExactFlow, step: float) -> np.ndarray:
         """Covariance of flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
@@ -109,7 +109,7 @@ class LinearizedNetwork:
         cycle, noise = np.eye(len(kick)), np.zeros_like(kick)
         for growth, covariance in zip(a, q, strict=True):
             cycle, noise = kick @ growth @ cycle, kick @ (growth @ noise @ growth.T + covariance) @ kick.T
-        after = _stationary(cycle, noise)
+        after = stationary(cycle, noise)
         if not np.isfinite(after).all():
             return after
         total = np.zeros_like(after)
@@ -132,10 +132,3 @@ def _joined(alone: np.ndarray, joints: Sequence[np.ndarray], slots: Sequence[np.
         both = np.concatenate([group, count + group])
         matrices[:, both[:, None], both] = joint
     return matrices
-
-
-def _stationary(growth: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Solve ``P = T P Tᵀ + N``; infinite if T is not stable."""
-    if np.abs(np.linalg.eigvals(growth)).max() >= 1.0:
-        return np.full(growth.shape, np.inf)
-    return np.asarray(solve_discrete_lyapunov(growth, noise))

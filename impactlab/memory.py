@@ -7,6 +7,7 @@ import os
 from impactlab.errors import InvalidInput
 from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
 from impactlab.plan import Plan
+from impactlab.series import sample_count
 
 COPIES = 6
 """How many times the sums of a run are in memory while they are evaluated, at most."""
@@ -32,7 +33,17 @@ def sizes(plan: Plan) -> tuple[int, int]:
         state += 8 * (bodies + 1) * (5 + 8 * levels) + 4 * (8 * bodies + 8 * rows) + 20 * levels
     elif plan.lanes == 1:
         state += 8 * (bodies + 5 * contacts)
-    return state + of_sums, of_sums
+    return state + of_sums + _series(plan), of_sums
+
+
+def _series(plan: Plan) -> int:
+    """Return the bytes of the series of a realization, with what the chirp transform of a row of it takes."""
+    if not plan.lines:
+        return 0
+    method, response = plan.integrator, plan.integrator.takes_response
+    rows = sum(2 * len(slots) for slots, _ in plan.responses) if response else len(plan.lines)
+    needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
+    return 8 * (rows + 12) * sample_count(plan.lines, plan.step / method.samples_per_step, needed)
 
 
 def needed(plan: Plan, workers: int) -> int:

@@ -42,9 +42,10 @@ from impactlab.rules import (
     positive,
     start_of,
     warn_of_bands,
+    warn_of_kinks,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
-from impactlab.series import sample_count
+from impactlab.series import sample_count, sampling_seconds
 from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
@@ -193,6 +194,16 @@ class Plan:
         return -(-self.realizations // self.lanes)
 
     @property
+    def settled(self) -> bool:
+        """Whether the spin-up is long enough for balances to be used."""
+        return self.spin_up_steps * self.step >= SETTLED * self.relaxation * (1.0 - 1e-9)
+
+    @property
+    def steady(self) -> bool:
+        """Whether nothing but a spin-up that is too short can keep the motion from being stationary."""
+        return not (isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced))
+
+    @property
     def grouped(self) -> np.ndarray:
         """Whether each body is in a group of `flows`, (body,) of bool."""
         groups = self.flows.groups if self.flows is not None else ()
@@ -212,7 +223,14 @@ class Plan:
     def seconds(self, workers: int) -> float:
         """Time that the run will take on so many cores, roughly (s)."""
         rounds = -(-self.blocks // workers)
-        return rounds * (self.spin_up_steps + self.steps) / self.steps_per_call * CALL_SECONDS
+        interval = self.step / self.integrator.samples_per_step
+        samples = (self.spin_up_steps + self.steps) * self.integrator.samples_per_step + 1
+        rows = [2 * len(slots) if self.integrator.takes_response else 1 for slots, _ in self.responses]
+        sampling = sum(
+            row * sampling_seconds(item, interval, samples) for row, item in zip(rows, self.lines, strict=True)
+        )
+        stepping = (self.spin_up_steps + self.steps) / self.steps_per_call * CALL_SECONDS
+        return rounds * (stepping + min(self.lanes, self.realizations) * sampling)
 
     def realizations_of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
@@ -297,6 +315,8 @@ def make_plan(
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
+    if given is None and integrator.kicks:
+        warn_of_kinks(model, stiffening, step, duration + spin_up)
     # whole intervals; in a short run one sample at its end
     strides = [min(-(-record.stride(model, step) // unit) * unit, steps) for record in records]
     every = math.gcd(*strides)

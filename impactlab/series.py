@@ -9,6 +9,10 @@ from impactlab.kernels.series import CHUNK, fill_spectrum
 from impactlab.linear import Lines, regular_lines
 
 _BLOCK = 256  # samples that share one evaluation of the cosines off the grid
+_BLOCKS = 4e6  # cosines that are evaluated at a time
+
+LONG_PERIOD = 16
+"""Samples in a period, by what is wanted of samples and lines, from which the rest of it is not worth an FFT."""
 
 
 class Cosines:
@@ -26,6 +30,8 @@ class Cosines:
         Whether the derivative of each row is wanted too.
     interval : float, optional
         Time between samples (s); without it there are no samples.
+    needed : float
+        Number of samples that are wanted.
 
     Attributes
     ----------
@@ -34,13 +40,19 @@ class Cosines:
     """
 
     def __init__(
-        self, seed: tuple[int, int], lines: Lines, gains: np.ndarray, derivatives: bool, interval: float | None
+        self,
+        seed: tuple[int, int],
+        lines: Lines,
+        gains: np.ndarray,
+        derivatives: bool,
+        interval: float | None,
+        needed: float = np.inf,
     ) -> None:
         self._frequencies, self._interval = lines.frequencies, interval
         self._address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
         amplitudes = lines.amplitudes * gains
         self._real, self._imaginary = np.ascontiguousarray(amplitudes.real), np.ascontiguousarray(amplitudes.imag)
-        self._grid = None if interval is None else _grid(lines.frequencies, interval)
+        self._grid = None if interval is None else _grid(lines.frequencies, interval, needed)
         self._lowest, self._period = self._grid or (
             1,
             2 * CHUNK if interval is None else 2 * len(lines.frequencies) + 2,
@@ -85,11 +97,14 @@ class Cosines:
             for channel, amplitude in enumerate(amplitudes):
                 samples[channel] = _chirp(self._frequencies[0], spacing, amplitude, self._interval, count)
             return
-        starts = np.arange(0, count, _BLOCK) * self._interval
         within = np.exp(1j * np.outer(self._frequencies, np.arange(_BLOCK) * self._interval))
-        for channel, amplitude in enumerate(amplitudes):
-            rows = np.exp(1j * np.outer(starts, self._frequencies)) * amplitude
-            samples[channel] = (rows @ within).real.reshape(-1)[:count]
+        most = _BLOCK * max(1, int(_BLOCKS / len(self._frequencies)))
+        for begin in range(0, count, most):
+            end = min(begin + most, count)
+            starts = np.arange(begin, end, _BLOCK) * self._interval
+            for channel, amplitude in enumerate(amplitudes):
+                rows = np.exp(1j * np.outer(starts, self._frequencies)) * amplitude
+                samples[channel, begin:end] = (rows @ within).real.reshape(-1)[: end - begin]
 
     def _draw(self, realization: int, attempt: int) -> None:
         """Draw the spectrum of a realization, unless they are those of the last call."""
@@ -102,9 +117,17 @@ class Cosines:
 
 def sample_count(lines: tuple[Lines, ...], interval: float, needed: int) -> int:
     """Return how many samples are to be kept, to be continued periodically: one period of all, or what is needed."""
-    grids = [_grid(item.frequencies, interval) for item in lines]
+    grids = [_grid(item.frequencies, interval, needed) for item in lines]
     periods = {grid[1] if grid else needed for grid in grids}
     return min(needed, *periods) if len(periods) == 1 else needed
+
+
+def sampling_seconds(lines: Lines, interval: float, needed: int) -> float:
+    """Return what a realization of a sum takes to sample, roughly (s)."""
+    count, grid = len(lines.frequencies), _grid(lines.frequencies, interval, needed)
+    if grid is not None:
+        return 5e-9 * (grid[1] + count)
+    return 2.5e-7 * (needed + count) if _spacing(lines.frequencies) else 1e-9 * needed * count
 
 
 def _spacing(frequencies: np.ndarray) -> float:
@@ -130,12 +153,14 @@ def _chirp(first: float, spacing: float, amplitudes: np.ndarray, interval: float
     return result
 
 
-def _grid(frequencies: np.ndarray, interval: float) -> tuple[int, int] | None:
-    """Return the index of the first line and the number of samples in a period, if all are whole."""
+def _grid(frequencies: np.ndarray, interval: float, needed: float) -> tuple[int, int] | None:
+    """Return the index of the first line and the number of samples in a period, if all are whole and it is wanted."""
     regular = regular_lines(frequencies)
     if regular is None:
         return None
     period = regular[1] / interval
     if abs(period - round(period)) > 1e-7 * period or round(period) < 2:
+        return None
+    if period > LONG_PERIOD * (needed + len(frequencies)):
         return None
     return int(regular[0][0]), round(period)

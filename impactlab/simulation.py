@@ -37,6 +37,9 @@ from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.trajectories import written
 
+LONG = 3600.0
+"""Time that a run may take without a warning before it begins (s)."""
+
 TRAJECTORIES = ("displacement", "velocity", "contact_force")
 """Variables of trajectories, which are read from a file when they are needed."""
 
@@ -46,7 +49,7 @@ def simulate(
     duration: float | None = None,
     *,
     tolerance: Mapping[str, float] | None = None,
-    max_seconds: float = 600.0,
+    max_seconds: float | None = None,
     realizations: int = 1,
     step: float | None = None,
     integrator: Integrator | None = None,
@@ -71,8 +74,9 @@ def simulate(
         Relative accuracy by the name of a statistic: the step, the duration and the number of
         realizations are chosen so that |bias of the step| + 2 standard errors are within it
         for every label; see `impactlab.tolerance`.
-    max_seconds : float
-        Time that may be spent on a tolerance (s).
+    max_seconds : float, optional
+        Time that may be spent (s): a run that is foreseen to take longer is refused. By default 600 with a
+        tolerance; without one any time, with a warning where it is more than an hour.
     realizations : int
         Number of independent realizations; with a tolerance the least.
     step : float, optional
@@ -119,13 +123,15 @@ def simulate(
         if duration is None:
             raise InvalidInput("simulate needs a duration (s), or a tolerance.")
         return _simulate(
-            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress, out=out
-        )
+            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress,
+            math.inf if max_seconds is None else positive("max_seconds", max_seconds), out=out,
+        )  # fmt: skip
     if out is not None:
         raise InvalidInput("simulate cannot write to out= until a tolerance is reached; use il.save afterwards.")
     model = Model.of(_network(network))
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
+    allowed = 600.0 if max_seconds is None else positive("max_seconds", max_seconds)
     length = min(longest, LENGTH * relaxation_time(model))
 
     records = _records(record)
@@ -137,7 +143,7 @@ def simulate(
             network, length, count, chosen, method, spin_up, initial, kept, seed, executor, progress, seconds, coarse
         )
 
-    result = reach(attempt, tolerances, positive("max_seconds", max_seconds), realizations, step)
+    result = reach(attempt, tolerances, allowed, realizations, step)
     return result if asked else without_realizations(result)
 
 
@@ -212,12 +218,14 @@ def _run(
     workers: int, configuration: dict[str, Any], file: Path | None,
 ) -> xr.Dataset:  # fmt: skip
     """Run a plan and return its dataset, without trajectories if there is a file for them."""
-    if plan.seconds(workers) > seconds:
+    foreseen = plan.seconds(workers)
+    if foreseen > seconds:
         raise InvalidInput(
-            f"A run of {plan.realizations} realizations at a step of {plan.step:.3g} s would take about "
-            f"{plan.seconds(workers):.2g} s, {max(seconds, 0.0):.2g} s are left. Give max_seconds= or a larger "
-            "tolerance."
+            f"{_work(plan, foreseen)}, {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or tolerance=, "
+            "a shorter duration= or spin_up=, or fewer realizations."
         )
+    if foreseen > LONG:
+        warn(f"{_work(plan, foreseen)}. A run that is foreseen to take longer than max_seconds= is refused.")
     size = trajectory_size(plan)
     check_memory(plan, workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
@@ -228,13 +236,22 @@ def _run(
             plan = stack.enter_context(written(plan, file, file.parent))
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
-    steady = not isinstance(plan.start, np.ndarray) and not plan.time_varying and not len(plan.forced)
-    if estimates.drift > DRIFT and steady:
+    drifting = plan.steady and estimates.drift > DRIFT
+    if estimates.unbalanced and (plan.settled or (plan.steady and not drifting)):
+        warn(estimates.unbalanced)
+    if drifting:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
     return _labelled(plan, estimates, results, configuration)
+
+
+def _work(plan: Plan, seconds: float) -> str:
+    return (
+        f"{plan.realizations} realizations of {plan.spin_up_steps + plan.steps:.3g} steps of {plan.step:.3g} s would "
+        f"take about {seconds:.2g} s"
+    )
 
 
 def _records(record: Any) -> list[Record]:

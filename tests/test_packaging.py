@@ -77,6 +77,7 @@ def test_installed_command_lists_the_studies(installed: Path) -> None:
         "accuracy",
         "conservation",
         "scaling",
+        "stability",
         "two-system",
         "work-precision",
     ]

@@ -1,4 +1,4 @@
-"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation."""
+"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation, stability."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ _HOME = {
     "AccuracyStudy": "accuracy",
     "ConservationStudy": "conservation",
     "ScalingStudy": "scaling",
+    "StabilityStudy": "stability",
     "WorkPrecisionStudy": "work_precision",
 }
 
-__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "WorkPrecisionStudy"]
+__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "StabilityStudy", "WorkPrecisionStudy"]
 
 
 def __getattr__(name: str) -> Any:

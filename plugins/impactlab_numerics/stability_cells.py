@@ -1,0 +1,194 @@
+"""The cells of the stability maps: their scenes, how long they run, and the verdict on each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+import impactlab as il
+from impactlab.linear import relaxation_time
+from impactlab.model import Model
+from impactlab_numerics.scenes import TEMPERATURE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CLASSES = ("accurate", "degraded", "unstable", "refused", "refused for its cost")
+"""What a cell can be."""
+
+ALLOWED, SURE, KNOWN, BLOWN_UP = 0.01, 3.0, 0.01, 10.0
+"""Relative deviation, and standard errors besides, that a statistic of an accurate cell may have; the largest standard
+error with which one is judged; and the factor from which a mean square counts as unstable."""
+
+JUDGED = (
+    "mean_displacement", "mean_square_displacement", "variance_displacement", "mean_velocity", "mean_square_velocity",
+    "contact_ratio", "contact_rate", "mean_contact_force",
+)  # fmt: skip
+"""What is judged: every default statistic but the peak force, which grows with the time. Means are relative to root
+mean squares."""
+
+TARGET, WORST, SCATTER, CLUMPED = 0.004, 0.03, 0.3, 2.0
+"""Relative standard error that is wanted of mean squares and of contacts, and the largest with which a cell is run;
+squared relative scatter of a mean square over a relaxation time, and of contacts by their number."""
+
+SEEN = 1e3
+"""Contacts from which their statistics are waited for."""
+
+SPIN_UP, FEWEST, MOST = 7.0, 64, 512
+"""Relaxation times of spin-up, since a start on the linear law is near; realizations of a cell."""
+
+MOST_SAMPLES = 2e6
+"""Samples of series that a realization may have."""
+
+
+def pair(
+    *, law: il.ContactLaw | None = None, frequency_ratio: float = 16.0, mass_ratio: float = 1.0,
+    damping_ratio: float = 0.1, clearance: float = 0.2,
+) -> il.Network:  # fmt: skip
+    """Return the pair of the base case at 2.5 J with one thing changed.
+
+    Parameters
+    ----------
+    law : ContactLaw, optional
+        By default Hertz contact with 1e4 N m^(-3/2) times twice the reduced mass, so that contacts last as long
+        whatever the masses.
+    frequency_ratio : float
+        Of the first body to the second, which has 2π rad/s.
+    mass_ratio : float
+        Of the first body to the second, which has 1 kg.
+    damping_ratio : float
+        Of both bodies; with 0 the first one is undamped and without noise, heated by contacts alone.
+    clearance : float
+        In standard deviations of the gap without contacts.
+    """
+    one = il.LinearOscillator.from_frequency(2.0 * math.pi * frequency_ratio, damping_ratio, mass=mass_ratio)
+    two = il.LinearOscillator.from_frequency(2.0 * math.pi, damping_ratio or 0.1)
+    bodies = {"one": one, "two": two}
+    deviation = math.sqrt(sum(TEMPERATURE / body.stiffness for body in bodies.values()))
+    law = law or il.HertzContact(1e4 * 2.0 * mass_ratio / (1.0 + mass_ratio))
+    noises = {
+        name: il.WhiteNoise(TEMPERATURE * body.damping / math.pi) for name, body in bodies.items() if body.damping
+    }
+    return il.Network(bodies, {"gap": il.Contact("one", "two", law, clearance=clearance * deviation)}, noises)
+
+
+def scene_on(axis: str, value: float) -> il.Network:
+    """Return the pair at a place on an axis of the study."""
+    if axis == "hertz_stiffness":
+        return pair(law=il.HertzContact(value))
+    if axis == "linear_stiffness":
+        return pair(law=il.LinearContact(value))
+    changed: dict[str, Any] = {axis.removesuffix("s"): value}
+    return pair(**changed)
+
+
+def shaken(network: il.Network, components: int) -> il.Network:
+    """Return the pair under cosines up to twice the natural frequency of each body."""
+    noises = {
+        name: il.ShinozukaNoise(
+            noise.spectral_density,  # type: ignore[attr-defined]
+            band=(0.0, network.oscillators[name].natural_frequency / math.pi),
+            components=components,
+            allow_repeat=True,
+        )
+        for name, noise in network.excitations.items()
+    }
+    return network.replace(excitations=noises)
+
+
+class Verdict(NamedTuple):
+    """One of `CLASSES`; the worst statistic, its deviation and standard error; how many were judged; the reason."""
+
+    kind: str
+    statistic: str = ""
+    deviation: float = math.nan
+    error: float = math.nan
+    judged: int = 0
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Length:
+    """How long a cell runs: realizations and duration, and the spin-up (s)."""
+
+    realizations: int
+    duration: float
+    spin_up: float
+
+    @property
+    def total(self) -> float:
+        """Simulated time of all realizations (s)."""
+        return self.realizations * (self.spin_up + self.duration)
+
+    @classmethod
+    def of(cls, network: il.Network, most: float) -> Length | None:
+        """Return what gives `TARGET`, or as much as a simulated time (s) allows; None if not enough for `WORST`."""
+        relaxation, rate = relaxation_time(Model.of(network)), _rate(network)
+        wanted = SCATTER * relaxation / TARGET**2
+        least = wanted * (TARGET / WORST) ** 2
+        if rate * most > SEEN:
+            wanted = max(wanted, CLUMPED / rate / TARGET**2)
+        spin_up = SPIN_UP * relaxation
+        realizations = int(min(MOST, max(FEWEST, most // (4.0 * spin_up))))
+        measured = min(most - realizations * spin_up, wanted)
+        return cls(realizations, measured / realizations, spin_up) if measured >= least else None
+
+    def options(self) -> dict[str, Any]:
+        """Return options of `impactlab.simulate`."""
+        return {"duration": self.duration, "spin_up": self.spin_up, "realizations": self.realizations}
+
+
+def _rate(network: il.Network) -> float:
+    """Return the exact rate of contacts at the temperature of the bodies (1/s)."""
+    white = {
+        name: il.WhiteNoise(noise.spectral_density)  # type: ignore[attr-defined]
+        for name, noise in network.excitations.items()
+    }
+    return float(il.exact(network.replace(excitations=white)).statistics()["contact_rate"][0])
+
+
+def verdict(result: xr.Dataset, reference: Mapping[str, Any]) -> Verdict:
+    """Judge a result by exact values, or by a run with the same noise.
+
+    A statistic with a standard error above `KNOWN` is not judged, nor are contacts fewer than `SEEN`. The mean of
+    the differences of realizations counts where it is known better.
+    """
+    names, deviations, errors, blown_up = [], [], [], False
+    seen = float(np.asarray(reference["contact_rate"])[0]) * result.attrs["duration"] * result.attrs["realizations"]
+    for name in JUDGED:
+        value, expected = result[name].values, np.asarray(reference[name])
+        scale = np.abs(expected)
+        if name in ("mean_displacement", "mean_velocity"):
+            square = name.replace("mean", "mean_square")
+            scale = np.sqrt(np.asarray(reference[square]))
+        difference, error = value - expected, result[f"{name}_standard_error"].values
+        if f"{name}_standard_error" in reference:
+            error = np.hypot(error, np.asarray(reference[f"{name}_standard_error"]))
+        if f"{name}_by_realization" in reference and f"{name}_by_realization" in result:
+            pairs = result[f"{name}_by_realization"].values - np.asarray(reference[f"{name}_by_realization"])
+            paired = pairs.std(axis=0, ddof=1) / math.sqrt(len(pairs))
+            difference = np.where(paired < error, pairs.mean(axis=0), difference)
+            error = np.fmin(paired, error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative, scatter = difference / scale, error / scale
+        if "mean_square" in name:
+            blown_up |= bool((relative > BLOWN_UP).any())
+        if "contact" in name and seen < SEEN:
+            scatter = np.full_like(scatter, np.nan)
+        labels = result[result[name].dims[0]].values
+        names += [f"{name} of {label}" for label in labels]
+        deviations += relative.tolist()
+        errors += scatter.tolist()
+    known = np.array(errors) <= KNOWN
+    used = np.where(known, np.abs(deviations) / (ALLOWED + SURE * np.array(errors)), -1.0)
+    if blown_up:
+        return Verdict("unstable", judged=int(known.sum()), reason=f"a mean square grew more than {BLOWN_UP:g} times")
+    if not known.any():
+        return Verdict("refused for its cost", reason="no statistic is known well enough")
+    worst = int(used.argmax())
+    kind = "accurate" if used[worst] <= 1.0 else "degraded"
+    return Verdict(kind, names[worst], deviations[worst], errors[worst], int(known.sum()))
