@@ -31,7 +31,7 @@ _MARGIN = 1.25
 _SNAPSHOTS, _INTERVAL, _MOST_CYCLES = 6, 0.16, 20
 """Snapshots of an extrapolation, time between them in slowest relaxation times, and extrapolations."""
 
-_SETTLED = 0.05
+_SETTLED = 0.1
 """Change by an extrapolation that counts as none, in tolerances."""
 
 _BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 60.0, 3e7, 6
@@ -189,4 +189,5 @@ def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
 
 
 def _flat(values: Values) -> np.ndarray:
-    return np.concatenate([values[name] for name in values])
+    """Return the statistics that a tolerance is for."""
+    return np.concatenate([value for name, value in values.items() if name != "contact_rate"])
