@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -54,6 +55,14 @@ class PeakForces(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if isinstance(self.limits, Mapping):
+            object.__setattr__(self, "limits", tuple(self.limits.items()))
+        elif isinstance(self.limits, list | tuple):  # of pairs, as a file has them
+            pairs = tuple(tuple(item) if isinstance(item, list) else item for item in self.limits)
+            object.__setattr__(self, "limits", pairs)
+        by_name = isinstance(self.limits, tuple) and all(isinstance(item, tuple) for item in self.limits)
+        if not (self.limits is None or isinstance(self.limits, int | float) or by_name):
+            raise InvalidInput(f"PeakForces.limits is a number or {{name: number}} (m), {self.limits!r} was given.")
         for time in self.return_times or ():
             if finite("PeakForces.return_times", time) <= 0.0:
                 raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, {time!r} was given.")
@@ -65,7 +74,7 @@ class PeakForces(Record):
         if isinstance(self.contacts, str):
             raise InvalidInput(f"PeakForces: contacts is a sequence of names, {self.contacts!r} was given.")
         names = tuple(self.contacts or known)
-        given = dict(self.limits) if isinstance(self.limits, dict | tuple) else dict.fromkeys(names, self.limits)
+        given = dict(self.limits) if isinstance(self.limits, tuple) else dict.fromkeys(names, self.limits)
         for name in (*names, *given):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")

@@ -42,6 +42,7 @@ from impactlab.rules import (
     positive,
     start_of,
     warn_of_bands,
+    warn_of_kinks,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
 from impactlab.series import sample_count, sampling_seconds
@@ -314,6 +315,8 @@ def make_plan(
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
+    if given is None and integrator.kicks:
+        warn_of_kinks(model, stiffening, step, duration + spin_up)
     # whole intervals; in a short run one sample at its end
     strides = [min(-(-record.stride(model, step) // unit) * unit, steps) for record in records]
     every = math.gcd(*strides)

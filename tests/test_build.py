@@ -191,9 +191,9 @@ def test_count_of_compilations_sees_a_compilation(tmp_path, monkeypatch):
 def test_changed_parameters_compile_nothing_here(base_case):
     """Parameters, clearances and counts are data; a new law is code."""
     network = base_case()
-    il.simulate(network, 0.1, realizations=64, step=0.004, spin_up=0.0, rng=1)
+    il.simulate(network, 1.0, realizations=64, step=0.004, spin_up=0.0, rng=1)
     before = jit.compilations()
     changed = base_case(frequency_ratio=8.0, clearance=-0.01)
     changed = changed.replace(contacts={"stop": il.Contact("two", il.WALL, il.HertzContact(2e5), clearance=0.3)})
-    il.simulate(changed, 0.1, realizations=70, spin_up=0.1, rng=2)
+    il.simulate(changed, 1.0, realizations=70, spin_up=0.1, rng=2)
     assert jit.compilations() == before

@@ -23,7 +23,7 @@ LAYERS = [
     {"check", "compiled", "tiles"},
     {"plan"},
     {"record", "moments", "block", "memory", "groups"},
-    {"density", "peaks", "spectrum", "estimate", "tolerance", "ensemble", "trajectories"},
+    {"density", "peaks", "spectrum", "estimate", "tolerance", "ensemble", "trajectories", "phase_space"},
     {"parts", "together", "derived"},
     {"simulation"},
     {"points"},

@@ -129,12 +129,20 @@ def test_a_record_of_one_contact_leaves_the_others_out_and_is_made_again():
         ({"contacts": ("hole",)}, r"no contact 'hole'"),
         ({"contacts": "gap"}, r"a sequence of names"),
         ({"limits": {"gap": -1.0}}, r"largest indentation of 'gap' must be more than 0 m"),
+        ({"limits": (0.0, 1.0)}, r"limits is a number or \{name: number\}"),
+        ({"limits": {"hole": 1.0}}, r"no contact 'hole'"),
         ({"return_times": (0.0,)}, r"return_times must be larger than 0 s"),
     ],
 )
 def test_bad_input_is_refused(options, message):
     with pytest.raises(il.InvalidInput, match=message):
         il.simulate(base(), 5.0, realizations=64, rng=1, record=il.PeakForces(**options))
+
+
+def test_limits_by_name_are_a_value():
+    one, other = (il.PeakForces(limits={"gap": 0.2}) for _ in range(2))
+    assert hash(one) == hash(other)
+    assert il.Record.from_dict(one.to_dict()) == one
 
 
 def test_a_network_without_contacts_has_no_peaks():

@@ -13,9 +13,10 @@ from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 from impactlab.reference.linear_laws import Apart, LinearPart
 from impactlab.reference.potential import Gap, Potential
+from impactlab.reference.ring import RingLaw
 from impactlab.reference.tree import TreeLaw
 
-Law = GibbsLaw | TreeLaw | GaussianLaw
+Law = GibbsLaw | TreeLaw | RingLaw | GaussianLaw
 
 _FORCED = "a contact or a coupling that pushes it would."
 
@@ -119,10 +120,10 @@ def _group_reasons(group: Group) -> Iterator[str]:
         yield _unequal(group)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
         yield f"{named(bodies)}: {UNHEATED}"
-    if len(group.pairs) >= len(bodies):
+    if len(group.pairs) >= len(bodies) and not group.is_ring:
         yield (
             f"{named(group.loop)} are connected in loops; the law is computed for trees, such as these bodies "
-            "would be with fewer contacts and couplings between them."
+            "would be with fewer contacts and couplings between them, and for a ring alone, without branches and walls."
         )
     if len(bodies) == 2 and group.is_simple and not any(group.stiffness[name,] for name in bodies):
         yield (
@@ -144,10 +145,11 @@ def _unequal(group: Group) -> str:
     return f"the temperatures π S / damping of connected bodies differ: {shown}; with {cure}{rest} they would be equal."
 
 
-def _gibbs_law(group: Group) -> GibbsLaw | TreeLaw:
+def _gibbs_law(group: Group) -> GibbsLaw | TreeLaw | RingLaw:
     """Return the law of a group for which there are no reasons against it."""
     temperature = next(iter(group.temperatures.values()))
-    law = pair_law(group, temperature) if group.is_simple else tree_law(group, temperature)
+    make = pair_law if group.is_simple else ring_law if group.is_ring else tree_law
+    law = make(group, temperature)
     if len(group.temperatures) < len(group.bodies):
         _refuse_unheated(group, law, set(group.temperatures))
     return law
@@ -173,10 +175,22 @@ def tree_law(group: Group, temperature: float) -> TreeLaw:
     links = []
     for pair in group.pairs:
         first, second = sorted(pair, key=place.__getitem__)
-        gaps = tuple(Gap.of(contact, first) for contact in group.touching.get(pair, ()))
-        potential = Potential(named((first, second)), temperature, group.stiffness.get(pair, 0.0), gaps)
-        links.append((place[first], place[second], potential))
+        links.append((place[first], place[second], _between(group, (first, second), temperature)))
     return TreeLaw(group.bodies, [_own(group, name, temperature) for name in group.bodies], links)
+
+
+def ring_law(group: Group, temperature: float) -> RingLaw:
+    """Return the law of bodies in a ring."""
+    ring = group.ring
+    links = [_between(group, pair, temperature) for pair in zip(ring, [*ring[1:], ring[0]], strict=True)]
+    return RingLaw(tuple(ring), [_own(group, name, temperature) for name in ring], links)
+
+
+def _between(group: Group, pair: tuple[str, str], temperature: float) -> Potential:
+    """Return the potential of the difference of two bodies."""
+    sides = tuple(sorted(pair))
+    gaps = tuple(Gap.of(contact, pair[0]) for contact in group.touching.get(sides, ()))
+    return Potential(named(pair), temperature, group.stiffness.get(sides, 0.0), gaps)
 
 
 def _own(group: Group, name: str, temperature: float) -> Potential:
@@ -187,7 +201,7 @@ def _own(group: Group, name: str, temperature: float) -> Potential:
     return Potential(repr(name), temperature, group.stiffness[name,], gaps, residual)
 
 
-def _refuse_unheated(group: Group, law: GibbsLaw | TreeLaw, heated: set[str]) -> None:
+def _refuse_unheated(group: Group, law: GibbsLaw | TreeLaw | RingLaw, heated: set[str]) -> None:
     """Refuse bodies without noise and damping that no force connects to one that has both."""
     pulling = [pair for pair in group.pairs if group.stiffness.get(pair) or _pushes(group, law, pair)]
     while reached := {name for pair in pulling if heated.intersection(pair) for name in pair} - heated:
@@ -197,5 +211,5 @@ def _refuse_unheated(group: Group, law: GibbsLaw | TreeLaw, heated: set[str]) ->
         raise refusal([f"{name!r} has neither noise nor damping, and nothing heats it; {_FORCED}" for name in cold])
 
 
-def _pushes(group: Group, law: GibbsLaw | TreeLaw, pair: tuple[str, ...]) -> bool:
+def _pushes(group: Group, law: GibbsLaw | TreeLaw | RingLaw, pair: tuple[str, ...]) -> bool:
     return any(law.contact(contact)[2] for contact in group.touching.get(pair, ()))

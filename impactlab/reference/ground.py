@@ -44,7 +44,7 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
         pulls[j] += tangent
     bodies = [_less(item, slope, place) for item, slope, place in zip(own, pulls, x, strict=True)]
     pairs = [(i, j, _less(item, s, u)) for (i, j, item), s, u in zip(links, tangents, between, strict=True)]
-    depth = _depth([*bodies, *(item for *_, item in pairs)])
+    depth = depth_of([*bodies, *(item for *_, item in pairs)])
     if depth < -_ROUNDED and not any(item.residual for item in own):  # forces that grow: no depth but of rounding
         raise _not_found(own)
     if depth < _UNBOUNDED:
@@ -64,8 +64,8 @@ def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, 
         If nothing confines a body.
     """
     between = [item for *_, item in links]
-    most = VANISHED - _depth([*own, *between])
-    known = {item: _span(item, most) for item in dict.fromkeys([*own, *between])}
+    most = VANISHED - depth_of([*own, *between])
+    known = {item: span_of(item, most) for item in dict.fromkeys([*own, *between])}
     result = np.array([known[item] for item in own])
     steps = outwards(len(own), links)
     for inwards in (True, False):
@@ -109,13 +109,13 @@ def _less(item: Potential, slope: float, place: float) -> Potential:
     return dataclasses.replace(item, slope=slope, level=level)
 
 
-def _depth(items: Sequence[Potential]) -> float:
+def depth_of(items: Sequence[Potential]) -> float:
     """Return the sum of the least values of some potentials, at most 0."""
     least = {item: min(float(item.energy(item.panels(START)).min()), 0.0) for item in dict.fromkeys(items)}
     return math.fsum(least[item] for item in items)
 
 
-def _span(item: Potential, most: float) -> tuple[float, float]:
+def span_of(item: Potential, most: float) -> tuple[float, float]:
     """Return between which places a potential is not larger than some value, infinite if that never ends."""
     edges = item.panels(START)
     inside = np.flatnonzero(item.energy(edges) <= most)

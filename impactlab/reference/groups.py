@@ -70,6 +70,21 @@ class Group:
         return len(self.bodies) == 2 and not walled and not self.bent
 
     @property
+    def is_ring(self) -> bool:
+        """Whether each body is connected with the next, the last with the first, and nothing else."""
+        walled = any(len(pair) == 1 for pair in self.touching)
+        return len(self.pairs) == len(self.bodies) == len(self.loop) and not walled
+
+    @property
+    def ring(self) -> list[str]:
+        """The bodies of a ring in its order."""
+        result = [self.bodies[0]]
+        while len(result) < len(self.bodies):
+            near = [name for pair in self.pairs if result[-1] in pair for name in pair]
+            result.append(next(name for name in near if name not in result))
+        return result
+
+    @property
     def loop(self) -> list[str]:
         """The bodies in loops and between them."""
         around: dict[str, set[str]] = {name: set() for name in self.bodies}

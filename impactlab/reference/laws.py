@@ -18,6 +18,7 @@ from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.groups import named
 from impactlab.reference.linear_laws import NEVER
+from impactlab.reference.ring import RingLaw
 from impactlab.reference.tree import TreeLaw
 
 _QUANTITIES = ("displacement", "velocity")
@@ -53,7 +54,7 @@ class Laws:
         known_name("quantity", quantity, _QUANTITIES)
         return self._law_of[oscillator]
 
-    def _gap_law(self, contact: str) -> GibbsLaw | TreeLaw:
+    def _gap_law(self, contact: str) -> GibbsLaw | TreeLaw | RingLaw:
         """Return the law of which a contact is a part."""
         known_name("contact", contact, self.network.contacts)
         law = self._law_of[self._sides(contact)[0]]

@@ -10,8 +10,6 @@ import numpy as np
 
 from impactlab.errors import InvalidInput, NoExactReference
 
-_RAREST = 1e-20  # density, relative to its top, that is resolved
-
 Function = Callable[[np.ndarray], np.ndarray]
 
 
@@ -32,12 +30,15 @@ class Marginal:
         Increasing places, close enough to show every peak of the density; at the last it has vanished.
     speed : float
         Standard deviation of the rate (m s-1).
+    rarest : float
+        Density, relative to its top, that is still resolved.
     """
 
     density: Function
     above: Callable[[float], float]
     places: np.ndarray
     speed: float
+    rarest: float = 1e-20
 
     def exceedance(self, level: float) -> float:
         """Return the probability to be above a level."""
@@ -68,7 +69,7 @@ class Marginal:
                 f"No level is crossed upwards once in {time:g} s, but at most once in {shortest:.6g} s; "
                 "give a time that is longer."
             )
-        if wanted < _RAREST * values.max():
+        if wanted < self.rarest * values.max():
             raise NoExactReference(f"Levels that are crossed once in {time:g} s are too rare to be resolved.")
         low, high = self.places[often[-1] : often[-1] + 2]
         for _ in range(200):

@@ -14,7 +14,7 @@ from impactlab.reference.potential import NODES, WEIGHTS
 
 ORDER = len(NODES)
 _LEGENDRE = np.polynomial.legendre.legvander(NODES, ORDER - 1)
-_TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
+TRANSFORM = WEIGHTS[:, None] * _LEGENDRE * (np.arange(ORDER) + 0.5)  # values at the nodes → coefficients
 _SIGNS = np.where(np.arange(ORDER) % 2, -1.0, 1.0)  # of the Legendre polynomials at −1
 _MOST_PANELS = 20_000
 _MOST_PROBED = 8  # times
@@ -152,7 +152,7 @@ def _sampled(function: Function, panels: np.ndarray) -> tuple[np.ndarray, np.nda
     offsets = 0.5 * np.diff(panels, axis=1) * (1.0 + NODES)
     values = function(np.repeat(panels[:, 0], ORDER), offsets.ravel())
     values = values.reshape(len(values), -1, ORDER)
-    return values, values @ _TRANSFORM
+    return values, values @ TRANSFORM
 
 
 def _halves(panels: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ class ExactReference(Levels):
     ----------
     network : Network
         The network.
-    laws : tuple of GibbsLaw, TreeLaw and GaussianLaw
+    laws : tuple of GibbsLaw, TreeLaw, RingLaw and GaussianLaw
         The laws of its connected parts, which are independent.
     untouched : frozenset of str
         Contacts that are left out, because less than 10⁻¹² of all time they are closed.
@@ -237,7 +237,8 @@ def exact(network: Network) -> ExactReference:
     Parts of a network that neither contacts nor couplings connect are independent. Known are
 
     - parts in which contacts and couplings form trees (between any two bodies at most one way,
-      over one or more contacts and couplings), with walls and residual potentials: the noises
+      over one or more contacts and couplings), with walls and residual potentials, or one ring of
+      bodies with springs, without walls: the noises
       must be white, the contact forces have a potential, the couplings be linear without
       damping, and the temperatures ``π S / damping`` of connected bodies be equal (for two unit
       masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density is

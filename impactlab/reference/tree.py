@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from impactlab.contact import Contact
+from impactlab.reference.distribution import Distribution
 from impactlab.reference.ground import outwards
 from impactlab.reference.marginal import Marginal
 from impactlab.reference.messages import FLOOR, NONE, PROBED, TOLERANCE, Messages, between, is_noise, narrow, origin_of
@@ -57,15 +58,7 @@ class TreeLaw(Messages):
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
-        density = self._density(self._places[body])
-
-        def make() -> tuple[float, float]:
-            masses, nodes = density.masses[0], density.nodes
-            mean = float((masses * nodes).sum() / masses.sum())
-            return mean, float((masses * (nodes - mean) ** 2).sum() / masses.sum())
-
-        result: tuple[float, float] = self._once(make, "moments", density)
-        return result
+        return self._of_body(body).moments
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
@@ -75,35 +68,23 @@ class TreeLaw(Messages):
 
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
-        return self._marginal(self._density(self._places[body]), 1.0, 0.0, speed)
+        return self._of_body(body).marginal(1.0, 0.0, speed)
 
     def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
         """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
         walled, place, item, gap = self._gap(contact)
         if walled:
-            return self._marginal(self._density(place), gap.sign, -gap.clearance, speed)
+            return self._distribution(self._density(place)).marginal(gap.sign, -gap.clearance, speed)
         shift = float(gap.indentation(np.array(origin_of(item))))
-        return self._marginal(self._difference(place), gap.sign, shift, speed)
-
-    def _marginal(self, law: Piecewise, sign: float, shift: float, speed: float) -> Marginal:
-        """Return the law of ``sign u + shift``, u having some density."""
-        total, mirrored = law.integrals[0].sum(), law.mirrored()
-
-        def above(level: float) -> float:
-            beyond = mirrored if sign > 0.0 else law
-            return float(beyond.cumulative(np.array([shift - level]))[0, 0] / total)
-
-        places = np.sort(sign * np.concatenate([law.edges, law.nodes.ravel()]) + shift)
-        return Marginal(lambda places: self._values(law, sign * (places - shift)), above, places, speed)
+        return Distribution(self._difference(place)).marginal(gap.sign, shift, speed)
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
-        return self._values(self._density(self._places[body]), displacement)
+        return self._of_body(body).density(displacement)
 
     def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the probability that a body's displacement is smaller."""
-        density = self._density(self._places[body])
-        return np.asarray(density.cumulative(displacement)[0] / density.integrals[0].sum())
+        return self._of_body(body).below(displacement)
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of two bodies (m-2)."""
@@ -112,14 +93,14 @@ class TreeLaw(Messages):
         for place in np.unique(x):
             here = x == place
             given = self._given(one, float(place), other)
-            result[here] = self.density(first, np.array([place])) * self._values(given, y[here])
+            result[here] = self.density(first, np.array([place])) * Distribution(given).density(y[here])
         return result
 
-    def _values(self, density: Piecewise, places: np.ndarray) -> np.ndarray:
-        """Return a density, normalised, and 0 outside its range."""
-        inside = (places >= density.edges[0]) & (places <= density.edges[-1])
-        result = np.zeros(places.shape)
-        result[inside] = density(places[inside])[0] / density.integrals[0].sum()
+    def _of_body(self, body: str) -> Distribution:
+        return self._distribution(self._density(self._places[body]))
+
+    def _distribution(self, density: Piecewise) -> Distribution:
+        result: Distribution = self._once(lambda: Distribution(density), "distribution", density)
         return result
 
     def _gap(self, contact: Contact) -> tuple[bool, int, Potential, Gap]:
@@ -133,20 +114,8 @@ class TreeLaw(Messages):
 
     def _of_walls(self, body: int) -> list[tuple[float, float, float]]:
         """Return the statistics of a body's walls."""
-        density, item = self._density(body), self.own[body]
-
-        def make() -> list[tuple[float, float, float]]:
-            nodes = density.nodes
-            weights = density.masses[0] / density.masses[0].sum()
-            corners = np.array([gap.corner for gap in item.gaps])
-            result = []
-            for gap, here in zip(item.gaps, self._values(density, corners), strict=True):
-                force = gap.law.evaluate(gap.indentation(nodes.ravel())).reshape(nodes.shape)
-                closed = gap.indentation(nodes) > 0.0
-                result.append((float(weights[closed].sum()), float(here), float((weights * force).sum())))
-            return result
-
-        result: list[tuple[float, float, float]] = self._once(make, "walls", density, item)
+        law, item = self._distribution(self._density(body)), self.own[body]
+        result: list[tuple[float, float, float]] = self._once(lambda: law.of_gaps(item.gaps), "walls", law, item)
         return result
 
     def _of_link(self, link: int) -> list[tuple[float, float, float]]:

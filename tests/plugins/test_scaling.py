@@ -107,6 +107,7 @@ def test_a_stopwatch_runs_the_blocks_that_others_run():
     np.testing.assert_allclose(timed.contact_ratio, il.simulate(scene(2), **options).contact_ratio, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:1 contact:impactlab.AccuracyWarning")
 def test_blocks_are_timed_over_at_least_half_of_the_seconds():
     timer = Blocks(scene(2), {"realizations": 64}, 0.02, 0.1)
     rate, rest = timer()

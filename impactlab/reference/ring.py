@@ -1,0 +1,283 @@
+"""Exact law of bodies in a ring, by transfer integrals in coordinates relative to one of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from impactlab.contact import Contact
+from impactlab.errors import NoExactReference
+from impactlab.reference.distribution import Distribution
+from impactlab.reference.ground import START, about_ground, depth_of, span_of
+from impactlab.reference.marginal import Marginal
+from impactlab.reference.messages import FLOOR, PROBED, TOLERANCE, between, is_noise
+from impactlab.reference.piecewise import (
+    ORDER,
+    TRANSFORM,
+    Fineness,
+    Piecewise,
+    resolve,
+    resolve_with,
+    shifted_integrals,
+)
+from impactlab.reference.potential import Gap, Potential, gauss_legendre
+
+_REACH = 50.0  # energy above that at rest, in units of T, beyond which nothing counts
+_MOST_ENERGY = 600.0  # in units of T; the exponential of more is hardly a number
+_MOST_NODES = 5000  # of a relative displacement
+_LOOKED_AT = 9  # places of a body for which the panels of the others are made
+_RAREST = 1e-10  # density, relative to its top, that is resolved
+_TOLERANCE = 1e-11  # of a function on a panel, relative to its size there
+_AGREEMENT = 1e-8  # of the sums over all states, as different bodies see them
+
+
+class RingLaw:
+    """Stationary law of bodies of which each is connected with the next, and the last with the first.
+
+    Seen from body 0, with ``u_j = x_j − x_0``, the sum over the states of all others is
+
+        Z(x_0) = ∫ k(−u_1) h(u_1) ∫ k(u_1 − u_2) h(u_2) … ∫ k(u_(n−2) − u_(n−1)) h(u_(n−1)) k(u_(n−1)) du_(n−1) … du_1,
+
+    ``h(u_j) = exp(−Φ_j(x_0 + u_j)/T)`` being the factor of a body and k those of the
+    differences. No k depends on x_0, so the weights of their integrals are found once, as
+    in `TreeLaw`, and used for all x_0. Every body is taken for body 0 in turn, which gives its
+    law and that of the gap to the next one. All must find the same sum over all states, which shows
+    how exact they are.
+
+    Parameters
+    ----------
+    bodies : tuple of str
+        Names of the bodies, in the order of the ring.
+    own : sequence of Potential
+        Of the displacement of each body, without walls.
+    links : sequence of Potential
+        Of the difference of each body and the next.
+
+    Raises
+    ------
+    NoExactReference
+        If the density cannot be normalised or resolved.
+    InvalidInput
+        If a potential is not the integral of its force.
+    """
+
+    def __init__(self, bodies: tuple[str, ...], own: Sequence[Potential], links: Sequence[Potential]) -> None:
+        self.bodies, self.temperature = bodies, own[0].temperature
+        count = len(bodies)
+        own, between_bodies = about_ground(own, [(k, (k + 1) % count, item) for k, item in enumerate(links)])
+        links = [item for *_, item in between_bodies]
+        most = _REACH - depth_of([*own, *links])
+        spans = [span_of(item, most) for item in own]
+        for item, span in zip(own, spans, strict=True):
+            if not np.isfinite(span).all():
+                raise NoExactReference(f"{item.names}: in a loop the law is computed for bodies with springs only.")
+        widest = max(high - low for low, high in spans)
+        reaches = [np.clip(span_of(item, most), -widest, widest).tolist() for item in links]
+        views = []
+        try:
+            kernels = [_resolved(item, low, high, np.exp) for item, (low, high) in zip(links, reaches, strict=True)]
+            factors = [
+                _resolved(item, low - widest, high + widest, np.asarray)
+                for item, (low, high) in zip(own, spans, strict=True)
+            ]
+            for first in range(count):
+                order = [(first + k) % count for k in range(count)]
+                turned = [factors[k] for k in order], [kernels[k] for k in order]
+                views.append(_seen([spans[k] for k in order], *turned, most))
+        except NoExactReference as error:
+            raise _unresolved() from error
+        self._laws, self._gaps = [law for law, _ in views], [gap for _, gap in views]
+        totals = [law.total for law in self._laws]
+        if not 0.0 < max(totals) <= (1.0 + _AGREEMENT) * min(totals):
+            raise _unresolved()
+
+    def __str__(self) -> str:
+        return f"temperature {self.temperature:.6g} J, density proportional to exp(−H/T)"
+
+    def moments(self, body: str) -> tuple[float, float]:
+        """Return the mean (m) and the variance (m2) of a body's displacement."""
+        return self._law(body).moments
+
+    def contact(self, contact: Contact) -> tuple[float, float, float]:
+        """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
+        law, gap = self._gap(contact)
+        return law.of_gaps([gap])[0]
+
+    def marginal(self, body: str, speed: float) -> Marginal:
+        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
+        return self._law(body).marginal(1.0, 0.0, speed)
+
+    def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
+        """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
+        law, gap = self._gap(contact)
+        return law.marginal(gap.sign, -gap.clearance, speed)
+
+    def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
+        """Return the density of a body's displacement (m-1)."""
+        return self._law(body).density(displacement)
+
+    def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
+        """Return the probability that a body's displacement is smaller."""
+        return self._law(body).below(displacement)
+
+    def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Refuse: it is not computed for loops."""
+        raise NoExactReference(
+            f"The joint density of {first!r} and {second!r}, which a loop connects, is not computed."
+        )
+
+    def _law(self, body: str) -> Distribution:
+        return self._laws[self.bodies.index(body)]
+
+    def _gap(self, contact: Contact) -> tuple[Distribution, Gap]:
+        """Return the law of the difference that a contact acts on, and the gap in it."""
+        places = [self.bodies.index(str(side)) for side in (contact.first, contact.second)]
+        first = next(k for k in places if (k + 1) % len(self.bodies) in places)
+        return self._gaps[first], Gap.of(contact, self.bodies[first])
+
+
+def _resolved(item: Potential, low: float, high: float, scale: Callable[..., np.ndarray]) -> Piecewise:
+    """Return a function of a potential's factor in the density, given by that of its logarithm, within a range."""
+    first, probes = (between(item.panels(start), low, high) for start in (START, PROBED))
+
+    def function(*places: np.ndarray) -> np.ndarray:
+        return scale(-np.minimum(item.energy(*places), _MOST_ENERGY)[None])
+
+    found = resolve_with(function, first, probes, partial(_fine, TOLERANCE), item.names, 1e-10)
+    item.check_work(np.union1d(found.edges, item.corners))
+    return found
+
+
+def _fine(tolerance: float) -> Fineness:
+    """Return a fineness relative to the size on a panel, or to rounding of the function's largest one so far."""
+    tops: np.ndarray | None = None
+
+    def fine(values: np.ndarray, tails: np.ndarray, panels: np.ndarray, before: np.ndarray) -> np.ndarray:
+        nonlocal tops
+        sizes = np.abs(values).max(axis=2)
+        tops = sizes.max(axis=1) if tops is None else np.maximum(tops, sizes.max(axis=1))
+        smooth = tails <= tolerance * sizes + 1e-3 * tolerance * tops[:, None] + FLOOR * tops.max()
+        return np.asarray((smooth | is_noise(tails, before, sizes)).all(axis=0))
+
+    return fine
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """What bodies from one on to the end of the ring contribute, as a function of its relative displacement.
+
+    Attributes
+    ----------
+    factor : Piecewise
+        Logarithm of the body's own factor.
+    outer : Piecewise, optional
+        Factor of its difference from body 0, if they are connected.
+    onwards : _Stage, optional
+        The same of the next body.
+    kernel : Piecewise, optional
+        Factor of the difference from it, as a function of its relative displacement less that of this body.
+    edges : ndarray
+        Edges of panels that resolve the function.
+    """
+
+    factor: Piecewise
+    outer: Piecewise | None
+    onwards: _Stage | None
+    kernel: Piecewise | None
+    edges: np.ndarray
+
+    def resolved(self, looked_at: np.ndarray) -> _Stage:
+        """Return it with panels that resolve it for some places of body 0."""
+
+        def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+            if len(starts) > _MOST_NODES:
+                raise _unresolved()
+            return self._values(looked_at, starts, offsets, self._weights(starts + offsets))
+
+        found = resolve(function, self.edges, _fine(_TOLERANCE), "a loop")
+        if found.nodes.size > _MOST_NODES:
+            raise _unresolved()
+        return replace(self, edges=found.edges)
+
+    @cached_property
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        starts, offsets, _ = gauss_legendre(self.edges)
+        return starts, offsets
+
+    @cached_property
+    def _weights_of_nodes(self) -> np.ndarray | None:
+        starts, offsets = self._nodes
+        return self._weights(starts + offsets)
+
+    def coefficients(self, places: np.ndarray) -> np.ndarray:
+        """Return the coefficients of the function for some places of body 0, (place, panel, order)."""
+        values = self._values(places, *self._nodes, self._weights_of_nodes)
+        return np.asarray(values.reshape(len(places), -1, ORDER) @ TRANSFORM)
+
+    def _weights(self, u: np.ndarray) -> np.ndarray | None:
+        """Return the weights of integrals over the next body, (u, coefficient)."""
+        if self.onwards is None or self.kernel is None:
+            return None
+        weights = shifted_integrals(self.onwards.edges, self.kernel, u)[0]
+        return np.asarray(weights.reshape(len(u), -1))
+
+    def _values(
+        self, places: np.ndarray, starts: np.ndarray, offsets: np.ndarray, weights: np.ndarray | None
+    ) -> np.ndarray:
+        """Return the function at some relative displacements for some places of body 0, (place, u)."""
+        x = places[:, None] + (starts + offsets)
+        result = np.exp(self.factor(x.ravel())[0].reshape(x.shape))
+        if self.outer is not None:
+            result *= self.outer(starts, offsets)[0]
+        if self.onwards is not None and weights is not None:
+            result *= self.onwards.coefficients(places).reshape(len(places), -1) @ weights.T
+        return np.asarray(result)
+
+
+def _seen(
+    spans: Sequence[tuple[float, float]],
+    factors: Sequence[Piecewise],
+    kernels: Sequence[Piecewise],
+    most: float,
+) -> tuple[Distribution, Distribution]:
+    """Return the laws of body 0, and of its difference from body 1."""
+    (low, high), last = spans[0], len(factors) - 1
+    looked_at = 0.5 * np.linspace(low, high, _LOOKED_AT)
+    stage: _Stage | None = None
+    for j in range(last, 0, -1):
+        outer = kernels[last] if j == last else kernels[0].mirrored() if j == 1 else None
+        ends = spans[j][0] - high, spans[j][1] - low
+        if outer is not None:
+            ends = max(ends[0], outer.edges[0]), min(ends[1], outer.edges[-1])
+        scale = (spans[j][1] - spans[j][0]) / math.sqrt(8.0 * most)  # the standard deviation of a Gaussian
+        count = math.ceil((ends[1] - ends[0]) / scale)
+        if count * ORDER > _MOST_NODES:
+            raise _unresolved()
+        edges = between(np.union1d(np.linspace(*ends, count + 1), [] if outer is None else outer.edges), *ends)
+        kernel = None if stage is None else kernels[j].mirrored()
+        stage = _Stage(factors[j], outer, stage, kernel, edges).resolved(looked_at)
+    assert stage is not None
+    nearest = stage
+
+    def function(starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        places = starts + offsets
+        sums = nearest.coefficients(places)[:, :, 0] @ np.diff(nearest.edges)
+        return np.asarray((np.exp(factors[0](places)[0]) * sums)[None])
+
+    law = resolve(function, between(factors[0].edges, low, high), _fine(_TOLERANCE), "a loop")
+    starts, offsets, lengths = gauss_legendre(law.edges)
+    weights = lengths * np.exp(factors[0](starts, offsets)[0])
+    both = np.tensordot(weights, nearest.coefficients(starts + offsets), axes=1)
+    gap = Piecewise(nearest.edges, both[None]).mirrored()
+    return Distribution(law, _RAREST), Distribution(gap, _RAREST)
+
+
+def _unresolved() -> NoExactReference:
+    return NoExactReference(
+        "The law of the bodies in a loop is not resolved: their springs or contacts differ too much in stiffness, or "
+        "press too hard. Without one of the contacts or couplings of the loop they would be a tree, which may differ."
+    )
