@@ -20,20 +20,20 @@ def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     """Return the basis with which to begin, from scales of the network.
 
     Four nodes to the depth at which the contact stores the energy T of the box, two to a standard
-    deviation of the center, 1.7 to one of a velocity, and more where one body alone is colder than
-    T, as the fourth root of the ratio; a step of 0.4 over the
-    frequency of the closed contact and 0.8 over those of the bodies.
+    deviation of the center, 1.7 to one of a velocity, and more for a body that alone is colder than T,
+    as the fourth root of the ratio; a step of 0.4 over the frequency of the closed contact and
+    0.8 over those of the bodies.
     """
     low, high = well.ends
     gap = (high - low) / min(0.25 * well.penetration, 0.5 * well.width)
-    velocity = _odd(part * REACH / 0.3 * max(well.temperature / float(pair.temperatures.min()), 1.0) ** 0.25)
+    first, second = REACH / 0.3 * np.maximum(well.temperature / pair.temperatures, 1.0) ** 0.25
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
     step = min(0.4 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
     return Basis(
         _fast(part * gap),
         _odd(part * 4.0 * REACH),
-        velocity,
-        velocity,
+        _odd(part * first),
+        _odd(part * second),
         step / part,
     )
 

@@ -31,8 +31,8 @@ _MARGIN = 1.25
 _SNAPSHOTS, _INTERVAL, _MOST_CYCLES = 6, 0.16, 20
 """Snapshots of an extrapolation, time between them in slowest relaxation times, and extrapolations."""
 
-_SETTLED = 0.1
-"""Change by an extrapolation that counts as none, in tolerances."""
+_SETTLED = 0.5
+"""Change by the last extrapolation, in tolerances; another one would change a twentieth of that, or less."""
 
 _BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 60.0, 3e7, 6
 
@@ -149,18 +149,18 @@ class _Solver:
         steps = max(1, round(_INTERVAL / self.pair.rate / propagator.basis.step))
         last = _flat(Reading(propagator, density).values)
         for _ in range(_MOST_CYCLES):
-            snapshots, changes = [], []
+            snapshots = [density]
             for _ in range(_SNAPSHOTS):
-                following = propagator.march(density, steps, self.pool, self.workers)
-                snapshots.append(following)
-                changes.append((following - density).ravel())
-                density = following
-            gram = np.array([[np.vdot(one, other) for other in changes] for one in changes], dtype=float)
+                snapshots.append(propagator.march(snapshots[-1], steps, self.pool, self.workers))
+            gram = np.zeros((_SNAPSHOTS, _SNAPSHOTS))
+            for rows in zip(*snapshots, strict=True):  # all of it at once would take as much memory again
+                changes = np.diff(np.array(rows).reshape(len(rows), -1), axis=0)
+                gram += changes @ changes.T
             gram += 1e-12 * np.trace(gram) * np.eye(len(gram))
             weights = np.linalg.solve(gram, np.ones(len(gram)))
             weights /= weights.sum()
             density = np.zeros_like(density)
-            for weight, snapshot in zip(weights, snapshots, strict=True):
+            for weight, snapshot in zip(weights, snapshots[1:], strict=True):
                 density += np.float32(weight) * snapshot
             density = propagator.normalized(density)
             values = _flat(Reading(propagator, density).values)
