@@ -28,6 +28,7 @@ _HOME = {
     "sweeps": ["sweep"],
     "again": ["rerun"],
     "reference": ["ExactReference", "compare", "exact"],
+    "phase_space": ["FokkerPlanckReference", "fokker_planck"],
     "dataset": ["network_of", "save"],
     "study": ["Study", "run_study"],
     "errors": [

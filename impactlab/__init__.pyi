@@ -39,6 +39,8 @@ from impactlab.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.oscillator import LinearOscillator as LinearOscillator
 from impactlab.oscillator import Oscillator as Oscillator
 from impactlab.peaks import PeakForces as PeakForces
+from impactlab.phase_space import FokkerPlanckReference as FokkerPlanckReference
+from impactlab.phase_space import fokker_planck as fokker_planck
 from impactlab.record import PerRealization as PerRealization
 from impactlab.record import Record as Record
 from impactlab.record import Trajectory as Trajectory

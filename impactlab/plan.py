@@ -16,6 +16,7 @@ from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
+from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
     flowing_systems,
@@ -314,6 +315,8 @@ def make_plan(
     if steps + spin_up / step >= 2.0**53:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
+    if given is None and integrator.kicks:
+        warn_of_kinks(model, stiffening, step, duration + spin_up)
     # whole intervals; in a short run one sample at its end
     strides = [min(-(-record.stride(model, step) // unit) * unit, steps) for record in records]
     every = math.gcd(*strides)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.component import finite, suggestion
-from impactlab.contact import contact_forces
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
+from impactlab.kinks import kink_step
 from impactlab.linear import linear_variances, lines_of, regular_lines
 from impactlab.model import Model
 from impactlab.scene import Stiffening
@@ -40,9 +40,6 @@ MOST_SAMPLES = 4096
 
 SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
-
-KINK_HEATING = 5e-4
-"""Largest part of their temperature by which kinks of contact forces may heat bodies."""
 
 SERIES_FRICTION = 3.0
 """Largest friction over an automatic step, ``c h/m``, of a body under a sum of cosines that is kicked."""
@@ -86,44 +83,6 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step
-
-
-def kink_step(model: Model, stiffening: Stiffening) -> float:
-    """Return the step at which the kinks of contact forces heat no body by more than `KINK_HEATING` (s).
-
-    A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
-    little whenever it opens or closes: measured, by ``0.016 r² (h Ω)⁴`` of their temperature or less, Ω
-    being the frequency of the closed contact and r the part of its stiffness that is there at a
-    tenth of the thermal penetration (1 for a linear law, 0.2 for Hertz contact). Friction takes
-    it away; a body with little of it, or a contact that closes often, needs a smaller step.
-    """
-    inverse_mass = np.append(1.0 / model.mass, 0.0)
-    friction = np.append(model.damping / model.mass**2, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse_stiffness = np.append(1.0 / model.stiffness, 0.0)
-        mobility, compliance, decay = (
-            item[model.ends].sum(axis=1) for item in (inverse_mass, inverse_stiffness, friction)
-        )
-        decay = decay / mobility
-    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0))
-    depth, tangent, clearance = (
-        item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
-    )
-    mobility, compliance, decay = mobility[heated], compliance[heated], decay[heated]
-    laws = [contact.law for contact in model.network.contacts.values()]
-    early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
-    # how often the gap crosses the point of contact, by Rice's formula
-    spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
-    with np.errstate(invalid="ignore"):
-        spread = stiffening.energy[model.ends[heated].min(axis=1)] * compliance
-    known = (spread > 0.0) & (spread < np.inf)
-    exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
-    often = np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
-    rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
-    counted = (rate > 0.0) & (early > 0.0)
-    power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
-    roots = np.array([item**0.25 for item in power.tolist()])
-    return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 
 
 def series_step(model: Model) -> float:

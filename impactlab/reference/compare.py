@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import xarray as xr
 
 from impactlab.dataset import STATISTICS
 from impactlab.errors import InvalidInput
-from impactlab.reference.reference import ExactReference
 
 
-def compare(result: xr.Dataset, reference: xr.Dataset | ExactReference) -> xr.Dataset:
+@runtime_checkable
+class Reference(Protocol):
+    """What knows the statistics of a network, such as an `ExactReference`."""
+
+    def statistics(self) -> xr.Dataset: ...
+
+
+def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset:
     """Compare the statistics of a result with those of a reference.
 
     Parameters
     ----------
     result : Dataset
         What `simulate` returned.
-    reference : Dataset or ExactReference
-        An exact reference, its statistics, or the result of another simulation.
+    reference : Dataset, ExactReference or FokkerPlanckReference
+        A reference, its statistics, or the result of another simulation.
 
     Returns
     -------
@@ -42,7 +48,7 @@ def compare(result: xr.Dataset, reference: xr.Dataset | ExactReference) -> xr.Da
         If one is not a dataset, the two have no statistic and label in common, or a
         statistic has further dimensions.
     """
-    if isinstance(reference, ExactReference):
+    if isinstance(reference, Reference):
         reference = reference.statistics()
     for dataset in (result, reference):
         if not isinstance(dataset, xr.Dataset):

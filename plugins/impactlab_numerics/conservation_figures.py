@@ -39,9 +39,10 @@ def energy(table: xr.Dataset, bounce: xr.Dataset) -> Figure:
                 axes.loglog(n, over_contacts(part)[0][row] * np.sqrt(n), lw=0.7, ls="--", color=COLORS[row])
         axes.set_title(str(scene), fontsize=9)
         axes.set_xlabel(
-            "contacts (dashed: √n)" if np.isfinite(part.power) else "time (contacts would close)", fontsize=8
+            "contacts (dashed: √n)" if np.isfinite(part.power) else "time × 2.2/s (dotted: swing)", fontsize=8
         )
     panels[0].legend(fontsize=7)
+    panels[0].set_ylim(top=10.0)  # beyond, it grows without end
     axes = figure.add_subplot(2, 3, 6)
     for row, force in enumerate(bounce.force.values):
         part = bounce.sel(force=force)

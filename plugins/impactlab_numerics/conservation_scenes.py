@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -98,10 +99,12 @@ def automatic_step(network: il.Network, initial: Any, duration: float) -> float:
     """Return the step that a simulation from a start chooses (s)."""
     from impactlab.plan import make_plan
 
-    plan = make_plan(
-        network, duration=duration, realizations=1, step=None, integrator=il.ExactFlow(), spin_up=None,
-        initial=initial, records=[], seed=(0, 0), workers=1,
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", il.AccuracyWarning)  # of the energy, which is to be measured
+        plan = make_plan(
+            network, duration=duration, realizations=1, step=None, integrator=il.ExactFlow(), spin_up=None,
+            initial=initial, records=[], seed=(0, 0), workers=1,
+        )  # fmt: skip
     return plan.step
 
 

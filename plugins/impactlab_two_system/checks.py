@@ -30,7 +30,7 @@ def check(study: TwoSystemStudy, tree: xr.DataTree) -> list[Check]:
     """Return the checks that the settings of the study allow."""
     results = Results(study, tree)
     found = []
-    for one in (_exact, _densities, _balances, _artefact):
+    for one in (_exact, _densities, _solved, _balances, _artefact):
         try:
             found += list(one(results))
         except Missing:
@@ -79,6 +79,24 @@ def _densities(results: Results) -> Iterator[Check]:
         bool(within >= 0.99 and z.max() <= 5.0),
         f"{within:.1%} of {z.size} bins within 3 standard errors, the largest difference is {z.max():.2f}",
     )
+
+
+def _solved(results: Results) -> Iterator[Check]:
+    """Statistics from the Fokker–Planck equation agree with the ensembles, their own errors allowed."""
+    solved = results.node("reference/fokker_planck")
+    accurate = results.node("accurate").sel(frequency_ratio=solved["frequency_ratio"], clearance=solved["clearance"])
+    for name in STATISTICS:
+        if name not in solved or name not in accurate:
+            continue
+        allowed = BIAS * abs(solved[name]) + solved[f"{name}_error"]
+        excess = ((abs(accurate[name] - solved[name]) - allowed) / accurate[f"{name}_standard_error"]).values
+        bound = _bound(excess.size)
+        yield Check(
+            f"Fokker–Planck equation: {name}",
+            bool((excess <= bound).all()),
+            f"at most {excess.max():.2f} standard errors beyond 0.1 % and the errors of the solution, allowed "
+            f"{bound:.2f} for {excess.size} numbers",
+        )
 
 
 def _balances(results: Results) -> Iterator[Check]:

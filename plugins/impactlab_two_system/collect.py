@@ -45,8 +45,10 @@ def collect(study: TwoSystemStudy, results: Mapping[str, xr.Dataset]) -> xr.Data
     if "paper" in study.variants:
         nodes["/seeds"] = _seeds(study, results)
         nodes["/repetition"] = _repetition(study, results["repetition"])
-    if study.reference:
+    if study.reference != "none":
         nodes |= _reference(study, nodes[f"/density/{study.variants[0]}"])
+    if study.reference == "fokker-planck":
+        nodes |= _fokker_planck(study, nodes[f"/density/{study.variants[0]}"])
     tree = xr.DataTree.from_dict(nodes)
     tree["corrections"] = xr.DataTree(corrections(study, tree))
     return tree
@@ -178,6 +180,37 @@ def _reference(study: TwoSystemStudy, bins: xr.Dataset) -> dict[str, xr.Dataset]
         exact = [il.exact(study.network(*case)).statistics() for case in known]
         nodes["/reference/exact"] = gathered(exact, _axes(sorted({ratio for ratio, _ in known}), study.clearances))
     return nodes
+
+
+def _fokker_planck(study: TwoSystemStudy, bins: xr.Dataset) -> dict[str, xr.Dataset]:
+    """Return statistics, their convergence and densities from the Fokker–Planck equation, at one clearance."""
+    ratios = [ratio for ratio in study.fokker_planck_ratios if ratio in study.frequency_ratios]
+    if not ratios:
+        return {}
+    solved = [
+        il.fokker_planck(study.network(ratio, study.density_clearance), tolerance=study.fokker_planck_tolerance)
+        for ratio in ratios
+    ]
+    axes = _axes(ratios, [study.density_clearance])
+    at = bins.sel(frequency_ratio=ratios)
+    densities = {}
+    for quantity, (units, _) in QUANTITIES.items():
+        edges = at[f"{quantity}_edges"]
+        values = [
+            [
+                law.bin_density(system, quantity, edges.sel(frequency_ratio=ratio, oscillator=system).values)
+                for system in SYSTEMS
+            ]
+            for ratio, law in zip(ratios, solved, strict=True)
+        ]
+        name = f"density_{quantity}"
+        attributes = {"units": units, "long_name": f"density of the {quantity}, averaged over the bin"}
+        densities[name] = at[name].dims, np.array(values), attributes
+    return {
+        "/reference/fokker_planck": gathered([law.statistics() for law in solved], axes),
+        "/reference/fokker_planck_convergence": gathered([law.convergence() for law in solved], axes),
+        "/reference/fokker_planck_density": xr.Dataset(densities, at.coords),
+    }
 
 
 def _reference_densities(study: TwoSystemStudy, bins: xr.Dataset) -> xr.Dataset:

@@ -30,6 +30,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
         "ls": (0, (4, 2.5)),
         "label": "analytic, Eq. 12 with exponent 5/2",
     },
+    "fokker-planck": {"color": "black", "lw": 0.9, "ls": ":", "label": "Fokker\u2013Planck equation"},
 }
 
 
@@ -45,9 +46,12 @@ def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity
         else:
             axes.plot(center, value, **_LOOKS[variant])
         shown = center[value > 1e-3 * value.max()]
-    if results.study.reference:
+    if results.study.reference != "none":
         density = results.density("reference/density", system, ratio)
         axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["analytic"])
+    if ratio in results.solved:
+        density = results.density("reference/fokker_planck_density", system, ratio)
+        axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["fokker-planck"])
     axes.set_xlim(shown[0], shown[-1])
     axes.locator_params(axis="x", nbins=4)
     axes.set_ylim(bottom=0.0)
@@ -66,7 +70,7 @@ def base_densities(results: Results) -> Figure:
         _densities(results, above, ratio, system, quantity)
         above.set_ylabel(f"density ({DENSITY_UNITS[quantity]})")
         letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
-        if results.study.reference:
+        if results.study.reference != "none":
             _absolute_errors(results, below, ratio, system, quantity)
             above.tick_params(labelbottom=False)
             below.set_xlabel(AXIS[system, quantity][0])
@@ -75,7 +79,7 @@ def base_densities(results: Results) -> Figure:
             below.remove()
             above.set_xlabel(AXIS[system, quantity][0])
     handles, labels = above.get_legend_handles_labels()
-    if results.study.reference:
+    if results.study.reference != "none":
         handles.append(Line2D([], [], color=GREEN))
         labels.append("absolute error of the ensemble")
     figure.legend(handles, labels, loc="outside lower center", ncols=2)

@@ -26,6 +26,15 @@ if TYPE_CHECKING:
 
 X2, V2 = "mean_square_displacement", "mean_square_velocity"
 _POINTS: dict[str, Any] = {"fmt": "o-", "markersize": 3}
+_SOLVED: dict[str, Any] = {
+    "color": "black",
+    "marker": "*",
+    "ms": 6,
+    "mfc": "none",
+    "mew": 0.7,
+    "ls": "none",
+    "zorder": 4,
+}
 
 
 def draw(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
@@ -65,7 +74,7 @@ def _curve(
     relative_to: str | None = None,
 ) -> None:
     """Draw a statistic against the frequency ratio, or its ratio to another source."""
-    ratios = np.array(results.ratios(0.0))
+    ratios = np.array(results.solved if source == "fokker-planck" else results.ratios(0.0))
     values = [results.value(name, label, ratio, clearance, source) for ratio in ratios]
     if relative_to is not None:
         base = [results.value(name, label, ratio, clearance, relative_to) for ratio in ratios]
@@ -77,6 +86,8 @@ def _curve(
         axes.plot(ratios, value, color=colour, marker="s", ms=4, mfc="none", mew=0.7, ls="none")
     elif source == "analytic":
         axes.plot(ratios, value, color=colour, ls=(0, (4, 2.5)), lw=1.0)
+    elif source == "fokker-planck":
+        axes.plot(ratios, value, **_SOLVED)
     else:
         axes.plot(ratios, value, color="black", ls=":", lw=1.2, zorder=1)
 
@@ -86,10 +97,13 @@ def _curves(
 ) -> None:
     """Draw a statistic for all clearances and those sources that the study has."""
     present = {"accurate", "paper"} & set(results.study.variants) | {"linear"}
-    present |= {"analytic"} if results.study.reference else set()
+    present |= set() if results.study.reference == "none" else {"analytic"}
     for source, (clearance, colour) in product(sources, _coloured(results)):
         if source in present:
             _curve(results, axes, source, name, label, clearance, colour, relative_to)
+        at_solved = results.solved and name in results.node("reference/fokker_planck")
+        if source == "accurate" and at_solved and clearance == results.study.density_clearance:
+            _curve(results, axes, "fokker-planck", name, label, clearance, colour, relative_to)
 
 
 def _coloured(results: Results) -> list[tuple[float, str]]:
@@ -108,12 +122,14 @@ def _legend(figure: Figure, results: Results, sources: tuple[str, ...], columns:
         "linear": ("linear, without contact", {"ls": ":", "lw": 1.2}),
     }
     shown = [Line2D([], [], color=colour, lw=4, label=f"d = {d:g} m") for d, colour in _coloured(results)]
-    skipped = set() if results.study.reference else {"analytic"}
+    skipped = {"analytic"} if results.study.reference == "none" else set()
     skipped |= {"accurate", "paper"} - set(results.study.variants)
     for source in sources:
         if source not in skipped:
             text, look = looks[source]
             shown.append(Line2D([], [], color="black", label=text, **look))
+    if results.solved:
+        shown.append(Line2D([], [], label="Fokker\u2013Planck equation", **_SOLVED))
     figure.legend(handles=shown, loc="outside lower center", ncols=columns)
 
 

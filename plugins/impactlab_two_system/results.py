@@ -20,6 +20,7 @@ SOURCES = {
     "paper": "paper",
     "analytic": "reference/analytic",
     "exact": "reference/exact",
+    "fokker-planck": "reference/fokker_planck",
     "linear": "linear",
 }
 
@@ -90,8 +91,8 @@ class _Table:
 class Results:
     """Access to the results of a study by the words of its claims.
 
-    Sources are ``accurate``, ``paper``, ``analytic`` (the paper's solution), ``exact`` and
-    ``linear``. A number of the paper variant comes from one record; its standard error
+    Sources are ``accurate``, ``paper``, ``analytic`` (the paper's solution), ``exact``,
+    ``fokker-planck`` and ``linear``. A number of the paper variant comes from one record; its standard error
     is the scatter of such records in the accurate variant, which has the same length,
     and NaN if that was not run.
     """
@@ -110,6 +111,14 @@ class Results:
             except KeyError:
                 raise Missing(f"there are no results for {path}") from None
         return self._nodes[path]
+
+    @property
+    def solved(self) -> list[float]:
+        """Frequency ratios at which the Fokker–Planck equation was solved."""
+        try:
+            return list(self.node(SOURCES["fokker-planck"])["frequency_ratio"].values.tolist())
+        except Missing:
+            return []
 
     def ratios(self, low: float, high: float = math.inf) -> list[float]:
         """Return the frequency ratios from `low` to `high`, of which there must be one."""

@@ -23,6 +23,10 @@ ONE_SIDED = {"consistent": 4.0 * math.pi, "equation 14": 1.0, "equation 16": mat
 with Eq. 3, Eq. 14 read as S_f = S, and the one that Eq. 16 implies."""
 
 
+REFERENCES = ("none", "analytic", "fokker-planck")
+"""Nothing; the paper's solution, and the exact law where there is one; these and the Fokker–Planck equation."""
+
+
 class TwoSystemStudy(Study):
     """Two oscillators with one Hertz contact under random excitation, over frequency ratio and clearance.
 
@@ -46,7 +50,9 @@ class TwoSystemStudy(Study):
     spectral_density_two: float = il.parameter(1.0, units="N2 s rad-1", above=0.0)
     contact_stiffness: float = il.parameter(1e4, units="N m-3/2", above=0.0)
     variants: tuple[str, ...] = il.parameter(("accurate", "paper"))
-    reference: bool = il.parameter(True)
+    reference: str = il.parameter("analytic")
+    fokker_planck_ratios: tuple[float, ...] = il.parameter((1.0, 4.0, 8.0, 16.0), above=0.0)
+    fokker_planck_tolerance: float = il.parameter(1e-3, minimum=1e-6)
     duration: float = il.parameter(100.0, units="s", above=0.0)
     realizations: int = il.parameter(512, minimum=64)
     balanced_realizations: int = il.parameter(2048, minimum=64)
@@ -70,6 +76,8 @@ class TwoSystemStudy(Study):
                 raise il.InvalidInput(
                     f"There is no variant {variant!r}; {suggestion(str(variant), ('accurate', 'paper'))}"
                 )
+        if self.reference not in REFERENCES:
+            raise il.InvalidInput(f"There is no reference {self.reference!r}; {suggestion(self.reference, REFERENCES)}")
         if self.normalisation not in ONE_SIDED:
             raise il.InvalidInput(
                 f"There is no normalisation {self.normalisation!r}; {suggestion(self.normalisation, ONE_SIDED)}"

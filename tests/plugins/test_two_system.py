@@ -52,6 +52,7 @@ def test_the_study_is_described_without_heavy_imports():
     [
         ({"variants": ("exact",)}, "There is no variant 'exact'"),
         ({"normalisation": "consistant"}, "did you mean 'consistent'"),
+        ({"reference": "fokker"}, "There is no reference 'fokker'; did you mean 'fokker-planck'"),
         ({"density_clearance": 0.02}, "density_clearance must be one of the clearances"),
         ({"clearances": (0.05, 0.05)}, "clearances must be an array of different values"),
         ({"frequency_ratios": ()}, "frequency_ratios must be an array of different values"),
@@ -167,13 +168,34 @@ def test_the_nine_corrections_have_numbers(run):
 
 def test_without_the_reference_nothing_is_compared_with_it(run):
     study, results, _ = run
-    tree = study.replace(reference=False).collect(results)
+    tree = study.replace(reference="none").collect(results)
     assert "reference" not in tree.children
-    bare = study.replace(reference=False)
+    bare = study.replace(reference="none")
     verdicts = dict(zip(*(bare.claims(tree)[name].values for name in ("statement", "verdict")), strict=True))
     assert verdicts["At ω̄ = 16 all densities of the two methods are almost the same."] == "not testable"
     assert verdicts["The smaller the clearance, the greater the contact ratio."] == "holds"
     assert {name for name, _ in bare.figures(tree)} == {f"figure_{number}" for number in range(1, 9)}
+
+
+def test_the_fokker_planck_equation_as_reference():
+    study = TwoSystemStudy(
+        frequency_ratios=(1.0, 2.0), clearances=(0.05,), variants=("accurate",), realizations=128, duration=60.0,
+        spectral_density_one=1.5, contact_stiffness=50.0, reference="fokker-planck", fokker_planck_tolerance=0.05,
+    )  # fmt: skip
+    tree = study.collect(simulated(study))
+    solved = tree["reference/fokker_planck"].to_dataset()
+    assert solved["frequency_ratio"].values.tolist() == [1.0]  # of those that the study has
+    checks = [item for item in study.checks(tree) if item.name.startswith("Fokker–Planck equation")]
+    assert len(checks) == 8
+    assert all(item.ok for item in checks), checks
+    assert tree["reference/fokker_planck_convergence"]["direction"].values[0] == "gap"
+    density = tree["reference/fokker_planck_density"].to_dataset().sel(oscillator="two")
+    measured = tree["density/accurate"].to_dataset().sel(frequency_ratio=[1.0], oscillator="two")
+    difference = measured.density_velocity - density.density_velocity
+    assert (abs(difference) <= 5.0 * measured.density_velocity_standard_error + 2e-3).all()
+    axes = dict(study.figures(tree))["figure_7"].axes[0]
+    stars = [line.get_ydata() for line in axes.get_lines() if line.get_marker() == "*"]
+    np.testing.assert_allclose(stars, solved.contact_ratio.values[:, 0, 0][None])
 
 
 def test_the_figures_show_what_was_found(run):
