@@ -16,6 +16,7 @@ from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
+from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
     flowing_systems,
@@ -42,7 +43,6 @@ from impactlab.rules import (
     positive,
     start_of,
     warn_of_bands,
-    warn_of_kinks,
 )
 from impactlab.scene import Stiffening, energies, gap_scale, start_factors
 from impactlab.series import sample_count, sampling_seconds

@@ -11,9 +11,10 @@ from impactlab import estimate, moments
 from impactlab.component import call_each
 from impactlab.estimate import Regression
 from impactlab.integrators import exact_flow
+from impactlab.kinks import kink_step
 from impactlab.model import Model
 from impactlab.plan import make_plan
-from impactlab.rules import kink_step, seed_of
+from impactlab.rules import seed_of
 from impactlab.scene import Stiffening, energies
 
 CALLS = [0]

@@ -165,9 +165,11 @@ def test_numbers_do_not_depend_on_the_blocks(realizations, duration):
         np.testing.assert_array_equal(parts[name], whole[name], err_msg=name)
 
 
-def test_what_would_not_fit_into_memory_is_refused():
-    fine = il.PeakForces(bins=10**9)
+def test_what_would_not_fit_into_memory_is_refused(monkeypatch):
+    monkeypatch.setattr("impactlab.memory.available", lambda: 1e8)
+    options = {"realizations": 64, "rng": 1}
+    assert "crossing_rate" in il.simulate(base(), 5.0, record=il.PeakForces(), **options)
     with pytest.raises(il.InvalidInput, match=r"GB of memory .* or records of less"):
-        il.simulate(base(), 5.0, realizations=64, rng=1, record=fine)
+        il.simulate(base(), 5.0, record=il.PeakForces(bins=10**5), **options)
     with pytest.raises(il.InvalidInput, match="GB of memory"):
-        il.simulate(base(), 1e6, realizations=10**4, rng=1, record=il.Spectrum(segment=1e6))
+        il.simulate(linear(), 5e4, record=il.Spectrum(segment=5e4), **options)
