@@ -200,8 +200,9 @@ class Plan:
 
     @property
     def steady(self) -> bool:
-        """Whether nothing but a spin-up that is too short can keep the motion from being stationary."""
-        return not (isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced))
+        """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
+        transient = isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced)
+        return not transient and bool(len(self.white) or self.lines)
 
     @property
     def grouped(self) -> np.ndarray:

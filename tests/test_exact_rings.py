@@ -32,6 +32,34 @@ def ring(bodies, laws, clearances, couplings=None):
 
 
 HERTZ, LINEAR = il.HertzContact(3e4), il.LinearContact(500.0)
+
+
+class Steep(il.Oscillator):
+    """Forces that overflow in Python for large displacements."""
+
+    length: float = il.parameter(units="m")
+
+    @staticmethod
+    def residual(displacement, length):
+        return math.sinh(displacement / length) / length
+
+    @staticmethod
+    def residual_potential(displacement, length):
+        return math.cosh(displacement / length) - 1.0
+
+
+class SteepContact(il.ContactLaw):
+    length: float = il.parameter(units="m")
+
+    @staticmethod
+    def force(indentation, length):
+        return (math.exp(indentation / length) - 1.0) / length
+
+    @staticmethod
+    def potential(indentation, length):
+        return math.exp(indentation / length) - 1.0 - indentation / length
+
+
 MIXED = ring(
     [body(30.0), body(90.0, 2.0), body(10.0), il.DuffingOscillator(damping=0.5, stiffness=20.0, cubic=200.0)],
     [HERTZ, LINEAR, il.PowerLawContact(900.0, exponent=2.2), NULL],
@@ -45,6 +73,14 @@ MIXED = ring(
     [
         (MIXED, "da"),
         (ring([body(4.0), body(120.0), body(40.0)], [HERTZ, NULL, il.LinearContact(1e8)], [-1.0, 0.0, 0.3]), "bc"),
+        (
+            ring(
+                [Steep(1e-1, damping=0.5, stiffness=3.0), body(90.0), body(9.0)],
+                [SteepContact(1e-2), HERTZ, NULL],
+                [0.1] * 3,
+            ),
+            "ca",
+        ),
     ],
 )
 def test_a_ring_with_a_contact_without_force_is_a_chain(network, null):

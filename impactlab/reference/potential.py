@@ -163,7 +163,8 @@ def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarr
     except OverflowError:
         if values.size == 1:
             return np.full(values.shape, np.inf)
-        return np.concatenate([_evaluate(component, kernel, half) for half in np.array_split(values, 2)])
+        halves = [_evaluate(component, kernel, half) for half in np.array_split(values.ravel(), 2)]
+        return np.concatenate(halves).reshape(values.shape)
 
 
 def _check_work(component: Component, kernel: str, end: float, steps: np.ndarray, force: np.ndarray) -> None:

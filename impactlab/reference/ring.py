@@ -148,7 +148,8 @@ def _resolved(item: Potential, low: float, high: float, scale: Callable[..., np.
         return scale(-np.minimum(item.energy(*places), _MOST_ENERGY)[None])
 
     found = resolve_with(function, first, probes, partial(_fine, TOLERANCE), item.names, 1e-10)
-    item.check_work(np.union1d(found.edges, item.corners))
+    known = found.edges[item.energy(found.edges) < _MOST_ENERGY]
+    item.check_work(np.union1d(known, item.corners))
     return found
 
 

@@ -332,7 +332,7 @@ def run_scene(scene: Scene) -> Outcome:
     if bad:
         return outcome("silent NaN", bad)
     steady = scene.options.get("initial") is None or isinstance(scene.options["initial"], str)
-    steady &= all(noise.kind == "lines" or isinstance(noise, il.WhiteNoise) for noise in noises)
+    steady &= bool(noises) and all(noise.kind == "lines" or isinstance(noise, il.WhiteNoise) for noise in noises)
     off = _unbalanced(result) if steady and not messages else []
     if off:
         return outcome("unbalanced", off[0])
@@ -358,7 +358,7 @@ def _unbalanced(result: Any) -> list[str]:
     """Name the balances that are off in a motion that is to be stationary."""
     found = []
     for name in result.data_vars:
-        if str(name).startswith("balance_") and not str(name).endswith("_standard_error"):
+        if str(name).startswith("balance_") and f"{name}_standard_error" in result:
             value, error = (result[f"{name}{ending}"].values for ending in ("", "_standard_error"))
             worst = np.abs(value) / np.where(error > 0.0, error, np.inf)
             if (worst > UNBALANCED).any():

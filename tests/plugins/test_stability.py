@@ -159,8 +159,8 @@ def test_wild_scenes_are_valid_and_differ():
 
 
 def test_no_wild_scene_ends_without_a_word():
-    """A few families of the thousand scenes of the study."""
-    seeds = [family + FAMILIES * turn for family in (1, 3, 14) for turn in range(20)]
+    """Two families of the thousand scenes of the study."""
+    seeds = [family + FAMILIES * turn for family in (1, 3) for turn in range(30)]
     outcomes = {seed: run_scene(wild_scene(seed)) for seed in seeds}
     assert {seed: outcome for seed, outcome in outcomes.items() if outcome.kind in BAD} == {}
     assert sum(outcome.kind in ("done", "warned") for outcome in outcomes.values()) >= 20
