@@ -22,8 +22,8 @@ from impactlab.phase_space.propagator import Basis, Propagator
 from impactlab.phase_space.reading import Reading
 from impactlab.phase_space.settings import LADDER, coarser, finer, rule
 
-_PILOT = 0.6
-"""Part of the nodes with which the temperature of the box is found."""
+_PILOTS = (0.6, 0.02), (0.8, 0.005)
+"""Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
@@ -97,11 +97,15 @@ class _Solver:
     def solved(self, network: Network, given: Mapping[str, Any]) -> FokkerPlanckReference:
         """Refine a basis until the errors are within the tolerance."""
         hottest = float(self.pair.temperatures.max())
-        pilot = self._propagator(self.pair.well(hottest), given, _PILOT)
-        density = self._stationary(pilot, pilot.start(), 0.01)
-        kinetic = float((self.pair.mass * Reading(pilot, density).values["mean_square_velocity"]).max())
-        well = self.pair.well(min(_MARGIN * kinetic, hottest))
-        fine, last = self._propagator(well, given), pilot
+        temperature, last = hottest, self._propagator(self.pair.well(hottest), given, _PILOTS[0][0])
+        density = last.start()
+        for part, settled in _PILOTS:
+            pilot = self._propagator(self.pair.well(temperature), given, part)
+            density = self._stationary(pilot, pilot.taken_from(last, density), settled)
+            kinetic = float((self.pair.mass * Reading(pilot, density).values["mean_square_velocity"]).max())
+            temperature, last = min(_MARGIN * kinetic, hottest), pilot
+        well = self.pair.well(temperature)
+        fine = self._propagator(well, given)
         for _ in range(_MOST_LEVELS):
             density = self._stationary(fine, fine.taken_from(last, density), _SETTLED * self.tolerance)
             ladder = {name: self._coarser(fine, density, name) for name in LADDER}
