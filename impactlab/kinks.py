@@ -52,7 +52,8 @@ def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = N
     often = np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
     rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
     counted = (rate > 0.0) & (early > 0.0)
-    power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
+    with np.errstate(over="ignore", divide="ignore"):  # a contact that closes once in 10^300 s heats nothing
+        power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
     roots = np.array([item**0.25 for item in power.tolist()])
     return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 

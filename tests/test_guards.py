@@ -92,6 +92,12 @@ def test_overdamped_bodies_under_series_are_stepped_through_their_friction():
     assert step(base(excitations=lightly))[0] == pytest.approx(step(base())[0], rel=0.1)
 
 
+def test_contacts_that_never_close_leave_the_step_as_it_is():
+    """At the edge of what a number can hold, 10^-308 closings a second."""
+    apart = [base(clearance=d).check().dataset.attrs["step"] for d in np.arange(9.0, 10.0, 0.02)]
+    assert np.ptp(apart) == 0.0
+
+
 # linear laws
 
 
