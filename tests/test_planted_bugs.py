@@ -1,6 +1,6 @@
 """Every bug that is planted into the code must show in a statistic, and the right code in none.
 
-``python -m pytest tests/test_planted_bugs.py -rP`` prints what caught each bug, and by how many standard errors.
+``python -m pytest tests/test_planted_bugs.py -n 0 -rP`` prints what caught each bug, and by how many standard errors.
 """
 
 import math
