@@ -33,13 +33,13 @@ class Convergence:
     def errors(self) -> dict[str, Values]:
         """Errors of each direction of the basis, by name of the direction and the statistic.
 
-        A quarter fewer nodes are taken to make the error at least twice as large for the gap, where the
-        contact has a kink, and three times for the others; a longer step as much as three steps show,
+        A quarter fewer nodes are taken to make the error at least three times as large for the gap, where the
+        contact has a kink, and five times for the others; a longer step as much as three steps show,
         between the first and the fourth order.
         """
         result: dict[str, Values] = {}
         for direction in Basis._fields:
-            share: Any = 1.0 if direction == "gap" else 0.5
+            share: Any = 0.5 if direction == "gap" else 0.25
             result[direction] = {}
             for name, value in self.values.items():
                 change = np.abs(self.coarser[direction][name] - value)

@@ -25,6 +25,9 @@ from impactlab.phase_space.settings import LADDER, coarser, finer, rule
 _PILOTS = (0.6, 0.02), (0.8, 0.005)
 """Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
+_ENOUGH, _MORE = 0.5, -0.1
+"""Part of the nodes with which the refinement begins, for a tolerance of 1; and its power of the tolerance."""
+
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
 
@@ -105,7 +108,7 @@ class _Solver:
             kinetic = float((self.pair.mass * Reading(pilot, density).values["mean_square_velocity"]).max())
             temperature, last = min(_MARGIN * kinetic, hottest), pilot
         well = self.pair.well(temperature)
-        fine = self._propagator(well, given)
+        fine = self._propagator(well, given, _ENOUGH * self.tolerance**_MORE)
         for _ in range(_MOST_LEVELS):
             density = self._stationary(fine, fine.taken_from(last, density), _SETTLED * self.tolerance)
             ladder = {name: self._coarser(fine, density, name) for name in LADDER}
