@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impactlab.component import suggestion
 from impactlab.dataset import provenance, statistics
-from impactlab.errors import InvalidInput
 from impactlab.network import Network
 from impactlab.phase_space.convergence import Convergence, Values
 from impactlab.phase_space.propagator import Propagator
 from impactlab.phase_space.reading import Characteristic, Reading
 from impactlab.phase_space.settings import coarser
+from impactlab.reference.densities import Densities
+from impactlab.reference.laws import QUANTITIES, known_name
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_QUANTITIES = ("displacement", "velocity")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FokkerPlanckReference:
+class FokkerPlanckReference(Densities):
     """Stationary law of two bodies in contact; `fokker_planck` makes it.
 
     Parameters
@@ -85,64 +84,12 @@ class FokkerPlanckReference:
         dataset = xr.concat(parts, dim=xr.Variable("direction", list(self.errors.coarser)))
         changed = [getattr(coarser(self.propagator.basis, name), name.split()[0]) for name in self.errors.coarser]
         dataset["basis"] = ("direction", np.array(changed, dtype=float), {"long_name": "nodes, or step in s"})
-        for name, value in Reading(self.propagator, self.phase_density).balances.items():
+        for name, value in self._reading.balances.items():
             attrs = {"units": "1", "long_name": name.replace("_", " of ")}
             dataset[name] = (
                 (("oscillator",), self._in_order(value), attrs) if len(value) == 2 else ((), value[0], attrs)
             )
         return dataset
-
-    def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:
-        """Return the probability density of a displacement or a velocity.
-
-        Parameters
-        ----------
-        oscillator : str
-            Name of the body.
-        quantity : {"displacement", "velocity"}
-            Whose density.
-        grid : array_like
-            Where (m or m s-1).
-
-        Returns
-        -------
-        ndarray
-            Density (m-1 or s m-1), of the shape of `grid`.
-
-        Raises
-        ------
-        InvalidInput
-            If a name is unknown or a number is not finite.
-        """
-        law, places = self._law(oscillator, quantity), _finite("grid", grid)
-        return law.density(places.ravel()).reshape(places.shape)
-
-    def bin_density(self, oscillator: str, quantity: str, edges: Any) -> np.ndarray:
-        """Return the averages of the density over bins, as a histogram estimates them.
-
-        Parameters
-        ----------
-        oscillator : str
-            Name of the body.
-        quantity : {"displacement", "velocity"}
-            Whose density.
-        edges : array_like
-            Increasing edges of the bins (m or m s-1).
-
-        Returns
-        -------
-        ndarray
-            One value for every bin (m-1 or s m-1).
-
-        Raises
-        ------
-        InvalidInput
-            If a name is unknown or the edges do not increase.
-        """
-        law, places = self._law(oscillator, quantity), _finite("edges", edges)
-        if places.ndim != 1 or len(places) < 2 or not (np.diff(places) > 0.0).all():
-            raise InvalidInput("edges must be at least two increasing numbers in one dimension.")
-        return np.asarray(np.diff(law.probability_below(places)) / np.diff(places))
 
     def __repr__(self) -> str:
         basis = self.propagator.basis
@@ -160,18 +107,13 @@ class FokkerPlanckReference:
         names = self.propagator.pair.names
         return value[[names.index(name) for name in self.network.oscillators]] if len(value) == 2 else value
 
-    def _law(self, oscillator: str, quantity: str) -> Characteristic:
+    @cached_property
+    def _reading(self) -> Reading:
+        return Reading(self.propagator, self.phase_density)
+
+    def _curves(self, oscillator: str, quantity: str) -> Characteristic:
         names = self.propagator.pair.names
-        for kind, name, known in (("body", oscillator, names), ("quantity", quantity, _QUANTITIES)):
-            if name not in known:
-                raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")
-        reading = Reading(self.propagator, self.phase_density)
-        law: Characteristic = getattr(reading, quantity)(names.index(oscillator))
-        return law
-
-
-def _finite(name: str, values: Any) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{name} must hold finite numbers only.")
-    return array
+        known_name("body", oscillator, names)
+        known_name("quantity", quantity, QUANTITIES)
+        body = names.index(oscillator)
+        return self._reading.displacement(body) if quantity == "displacement" else self._reading.velocity(body)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from impactlab.component import suggestion
+from impactlab.ensemble import cores
 from impactlab.errors import InvalidInput, NoExactReference, warn
 from impactlab.memory import available
 from impactlab.network import Network
@@ -85,7 +85,7 @@ def fokker_planck(
     if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
         raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1: {tolerance!r}.")
     pair = Pair.of(network)
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = cores()
     with ThreadPoolExecutor(workers) as pool:
         return _Solver(pair, tolerance, pool, workers).solved(network, given)
 
@@ -104,15 +104,14 @@ class _Solver:
         density = last.start()
         for part, settled in _PILOTS:
             pilot = self._propagator(self.pair.well(temperature), given, part)
-            density = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = float((self.pair.mass * Reading(pilot, density).values["mean_square_velocity"]).max())
+            density, values = self._stationary(pilot, pilot.taken_from(last, density), settled)
+            kinetic = float((self.pair.mass * values["mean_square_velocity"]).max())
             temperature, last = min(_MARGIN * kinetic, hottest), pilot
         well = self.pair.well(temperature)
         fine = self._propagator(well, given, _ENOUGH * self.tolerance**_MORE)
         for _ in range(_MOST_LEVELS):
-            density = self._stationary(fine, fine.taken_from(last, density), _SETTLED * self.tolerance)
-            ladder = {name: self._coarser(fine, density, name) for name in LADDER}
-            found = Convergence(Reading(fine, density).values, ladder)
+            density, values = self._stationary(fine, fine.taken_from(last, density), _SETTLED * self.tolerance)
+            found = Convergence(values, {name: self._coarser(fine, density, name) for name in LADDER})
             poor = found.insufficient(self.tolerance, [name for name in Basis._fields if name not in given])
             if not poor:
                 if found.insufficient(self.tolerance, Basis._fields):
@@ -144,11 +143,10 @@ class _Solver:
     def _coarser(self, fine: Propagator, density: np.ndarray, name: str) -> Values:
         """Return the statistics with one direction of the basis made coarser."""
         coarse = Propagator(self.pair, fine.well, coarser(fine.basis, name))
-        density = self._stationary(coarse, coarse.taken_from(fine, density), _SETTLED * self.tolerance)
-        return Reading(coarse, density).values
+        return self._stationary(coarse, coarse.taken_from(fine, density), _SETTLED * self.tolerance)[1]
 
-    def _stationary(self, propagator: Propagator, density: np.ndarray, tolerance: float) -> np.ndarray:
-        """March until statistics are stationary, with reduced-rank extrapolation of the slow decay.
+    def _stationary(self, propagator: Propagator, density: np.ndarray, tolerance: float) -> tuple[np.ndarray, Values]:
+        """March until statistics are stationary, with reduced-rank extrapolation; return the density and these.
 
         That is the combination of snapshots between which there is the least change (Smith, Ford
         and Sidi, SIAM Rev. 29, 1987, 199).
@@ -170,11 +168,12 @@ class _Solver:
             for weight, snapshot in zip(weights, snapshots[1:], strict=True):
                 density += np.float32(weight) * snapshot
             density = propagator.normalized(density)
-            values = _flat(Reading(propagator, density).values)
+            found = Reading(propagator, density).values
+            values = _flat(found)
             if not np.isfinite(values).all():
                 break
             if (np.abs(values - last) <= tolerance * np.abs(values)).all():
-                return density
+                return density, found
             last = values
         raise NoExactReference(
             f"The density does not become stationary with {propagator.basis}: it is not resolved, or bodies exchange "

@@ -21,7 +21,7 @@ from impactlab.reference.linear_laws import NEVER
 from impactlab.reference.ring import RingLaw
 from impactlab.reference.tree import TreeLaw
 
-_QUANTITIES = ("displacement", "velocity")
+QUANTITIES = ("displacement", "velocity")
 _SHOWN = 6
 
 
@@ -51,7 +51,7 @@ class Laws:
 
     def _law(self, oscillator: str, quantity: str) -> Law:
         known_name("body", oscillator, self.network.oscillators)
-        known_name("quantity", quantity, _QUANTITIES)
+        known_name("quantity", quantity, QUANTITIES)
         return self._law_of[oscillator]
 
     def _gap_law(self, contact: str) -> GibbsLaw | TreeLaw | RingLaw:

@@ -24,16 +24,7 @@ NONE = np.empty(0)
 class Messages:
     """Messages between the bodies of a tree, and densities of displacements.
 
-    `TreeLaw` says what they are. All functions are polynomials on panels.
-
-    Parameters
-    ----------
-    bodies : tuple of str
-        Names of the bodies.
-    own : sequence of Potential
-        Of the displacement of each body.
-    links : sequence of Link
-        Potentials of the differences; they connect all bodies and form no loop.
+    `TreeLaw` says what they are, and what it takes. All functions are polynomials on panels.
     """
 
     def __init__(self, bodies: tuple[str, ...], own: Sequence[Potential], links: Sequence[Link]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from impactlab.dataset import provenance, statistics
 from impactlab.errors import InvalidInput
 from impactlab.network import Network
 from impactlab.reference.conditions import laws_of
+from impactlab.reference.densities import Curves, Densities
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.laws import finite_array
 from impactlab.reference.levels import Levels
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-class ExactReference(Levels):
+class ExactReference(Levels, Densities):
     """Exact stationary law of a network; `exact` makes it.
 
     Parameters
@@ -56,69 +58,6 @@ class ExactReference(Levels):
         dataset = statistics(list(self.network.oscillators), list(self.network.contacts), values)
         configuration = {"network": self.network.to_dict()}
         return dataset.assign_attrs(provenance("exact stationary statistics", configuration), laws=self._described())
-
-    def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:
-        """Return the probability density of a displacement or a velocity.
-
-        Parameters
-        ----------
-        oscillator : str
-            Name of the body.
-        quantity : {"displacement", "velocity"}
-            Whose density.
-        grid : array_like
-            Where (m or m s-1).
-
-        Returns
-        -------
-        ndarray
-            Density (m-1 or s m-1), of the shape of `grid`.
-
-        Raises
-        ------
-        InvalidInput
-            If a name is unknown or a number is not finite.
-        """
-        law, grid = self._law(oscillator, quantity), finite_array("grid", grid)
-        if isinstance(law, GaussianLaw):
-            return law.density_of(oscillator, quantity, grid.ravel()).reshape(grid.shape)
-        if quantity == "velocity":
-            scale = self._speed(oscillator)
-            return np.asarray(np.exp(-0.5 * (grid / scale) ** 2) / (math.sqrt(2.0 * math.pi) * scale))
-        return law.density(oscillator, grid.ravel()).reshape(grid.shape)
-
-    def bin_density(self, oscillator: str, quantity: str, edges: Any) -> np.ndarray:
-        """Return the averages of the density over bins, as a histogram estimates them.
-
-        Parameters
-        ----------
-        oscillator : str
-            Name of the body.
-        quantity : {"displacement", "velocity"}
-            Whose density.
-        edges : array_like
-            Increasing edges of the bins (m or m s-1).
-
-        Returns
-        -------
-        ndarray
-            One value for every bin (m-1 or s m-1).
-
-        Raises
-        ------
-        InvalidInput
-            If a name is unknown or the edges do not increase.
-        """
-        law, edges = self._law(oscillator, quantity), finite_array("edges", edges)
-        if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-            raise InvalidInput("edges must be at least two increasing numbers in one dimension.")
-        if isinstance(law, GaussianLaw):
-            below = law.probability_of(oscillator, quantity, edges)
-        elif quantity == "velocity":
-            below = ndtr(edges / self._speed(oscillator))
-        else:
-            below = law.probability(oscillator, edges)
-        return np.asarray(np.diff(below) / np.diff(edges))
 
     def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray:
         """Return the joint probability density of the displacements of two bodies.
@@ -205,6 +144,20 @@ class ExactReference(Levels):
         """
         law, frequencies = self._linear_law(oscillator, quantity), finite_array("frequencies", frequencies)
         return law.spectrum(oscillator, quantity, frequencies.ravel()).reshape(frequencies.shape)
+
+    def _curves(self, oscillator: str, quantity: str) -> Curves:
+        law = self._law(oscillator, quantity)
+        if isinstance(law, GaussianLaw):
+            return Curves(
+                partial(law.density_of, oscillator, quantity), partial(law.probability_of, oscillator, quantity)
+            )
+        if quantity == "displacement":
+            return Curves(partial(law.density, oscillator), partial(law.probability, oscillator))
+        scale = self._speed(oscillator)
+        return Curves(
+            lambda v: np.asarray(np.exp(-0.5 * (v / scale) ** 2) / (math.sqrt(2.0 * math.pi) * scale)),
+            lambda v: np.asarray(ndtr(v / scale)),
+        )
 
     def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
         law = self._law(oscillator, quantity)

@@ -119,9 +119,9 @@ class AccuracyStudy(Study):
         return judge(self, tree)
 
     def checks(self, tree: xr.DataTree) -> list[Check]:
-        table = self.claims(tree)
-        rows = zip(table.statement.values, table.verdict.values, table.measured.values, strict=True)
-        return [Check(str(name), verdict != "does not hold", str(found)) for name, verdict, found in rows]
+        from impactlab_numerics.verdicts import checks_of
+
+        return checks_of(self.claims(tree))
 
     def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
         from impactlab_numerics.accuracy_claims import tables

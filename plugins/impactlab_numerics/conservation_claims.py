@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab_numerics.accuracy_claims import Claim
+from impactlab_numerics.verdicts import table_of, verdict_of
 
 ORDERS = {"ExactFlow": 2.0, "RungeKutta4": 4.0, "EulerMaruyama": 1.0}
 """Order of each integrator with smooth forces."""
@@ -22,8 +23,7 @@ ROUNDING = 1e-12
 
 def judge(tree: xr.DataTree) -> xr.Dataset:
     """Return the table of claims."""
-    claims = list(_claims(tree))
-    return xr.Dataset({name: ("claim", [getattr(item, name) for item in claims]) for name in Claim._fields})
+    return table_of(list(_claims(tree)))
 
 
 def _claims(tree: xr.DataTree) -> Iterator[Claim]:
@@ -44,10 +44,6 @@ def _claims(tree: xr.DataTree) -> Iterator[Claim]:
             yield _order(order.sel(integrator=integrator, force=force))
 
 
-def _verdict(holds: bool) -> str:
-    return "holds" if holds else "does not hold"
-
-
 def _bounded(energy: xr.Dataset) -> Claim:
     """The mean energy of the last window against what it swings."""
     drift, swing = energy.error.values[:, -1], energy.swing.values[:, -1]
@@ -57,7 +53,7 @@ def _bounded(energy: xr.Dataset) -> Claim:
         f"At the automatic step it swings by {swing[0]:.1e} of the kinetic energy at the start and has drifted by "
         f"{drift[0]:.1e} in the end; at the smallest step by {swing[-1]:.1e} and {drift[-1]:.1e}.",
         "drift below a fifth of the swing at each step, means over a tenth of the run",
-        _verdict(bool((drift < 0.2 * swing).all())),
+        verdict_of(bool((drift < 0.2 * swing).all())),
     )
 
 
@@ -92,7 +88,7 @@ def _wanders(energy: xr.Dataset) -> Claim:
         f"{', '.join(f'{item:.1e}' for item in rate)} √n, which falls like the step to the power {of_step:.1f} "
         f"(p + 1 = {float(energy.power) + 1.0:g}), and at the smallest step grows like n to the power {of_n:.2f}.",
         "power of the step at least 1.5",
-        _verdict(of_step >= 1.5),
+        verdict_of(of_step >= 1.5),
     )
 
 
@@ -105,7 +101,7 @@ def _bounces(bounce: xr.Dataset) -> Claim:
         f"{float(first.change):.1e} at h Ω = {float(first.relative_step):.2f}; over theory "
         f"{', '.join(f'{item:.2f}' for item in ratio)} from the largest to the smallest step.",
         "within a quarter of theory at all but the largest step",
-        _verdict(bool((np.abs(ratio[1:] - 1.0) < 0.25).all())),
+        verdict_of(bool((np.abs(ratio[1:] - 1.0) < 0.25).all())),
     )
 
 
@@ -121,7 +117,7 @@ def _returns(reversal: xr.Dataset) -> Claim:
         )
         + ".",
         "within 1e-9",
-        _verdict(worst < 1e-9),
+        verdict_of(worst < 1e-9),
     )
 
 
@@ -132,7 +128,7 @@ def _kept(momentum: xr.Dataset) -> Claim:
         "A free chain keeps its momentum to rounding.",
         f"It changes by {worst:.1e} of the sizes of all momenta in {float(momentum.contacts[-1]):.2e} contacts.",
         f"below {ROUNDING:g}",
-        _verdict(worst < ROUNDING),
+        verdict_of(worst < ROUNDING),
     )
 
 
@@ -145,7 +141,7 @@ def _order(order: xr.Dataset) -> Claim:
         + ("." if np.isinf(power) else ": the smaller of its own and p + 1."),
         f"slope {order.order.item():.2f}",
         f"within {OF_ORDER:g}",
-        _verdict(abs(order.order.item() - expected) <= OF_ORDER),
+        verdict_of(abs(order.order.item() - expected) <= OF_ORDER),
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from impactlab.study import Check
+from impactlab_numerics.verdicts import Claim, table_of, verdict_of
 
 ENSEMBLE, SINGLE, LARGE = 1.5, 2.5, 1000
 """Largest cost relative to the pair's, and the number of bodies from which one realization is held to it."""
@@ -26,15 +27,6 @@ ACCURACY, SURE = 5e-4, 4.5
 """Relative deviation from the exact law that is allowed, and standard errors besides."""
 
 
-class Claim(NamedTuple):
-    """A statement with what was measured and the verdict."""
-
-    section: str
-    statement: str
-    measured: str
-    verdict: str
-
-
 def judge(tree: xr.DataTree) -> xr.Dataset:
     """Return the table of claims."""
     size, clearance = (tree[name].to_dataset() for name in ("size", "clearance"))
@@ -48,12 +40,7 @@ def judge(tree: xr.DataTree) -> xr.Dataset:
         _series(tree["series"].to_dataset()),
         _sweep(tree["sweep"].to_dataset()),
     ]
-    columns = {name: [getattr(claim, name) for claim in claims] for name in Claim._fields}
-    return xr.Dataset({name: ("claim", values) for name, values in columns.items()})
-
-
-def _verdict(holds: bool) -> str:
-    return "holds" if holds else "does not hold"
+    return table_of(claims)
 
 
 def _cost(size: xr.Dataset, kind: str, most: float, least: int) -> Claim:
@@ -64,7 +51,7 @@ def _cost(size: xr.Dataset, kind: str, most: float, least: int) -> Claim:
         return Claim("size", statement, f"no chain of {least} bodies", "not testable")
     costs = size.relative_cost.sel(kind=kind).values[chosen]
     rows = [f"{cost:.2f} for {bodies}" for cost, bodies in zip(costs, size.bodies.values[chosen], strict=True)]
-    return Claim("size", statement, f"{', '.join(rows)} bodies", _verdict(bool((costs <= most).all())))
+    return Claim("size", statement, f"{', '.join(rows)} bodies", verdict_of(bool((costs <= most).all())))
 
 
 def _memory(size: xr.Dataset) -> Claim:
@@ -89,7 +76,7 @@ def _build(size: xr.Dataset) -> Claim:
     if not len(chosen):
         return Claim("size", statement, "no such network", "not testable")
     seconds = float(size.build_time.values[chosen].max())
-    return Claim("size", statement, f"{seconds:.2f} s", _verdict(seconds < BUILD))
+    return Claim("size", statement, f"{seconds:.2f} s", verdict_of(seconds < BUILD))
 
 
 def _gain(table: xr.Dataset, clearance: float, least: float) -> Claim:
@@ -109,7 +96,7 @@ def _gain(table: xr.Dataset, clearance: float, least: float) -> Claim:
         gain = float(row.gain.min())
         named = [f"{float(row.gain.sel(statistic=name)):.2f} for {name}" for name in row.statistic.values]
         measured += f"; at equal error {', '.join(named)}"
-    verdict = "sampling error" if least > gain >= least * (1.0 - 2.0 * noise) else _verdict(gain >= least)
+    verdict = "sampling error" if least > gain >= least * (1.0 - 2.0 * noise) else verdict_of(gain >= least)
     return Claim("clearance", statement, measured, verdict)
 
 
@@ -122,7 +109,7 @@ def _exact(table: xr.Dataset) -> Claim:
         f"Jumps leave no bias: all statistics agree with the exact law, the contact ratio to {ACCURACY:.2%}.",
         f"contact ratio {float(ratio.relative_difference):.4%} ± {error:.4%}; at most "
         f"{np.nan_to_num(np.abs(table.z)).max():.1f} standard errors",
-        _verdict(float(beyond(table).max()) <= SURE) if known else "not testable",
+        verdict_of(float(beyond(table).max()) <= SURE) if known else "not testable",
     )
 
 
@@ -139,7 +126,7 @@ def _series(table: xr.Dataset) -> Claim:
         f"A series of {table.attrs['components']} cosines takes 1/{SERIES:g} of the time of Runge–Kutta, or less.",
         f"{1e3 * own:.3g} ms at a step of {1e3 * float(table.step[0]):.3g} ms, against {1e3 * other:.3g} ms at "
         f"{1e3 * float(table.step[1]):g} ms for {table.attrs['period']:g} s: {other / own:.1f} times",
-        _verdict(SERIES * own <= other),
+        verdict_of(SERIES * own <= other),
     )
 
 
@@ -148,7 +135,7 @@ def _sweep(table: xr.Dataset) -> Claim:
         "sweep",
         "A sweep over a number compiles nothing after its first point.",
         f"{int(table.compilations)} functions for {int(table.points)} points",
-        _verdict(int(table.compilations) == 0),
+        verdict_of(int(table.compilations) == 0),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,19 +11,11 @@ import xarray as xr
 from impactlab.study import Check
 from impactlab_numerics.stability_cells import ALLOWED, CLASSES, SURE
 from impactlab_numerics.stability_collect import AUTOMATIC, DEFAULT, METHODS
+from impactlab_numerics.verdicts import Claim, table_of, verdict_of
 from impactlab_numerics.wild import BAD
 
 BROKEN = ("degraded", "unstable")
 """What no cell of the default method at its own step may be."""
-
-
-class Claim(NamedTuple):
-    """A statement with what was measured and the verdict."""
-
-    section: str
-    statement: str
-    measured: str
-    verdict: str
 
 
 def judge(tree: xr.DataTree) -> xr.Dataset:
@@ -35,8 +27,7 @@ def judge(tree: xr.DataTree) -> xr.Dataset:
         _of_paper(paper),
         _of_wild(wild),
     ]
-    columns = {name: [getattr(claim, name) for claim in claims] for name in Claim._fields}
-    return xr.Dataset({name: ("claim", values) for name, values in columns.items()})
+    return table_of(claims)
 
 
 def chosen(cells: xr.Dataset, **wanted: str) -> xr.Dataset:
@@ -56,10 +47,6 @@ def _spelled(numbers: dict[str, int]) -> str:
     return ", ".join(f"{number} {kind}" for kind, number in numbers.items() if number) or "none"
 
 
-def _verdict(holds: bool, tested: bool = True) -> str:
-    return ("holds" if holds else "does not hold") if tested else "not testable"
-
-
 def _automatic(cells: xr.Dataset, noise: str) -> Claim:
     rows = chosen(cells, method=DEFAULT, noise=noise, label=AUTOMATIC)
     kinds = rows.kind.values
@@ -72,7 +59,7 @@ def _automatic(cells: xr.Dataset, noise: str) -> Claim:
         f"Under {'white' if noise == 'white' else 'bounded'} noise the default method at its automatic step is "
         f"accurate to {ALLOWED:.0%} in every cell, or refused with the reason.",
         measured,
-        _verdict(not np.isin(kinds, BROKEN).any(), bool(seen.any() or np.isin(kinds, BROKEN).any())),
+        verdict_of(not np.isin(kinds, BROKEN).any(), bool(seen.any() or np.isin(kinds, BROKEN).any())),
     )
 
 
@@ -84,7 +71,7 @@ def _safe(cells: xr.Dataset, method: str) -> Claim:
         "largest step",
         f"No step that {method} accepts makes it unstable.",
         f"{run} cells were run: {_spelled({kind: kinds[kind] for kind in CLASSES[:3]})}",
-        _verdict(kinds["unstable"] == 0, run > 0),
+        verdict_of(kinds["unstable"] == 0, run > 0),
     )
 
 
@@ -99,7 +86,7 @@ def _of_paper(paper: xr.Dataset) -> Claim:
         "paper",
         f"Runge–Kutta at the paper's step of {1e3 * paper.attrs['step']:g} ms is accurate to {ALLOWED:.0%} everywhere.",
         f"{_spelled(counts(kinds))}; accurate: {', '.join(accurate) or 'nowhere'}",
-        _verdict(bool((kinds == "accurate").all()), len(kinds) > 0),
+        verdict_of(bool((kinds == "accurate").all()), len(kinds) > 0),
     )
 
 
@@ -110,7 +97,7 @@ def _of_wild(wild: xr.Dataset) -> Claim:
         "wild scenes",
         "No valid scene ends in a silent NaN, hangs, crashes, or leaves a balance open without a warning.",
         _spelled(found),
-        _verdict(not np.isin(outcomes, BAD).any(), len(outcomes) > 0),
+        verdict_of(not np.isin(outcomes, BAD).any(), len(outcomes) > 0),
     )
 
 

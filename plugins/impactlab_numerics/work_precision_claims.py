@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
 from impactlab.study import Check
 from impactlab_numerics.scenes import STATISTICS
+from impactlab_numerics.verdicts import Claim, table_of, verdict_of
 from impactlab_numerics.work_precision import PAIR
 from impactlab_numerics.work_precision_results import Results, time_text
 
@@ -23,25 +24,11 @@ BIAS, SAME, SURE = 1e-3, 0.05, 4.0
 """Relative bias that the default step may leave, and that of any method; standard errors that are allowed besides."""
 
 
-class Claim(NamedTuple):
-    """A statement with what was measured and the verdict."""
-
-    section: str
-    statement: str
-    measured: str
-    verdict: str
-
-
 def judge(study: WorkPrecisionStudy, tree: xr.DataTree) -> xr.Dataset:
     """Return the table of claims."""
     results = Results(study, tree)
     claims = [_against_baoab(results), _threads(results), *_accuracy(results)]
-    columns = {name: [getattr(claim, name) for claim in claims] for name in Claim._fields}
-    return xr.Dataset({name: ("claim", values) for name, values in columns.items()})
-
-
-def _verdict(holds: bool, known: bool = True) -> str:
-    return ("holds" if holds else "does not hold") if known else "not testable"
+    return table_of(claims)
 
 
 def _against_baoab(results: Results) -> Claim:
@@ -52,7 +39,7 @@ def _against_baoab(results: Results) -> Claim:
         "speed",
         f"Two bodies, one core: at least {FASTER:g} times the steps of a scalar BAOAB loop with NumPy's generator.",
         f"{own:.3g} against {other:.3g} steps of a body per second: {own / other:.2f} times",
-        _verdict(own >= FASTER * other),
+        verdict_of(own >= FASTER * other),
     )
 
 
@@ -62,7 +49,7 @@ def _threads(results: Results) -> Claim:
         "speed",
         f"Two threads make at least {THREADS:g} times the steps of one.",
         f"{two / one:.2f} times",
-        _verdict(two >= THREADS * one, results.speed.attrs["cores"] > 1),
+        verdict_of(two >= THREADS * one, results.speed.attrs["cores"] > 1),
     )
 
 
@@ -88,25 +75,25 @@ def _accuracy(results: Results) -> list[Claim]:
             f"E[x²] of the base case to {high:.2g} on one core: {TIMES_PAPER:g} times sooner than Runge–Kutta with "
             "series by FFT.",
             f"{took}, against at least {time_text(paper)}: {paper / ours:.0f} times",
-            _verdict(reached and paper >= TIMES_PAPER * ours, known),
+            verdict_of(reached and paper >= TIMES_PAPER * ours, known),
         ),
         Claim(
             "accuracy",
             f"E[x²] of the base case to {high:.2g} on one core: within {SECONDS:g} s.",
             took,
-            _verdict(ours <= SECONDS, known),
+            verdict_of(ours <= SECONDS, known),
         ),
         Claim(
             "accuracy",
             f"E[x²] of the base case to {high:.2g} on one core: sooner than all others.",
             f"{took}, against at least {time_text(others[fastest])} ({fastest}): {others[fastest] / ours:.1f} times",
-            _verdict(ours < others[fastest], known),
+            verdict_of(ours < others[fastest], known),
         ),
         Claim(
             "accuracy",
             f"E[x²] of the base case to {low:.2g} on one core: {1e3 * STEPPING:g} ms of stepping.",
             f"{time_text(stepping)}, and {time_text(found.startup)} for spin-up, planning and estimates",
-            _verdict(stepping <= STEPPING),
+            verdict_of(stepping <= STEPPING),
         ),
     ]
 

@@ -1,0 +1,91 @@
+"""Densities of one displacement or velocity, as references give them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from impactlab.errors import InvalidInput
+from impactlab.reference.laws import finite_array
+from impactlab.reference.marginal import Function
+
+
+class Law(Protocol):
+    """Law of one quantity."""
+
+    @property
+    def density(self) -> Function:
+        """Density at some places."""
+
+    @property
+    def probability_below(self) -> Function:
+        """Probability of less than some places."""
+
+
+class Curves(NamedTuple):
+    """A law as two functions."""
+
+    density: Function
+    probability_below: Function
+
+
+class Densities(ABC):
+    """What a reference tells of one quantity at a time."""
+
+    @abstractmethod
+    def _curves(self, oscillator: str, quantity: str) -> Law:
+        """Return the law of a displacement or a velocity; refuse names that are unknown."""
+
+    def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:
+        """Return the probability density of a displacement or a velocity.
+
+        Parameters
+        ----------
+        oscillator : str
+            Name of the body.
+        quantity : {"displacement", "velocity"}
+            Whose density.
+        grid : array_like
+            Where (m or m s-1).
+
+        Returns
+        -------
+        ndarray
+            Density (m-1 or s m-1), of the shape of `grid`.
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown or a number is not finite.
+        """
+        law, places = self._curves(oscillator, quantity), finite_array("grid", grid)
+        return law.density(places.ravel()).reshape(places.shape)
+
+    def bin_density(self, oscillator: str, quantity: str, edges: Any) -> np.ndarray:
+        """Return the averages of the density over bins, as a histogram estimates them.
+
+        Parameters
+        ----------
+        oscillator : str
+            Name of the body.
+        quantity : {"displacement", "velocity"}
+            Whose density.
+        edges : array_like
+            Increasing edges of the bins (m or m s-1).
+
+        Returns
+        -------
+        ndarray
+            One value for every bin (m-1 or s m-1).
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown or the edges do not increase.
+        """
+        law, places = self._curves(oscillator, quantity), finite_array("edges", edges)
+        if places.ndim != 1 or len(places) < 2 or not (np.diff(places) > 0.0).all():
+            raise InvalidInput("edges must be at least two increasing numbers in one dimension.")
+        return np.asarray(np.diff(law.probability_below(places)) / np.diff(places))
