@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import impactlab
-from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
+from impactlab.errors import ImpactLabError, InvalidInput
 
 if TYPE_CHECKING:
     from impactlab.study import Item, Study, StudyResult
@@ -48,9 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = _show_warning
         try:
             return int(options.action(options))
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stopped:
             _say("interrupted.", _resumable(options))
-            return INTERRUPTED
+            return INCOMPLETE if isinstance(stopped, _Terminated) else INTERRUPTED
         except (ImpactLabError, OSError) as error:
             if options.verbose:
                 traceback.print_exc()
@@ -242,12 +242,16 @@ def _doctor(_: argparse.Namespace) -> int:
     return DONE
 
 
+class _Terminated(KeyboardInterrupt):
+    """A request to terminate; no `except Exception` keeps it, as it would an error."""
+
+
 @contextlib.contextmanager
 def _stoppable() -> Iterator[None]:
     """Let a request to terminate stop the run in order, as Ctrl-C does."""
 
     def stop(*_: Any) -> None:
-        raise Interrupted("The run was asked to stop.")
+        raise _Terminated
 
     before = signal.signal(signal.SIGTERM, stop)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -15,6 +16,7 @@ import pytest
 
 import impactlab as il
 from impactlab.cli import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
+from impactlab.plugins import study_class
 
 PLUGIN = Path(__file__).parent / "plugin_example"
 SHORT = ["--set", "duration=20.0", "--set", "clearances=[0.5]"]
@@ -216,6 +218,21 @@ def test_signals_stop_a_run(number, code, tmp_path):
         assert run.wait(30) == code  # the run would take hours
         assert "impactlab resume here" in run.stderr.read()
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["manifest.json"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
+def test_a_request_to_terminate_is_not_taken_for_an_error(capsys, monkeypatch):
+    """A study that goes on after any error stops all the same."""
+
+    def collect(self, results):
+        with contextlib.suppress(Exception):
+            signal.raise_signal(signal.SIGTERM)
+        pytest.fail("the study went on")
+
+    monkeypatch.setattr(study_class("example"), "collect", collect)
+    assert main(["run", "example", *SHORT, "--out", "here"]) == INCOMPLETE
+    assert "impactlab resume here" in capsys.readouterr().err
+    assert sorted(path.name for path in Path("here").iterdir()) == ["items", "manifest.json"]
 
 
 # imports

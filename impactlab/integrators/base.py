@@ -317,14 +317,13 @@ def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:
     if not values.size:
         return float("inf")
 
-    def stable(step: float) -> bool:
-        return bool((np.abs(np.polyval(polynomial, step * values)) <= 1.0 + 1e-12).all())
-
     high = 4.0 / np.abs(values).max()
-    trial = high * 0.5 ** np.arange(0.0, 20.0, 0.01)  # below, growth would hide in the tolerance
-    for step in trial:
-        if stable(float(step)):
-            return float(step)
+    trials = high * 0.5 ** np.arange(0.0, 20.0, 0.01)  # below, growth would hide in the tolerance
+    for steps in np.array_split(trials, np.clip(values.size, 100, trials.size)):
+        growth = np.abs(np.polyval(polynomial, steps[:, None] * values))
+        stable = steps[(growth <= 1.0 + 1e-12).all(axis=1)]
+        if stable.size:
+            return float(stable[0])
     return 0.0
 
 

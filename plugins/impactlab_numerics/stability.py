@@ -38,7 +38,7 @@ class StabilityStudy(Study):
     clearances: tuple[float, ...] = il.parameter((-3.0, -1.0, 0.0, 0.2, 1.0, 3.0, 10.0))
     factors: tuple[float, ...] = il.parameter((0.01, 0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0), above=0.0)
     series: bool = il.parameter(True)
-    body_steps: float = il.parameter(2e7, above=0.0)
+    body_steps: float = il.parameter(1e7, above=0.0)
     automatic_body_steps: float = il.parameter(2e9, above=0.0)
     components: int = il.parameter(400, minimum=2)
     paper_frequency_ratios: tuple[float, ...] = il.parameter((1.0, 16.0, 64.0, 128.0, 256.0, 400.0), above=0.0)
@@ -46,8 +46,8 @@ class StabilityStudy(Study):
     paper_step: float = il.parameter(0.001, units="s", above=0.0)
     paper_components: int = il.parameter(50000, minimum=2)
     paper_band: tuple[float, ...] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
-    paper_realizations: int = il.parameter(64, minimum=8)
-    scenes: int = il.parameter(1000, minimum=0)
+    paper_realizations: int = il.parameter(16, minimum=8)
+    scenes: int = il.parameter(400, minimum=0)
     first_scene: int = il.parameter(0, minimum=0)
     seed: int = il.parameter(2026, minimum=0)
 
@@ -75,7 +75,6 @@ class StabilityStudy(Study):
             paper_stiffness=(1e4,),
             paper_components=2000,
             paper_band=(0.0, 400.0),
-            paper_realizations=16,
             scenes=4,
         )
 

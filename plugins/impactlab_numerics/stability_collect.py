@@ -16,7 +16,17 @@ import impactlab as il
 from impactlab.together import run_together
 from impactlab_numerics.scenes import shaken as shaken_in_band
 from impactlab_numerics.stability import AXES
-from impactlab_numerics.stability_cells import JUDGED, MOST_SAMPLES, Length, Verdict, pair, scene_on, shaken, verdict
+from impactlab_numerics.stability_cells import (
+    JUDGED,
+    MOST_SAMPLES,
+    WORST,
+    Length,
+    Verdict,
+    pair,
+    scene_on,
+    shaken,
+    verdict,
+)
 from impactlab_numerics.wild import run_scene, wild_scene
 
 if TYPE_CHECKING:
@@ -33,8 +43,8 @@ AUTOMATIC, PAPER = "automatic", "paper"
 QUARTER = 0.25
 """Step of the reference under bounded noise, by the automatic one, about."""
 
-SERIES = 1.5 / QUARTER
-"""Steps that a cell under bounded noise may take, by those at the automatic step: more than the reference takes."""
+FINEST = QUARTER / 1.5
+"""Step from which on cells under bounded noise are run, by the automatic one."""
 
 
 class Cell(NamedTuple):
@@ -60,7 +70,7 @@ class Cell(NamedTuple):
 def collect(study: StabilityStudy) -> xr.DataTree:
     """Return the tree of results.
 
-    Groups: ``cells`` (one row for each method, noise, place on an axis and step), ``paper`` (frequency ratio
+    Groups: ``cells`` (one row for each method, noise, place on an axis and step but for references), ``paper`` (ratio
     by stiffness at the paper's step, under its noise), ``wild`` (one row for each wild scene).
     """
     with warnings.catch_warnings():
@@ -71,38 +81,41 @@ def collect(study: StabilityStudy) -> xr.DataTree:
 
 def _maps(study: StabilityStudy) -> xr.Dataset:
     places = [(axis, value) for axis in AXES for value in getattr(study, axis)]
+    exact = {place: _exact(scene_on(*place)) for place in places}
     cells: list[Cell] = []
     default = {}
     references: dict[tuple[str, float], Cell] = {}
     for axis, value in places:
-        white = scene_on(axis, value)
+        white, rate = scene_on(axis, value), float(exact[axis, value]["contact_rate"][0])
         for noise in ("white", "series") if study.series else ("white",):
             network = white if noise == "white" else shaken(white, study.components)
             limits = _steps(network)
             default[noise, axis, value] = automatic = limits[DEFAULT][0]
-            length = None if noise == "white" else Length.of(network, study.body_steps * automatic / 2.0)
             place = noise, axis, value
+            fine, length, most = None, None, study.body_steps
             if noise == "series":
+                fine = _whole(network, QUARTER * automatic)
+                longest = min(1.0 / min(_spacings(network)), MOST_SAMPLES * fine)
+                length = Length.of(network, most * automatic / 2.0, rate, longest)
+                most = 2.0 * length.total / (FINEST * automatic) if length else most
                 references[axis, value] = Cell(
-                    METHODS[0], *place, "reference", network, _whole(network, QUARTER * automatic), limits[DEFAULT],
-                    length, SERIES * study.body_steps,
-                )  # fmt: skip
+                    METHODS[0], *place, "reference", network, fine, limits[DEFAULT], length, most
+                )
             for method in METHODS:
                 own = limits[type(method).__name__]
                 wanted = {AUTOMATIC: own[0], **{f"{factor:g}": factor * automatic for factor in study.factors}}
                 for label, step in {**wanted, PAPER: study.paper_step}.items():
                     given: float | None = None if label == AUTOMATIC else step
-                    most = study.body_steps
                     if noise == "white":
                         trusted = label == AUTOMATIC and method is METHODS[0]
-                        most = study.automatic_body_steps if trusted else most
-                        length = Length.of(network, most * step / 2.0) if step == step else None
+                        most = study.automatic_body_steps if trusted else study.body_steps
+                        length = Length.of(network, most * step / 2.0, rate) if step == step else None
                     else:
-                        most *= SERIES
                         given = given and _whole(network, given)
+                        if method is METHODS[0] and given == fine:
+                            continue  # the reference itself
                     cells.append(Cell(method, *place, label, network, given, own, length, most))
     found = dict(zip(references, _run(list(references.values()), study.seed, lambda cell: None), strict=True))
-    exact = {place: _exact(scene_on(*place)) for place in places}
 
     def reference(cell: Cell) -> Any:
         place = cell.axis, cell.value
@@ -138,8 +151,13 @@ def _steps(network: il.Network) -> dict[str, tuple[float, float]]:
 
 def _whole(network: il.Network, step: float) -> float:
     """Return a step near the given one; the period of the fastest series is a number of them that an FFT takes well."""
-    spacing = max(noise.spacing for noise in network.excitations.values())  # type: ignore[attr-defined]
-    return float(1.0 / (spacing * next_fast_len(max(2, round(1.0 / (spacing * step))), real=True)))
+    spacing = max(_spacings(network))
+    return 1.0 / (spacing * int(next_fast_len(max(2, round(1.0 / (spacing * step))), real=True)))
+
+
+def _spacings(network: il.Network) -> list[float]:
+    """Return the distances between the frequencies of each series (Hz)."""
+    return [noise.spacing for noise in network.excitations.values()]  # type: ignore[attr-defined]
 
 
 def _exact(network: il.Network) -> dict[str, np.ndarray]:
@@ -184,10 +202,11 @@ def _cost(cell: Cell) -> str:
     if not step <= cell.limits[1]:
         return ""
     if cell.length is None:
-        return f"a standard error of 3 % takes more than {cell.body_steps:.2g} steps of a body"
+        samples = "" if cell.noise == "white" else f", or {MOST_SAMPLES:.2g} samples of a series"
+        return f"a standard error of {WORST:.0%} takes more than {cell.body_steps:.2g} steps of a body{samples}"
     if 2.0 * cell.length.total / step > 1.01 * cell.body_steps:
         return f"it takes more than {cell.body_steps:.2g} steps of a body"
-    if cell.noise != "white" and (cell.length.duration + cell.length.spin_up) / step > MOST_SAMPLES:
+    if cell.noise != "white" and (cell.length.duration + cell.length.spin_up) / step > 1.01 * MOST_SAMPLES:
         return f"it takes more than {MOST_SAMPLES:.2g} samples of a series"
     return ""
 

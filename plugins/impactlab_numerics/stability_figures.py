@@ -35,20 +35,21 @@ _NAMES = {
 def draw(tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
     """Yield a map for each method and noise, one for the paper's step, and how wild scenes ended."""
     cells = tree["cells"].to_dataset()
+    steps = [label for label in dict.fromkeys(cells.label.values.tolist()) if label not in (AUTOMATIC, PAPER)]
     with style():
         for noise in dict.fromkeys(cells.noise.values.tolist()):
             for method in METHODS:
                 name = type(method).__name__
-                yield f"stability_{name}_{noise}", _maps(chosen(cells, method=name, noise=noise), name, noise)
+                yield f"stability_{name}_{noise}", _maps(chosen(cells, method=name, noise=noise), name, noise, steps)
         yield "stability_paper", _paper(tree["paper"].to_dataset())
 
 
-def _maps(cells: xr.Dataset, method: str, noise: str) -> Figure:
+def _maps(cells: xr.Dataset, method: str, noise: str, steps: list[str]) -> Figure:
     axes = [axis for axis in AXES if (cells.axis.values == axis).any()]
     figure = Figure(figsize=(10.5, 6.2) if len(axes) > 3 else (10.5, 3.6))
     panels = np.atleast_1d(figure.subplots(2 if len(axes) > 3 else 1, min(3, max(len(axes), 1)))).ravel()
     for panel, axis in zip(panels, axes, strict=False):
-        _panel(panel, chosen(cells, axis=axis), _NAMES[axis])
+        _panel(panel, chosen(cells, axis=axis), _NAMES[axis], steps)
     for panel in panels[len(axes) :]:
         panel.set_axis_off()
     panels[0].set_ylabel("step by the automatic one of the default")
@@ -57,14 +58,15 @@ def _maps(cells: xr.Dataset, method: str, noise: str) -> Figure:
     return figure
 
 
-def _panel(panel: Axes, cells: xr.Dataset, title: str) -> None:
+def _panel(panel: Axes, cells: xr.Dataset, title: str, steps: list[str]) -> None:
     values = sorted(set(cells.value.values.tolist()))
-    steps = [label for label in dict.fromkeys(cells.label.values.tolist()) if label not in (AUTOMATIC, PAPER)]
     rows = [AUTOMATIC, PAPER, *steps]
     kinds = np.full((len(rows), len(values)), np.nan)
     for value, label, kind in zip(cells.value.values, cells.label.values, cells.kind.values, strict=True):
         kinds[rows.index(label), values.index(value)] = CLASSES.index(kind)
     panel.imshow(kinds, cmap=_MAP, norm=_NORM, aspect="auto", origin="lower", interpolation="none")
+    for row, column in np.argwhere(np.isnan(kinds)):
+        panel.text(column, row, "ref.", ha="center", va="center", fontsize=7)
     panel.axhline(1.5, color="white", lw=2.0)
     panel.set_xticks(range(len(values)), [f"{value:g}" for value in values])
     panel.set_yticks(range(len(rows)), ["its own", "1 ms" if PAPER in rows else "", *steps])

@@ -75,10 +75,13 @@ def test_series_are_those_of_the_white_noise():
 
 def test_a_length_is_what_is_wanted_or_what_is_left():
     network = pair()
-    enough, less = Length.of(network, 1e9), Length.of(network, 5e3)
+    enough, less = Length.of(network, 1e9, 2.0), Length.of(network, 5e3, 2.0)
     assert enough.total < 1e9
     assert less.total == pytest.approx(5e3)
-    assert Length.of(network, 1e2) is None
+    assert Length.of(network, 1e2, 2.0) is None
+    paired = Length.of(network, 1e9, 2.0, 200.0)
+    assert paired.total < 0.5 * enough.total
+    assert paired.duration + paired.spin_up <= 200.0
 
 
 def made(values, errors, contacts=1e6, references=None):
@@ -111,6 +114,22 @@ def test_verdicts_follow_the_numbers(values, errors, contacts, kind, statistic):
     assert found.judged == judged
 
 
+@pytest.mark.parametrize("error", [0.5, np.nan])
+def test_realizations_under_the_same_series_are_compared_one_by_one(error):
+    """Each has 2 % more than in the reference; a few realizations have no standard error of their own."""
+    each = np.linspace(0.8, 1.2, 16)[:, None]
+    result = {name: xr.DataArray(np.ones(1), dims="oscillator") for name in JUDGED}
+    for name in JUDGED:
+        result[f"{name}_standard_error"] = xr.DataArray([error], dims="oscillator")
+        result[f"{name}_by_realization"] = xr.DataArray(each, dims=("realization", "oscillator"))
+    same = xr.Dataset(result, {"oscillator": ["a"]}, {"duration": 1e6, "realizations": 16})
+    more = same.assign(contact_ratio_by_realization=same.contact_ratio_by_realization + 0.02)
+    assert verdict(same, same).kind == "accurate"
+    found = verdict(more, same)
+    assert (found.kind, found.statistic, found.judged) == ("degraded", "contact_ratio of a", len(JUDGED))
+    assert found.deviation == pytest.approx(0.02)
+
+
 def test_nothing_known_is_no_verdict():
     assert made({}, dict.fromkeys(JUDGED, 0.5)).kind == "refused for its cost"
 
@@ -125,6 +144,8 @@ def test_a_small_run(run):
     assert kinds["white", "automatic", 1e4] == "accurate"
     assert kinds["series", "automatic", 1e4] == "accurate"
     assert kinds["white", "8", 1e4] == "refused"
+    assert kinds["white", "0.25", 1e4] == "accurate"
+    assert ("series", "0.25", 1e4) not in kinds  # the reference
     refused = cells.reason.values[cells.kind.values == "refused"]
     assert all("too large" in reason or "unstable at any step" in reason for reason in refused)
     names = {f"stability_{method}_{noise}" for method in ("ExactFlow", "RungeKutta4", "EulerMaruyama")
@@ -159,7 +180,7 @@ def test_wild_scenes_are_valid_and_differ():
 
 
 def test_no_wild_scene_ends_without_a_word():
-    """Two families of the thousand scenes of the study."""
+    """Two families of a thousand scenes."""
     seeds = [family + FAMILIES * turn for family in (1, 3) for turn in range(30)]
     outcomes = {seed: run_scene(wild_scene(seed)) for seed in seeds}
     assert {seed: outcome for seed, outcome in outcomes.items() if outcome.kind in BAD} == {}
