@@ -31,7 +31,7 @@ JUDGED = (
 """What is judged: every default statistic but the peak force, which grows with the time. Means are relative to root
 mean squares."""
 
-TARGET, PAIRED_TARGET, WORST, SCATTER, CLUMPED = 0.004, 0.008, 0.03, 0.3, 2.0
+TARGET, PAIRED_TARGET, WORST, SCATTER, CLUMPED = 0.004, 0.01, 0.03, 0.3, 2.0
 """Relative standard error that is wanted of mean squares and of contacts, and under bounded noise, where differences of
 runs under the same series are known better than either; the largest with which a cell is run; squared relative scatter
 of a mean square over a relaxation time, and of contacts by their number."""
@@ -40,8 +40,8 @@ SEEN = 1e3
 """Contacts from which their statistics are waited for."""
 
 SPIN_UP, FEWEST, MOST, FEWEST_PAIRED, MOST_PAIRED = 7.0, 64, 512, 16, 128
-"""Relaxation times of spin-up, since a start on the linear law is near; realizations of a cell, and of one under bounded
-noise, where few long ones cost less, since a whole period is sampled for each."""
+"""Relaxation times of spin-up, since a start on the linear law is near; realizations of a cell, and of one under
+bounded noise, where few long ones cost less, since a whole period is sampled for each."""
 
 MOST_SAMPLES = 1.2e6
 """Samples of series that a realization may have."""

@@ -112,7 +112,7 @@ def _maps(study: StabilityStudy) -> xr.Dataset:
                         length = Length.of(network, most * step / 2.0, rate) if step == step else None
                     else:
                         given = given and _whole(network, given)
-                        if method is METHODS[0] and given == fine:
+                        if length and method is METHODS[0] and given == fine:
                             continue  # the reference itself
                     cells.append(Cell(method, *place, label, network, given, own, length, most))
     found = dict(zip(references, _run(list(references.values()), study.seed, lambda cell: None), strict=True))

@@ -81,7 +81,7 @@ def test_a_length_is_what_is_wanted_or_what_is_left():
     assert Length.of(network, 1e2, 2.0) is None
     paired = Length.of(network, 1e9, 2.0, 200.0)
     assert paired.total < 0.5 * enough.total
-    assert paired.duration + paired.spin_up <= 200.0
+    assert paired.duration + paired.spin_up == pytest.approx(200.0)
 
 
 def made(values, errors, contacts=1e6, references=None):
@@ -144,8 +144,7 @@ def test_a_small_run(run):
     assert kinds["white", "automatic", 1e4] == "accurate"
     assert kinds["series", "automatic", 1e4] == "accurate"
     assert kinds["white", "8", 1e4] == "refused"
-    assert kinds["white", "0.25", 1e4] == "accurate"
-    assert ("series", "0.25", 1e4) not in kinds  # the reference
+    assert [noise for noise, label, value in kinds if (label, value) == ("0.25", 1e4)] == ["white"]  # or the reference
     refused = cells.reason.values[cells.kind.values == "refused"]
     assert all("too large" in reason or "unstable at any step" in reason for reason in refused)
     names = {f"stability_{method}_{noise}" for method in ("ExactFlow", "RungeKutta4", "EulerMaruyama")
