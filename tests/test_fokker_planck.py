@@ -8,12 +8,15 @@ import pytest
 
 import impactlab as il
 from impactlab.kernels.flow import transition
+from impactlab.kernels.phases import turn
 from impactlab.phase_space import settings, solution
+from impactlab.phase_space.march import March
 from impactlab.phase_space.pair import Pair
-from impactlab.phase_space.propagator import Basis, Propagator, _Shears
+from impactlab.phase_space.propagator import Basis, Propagator
 from impactlab.phase_space.reading import Reading
+from impactlab.phase_space.shears import Shears
 
-COARSE = {"gap": 54, "center": 17, "first": 19, "second": 19}
+COARSE = {"gap": 45, "center": 17, "first": 19, "second": 19, "box": 5.0}
 BODIES = {
     "a": il.LinearOscillator(mass=1.0, damping=0.5, stiffness=1.0),
     "b": il.LinearOscillator(mass=2.0, damping=0.5, stiffness=1.5),
@@ -37,7 +40,7 @@ def equal():
 @pytest.fixture(scope="module")
 def unequal():
     network = pair((1.5, 1.0))
-    return network, il.fokker_planck(network, basis=COARSE, tolerance=3e-2)
+    return network, il.fokker_planck(network, basis=COARSE, tolerance=3e-3)
 
 
 def propagator(network, **changes):
@@ -92,33 +95,33 @@ def test_the_chain_is_that_of_simulations(unequal):
 def test_balances_close(unequal):
     _, solved = unequal
     table, data = solved.convergence(), solved.statistics()
-    error = float((data.mean_contact_force_error / data.mean_contact_force).max())
+    error = sum(value for name, value in solved.errors.relative.items() if name != "balances")
     assert np.abs(table.balance_force).max() < error
     assert table.balance_moments.max() < 0.1 * error
     assert abs(table.balance_power) < 0.1 * error
     assert data.mean_displacement.values @ [1.0, 1.5] == pytest.approx(0.0, abs=1e-12)  # the contact pushes both ways
-    assert data.mean_square_velocity.values @ [0.5, 0.5] == pytest.approx(2.5 * 0.5 / 1.0 - 0.25, rel=1e-3)
+    assert data.mean_square_velocity.values @ [0.5, 0.5] == pytest.approx(2.5 * 0.5 / 1.0 - 0.25, rel=1e-4)
 
 
 def test_convergence_is_in_each_direction(unequal):
     network, solved = unequal
     table = solved.convergence()
-    assert list(table.direction.values) == ["gap", "center", "first", "second", "step", "step twice"]
-    assert (table.basis.values[:4] < [solved.basis[name] for name in COARSE]).all()
+    assert list(table.direction.values) == ["gap", "center", "first", "second", "box", "step", "step twice"]
+    assert (table.basis.values[:5] < [solved.basis[name] for name in COARSE]).all()
     with pytest.warns(il.AccuracyWarning, match="The basis that was given leaves errors"):
         rough = il.fokker_planck(network, basis=COARSE | {"step": 0.3}, tolerance=1e-3).convergence()
     once, twice = (abs(rough.mean_square_velocity.sel(direction=name)).max() for name in ("step", "step twice"))
     assert twice > 3.0 * once  # of second order at least: 2^(p/2) + 1 times
-    finer = il.fokker_planck(network, basis=COARSE | {"gap": 96}, tolerance=3e-2)
+    finer = il.fokker_planck(network, basis=COARSE | {"gap": 61}, tolerance=3e-3)
     change = abs(finer.statistics().mean_contact_force - solved.statistics().mean_contact_force)
     assert (change <= solved.statistics().mean_contact_force_error).all()
-    assert (finer.errors.errors["gap"]["mean_contact_force"] < solved.errors.errors["gap"]["mean_contact_force"]).all()
+    assert finer.errors.relative["gap"] < solved.errors.relative["gap"]
 
 
 def test_the_order_of_the_sides_does_not_matter(unequal):
     """A mirror: displacements change their sign, and the contact its sides."""
     _, solved = unequal
-    other = il.fokker_planck(pair((1.5, 1.0), sides=("b", "a")), basis=COARSE, tolerance=3e-2)
+    other = il.fokker_planck(pair((1.5, 1.0), sides=("b", "a")), basis=COARSE, tolerance=3e-3)
     data, mirrored = solved.statistics(), other.statistics()
     np.testing.assert_allclose(mirrored.mean_displacement, -data.mean_displacement, rtol=2e-3)
     for name in ("mean_square_displacement", "mean_square_velocity", "contact_ratio", "mean_contact_force"):
@@ -137,7 +140,7 @@ def test_a_basis_is_found_and_refined():
 def test_linear_motion_is_exact_at_any_step():
     """Far from the contact every step keeps the law of each body, at its own temperature."""
     network = pair((1.0, 0.7), clearance=9.0)
-    own = propagator(network, gap=64, center=25, first=21, second=21, step=0.4)
+    own = propagator(network, gap=65, center=25, first=21, second=27, step=0.4)
     masses, stiffness, temperatures = (np.array(item) for item in ((1.0, 2.0), (1.0, 1.5), (1.0, 0.7)))
     shears = own.shears
     x1, x2 = own.displacements[..., None, None]
@@ -147,13 +150,51 @@ def test_linear_motion_is_exact_at_any_step():
         0.5 * (k * x**2 + m * v**2) / T
         for k, m, T, x, v in zip(stiffness, masses, temperatures, (x1, x2), (v1, v2), strict=True)
     )
-    density = own.normalized(np.exp(-energy).astype(np.float32))
+    density = own.normalized((np.exp(-energy) * own.grid.cells[:, None, None, None]).astype(np.float32))
     with ThreadPoolExecutor(1) as pool:
-        after = own.march(density, 25, pool, 1)
+        after = March(own, pool)(density, 25)
     np.testing.assert_allclose(after, density, atol=1e-4 * density.max())
     values = Reading(own, after).values
     np.testing.assert_allclose(values["mean_square_displacement"], temperatures / stiffness, rtol=1e-4)
     np.testing.assert_allclose(values["mean_square_velocity"], temperatures / masses, rtol=1e-4)
+
+
+def test_waves_of_the_gap_keep_probability():
+    """A drift by the eigenvectors of a stretched grid is what the density of moved particles says."""
+    own = propagator(pair(), gap=61, center=9, first=9, second=9)
+    modes, grid = own.grid.modes, own.grid
+    assert grid.coarse > 2.0 * grid.fine
+    place, width, shift = -9.0 * grid.coarse, 2.0 * grid.coarse, 4.3 * grid.coarse
+
+    def hill(center):
+        return np.exp(-0.5 * ((grid.nodes - center) / width) ** 2) * grid.cells
+
+    waves = (modes.onto @ hill(place)).reshape(-1, 2) @ [1.0, 1.0j] * np.exp(-1j * modes.numbers * shift)
+    moved = modes.off @ np.stack([waves.real, waves.imag], axis=1).ravel()
+    np.testing.assert_allclose(moved, hill(place + shift), atol=1e-4 * moved.max())
+    assert moved.sum() == pytest.approx(hill(place).sum(), rel=1e-12)
+    assert (modes.off @ (modes.onto @ hill(place))).sum() == pytest.approx(hill(place).sum(), rel=1e-12)
+
+
+def test_nodes_are_close_where_the_contact_works():
+    own = propagator(pair(law=il.HertzContact(3e4)), center=9, first=9, second=9)
+    grid, well = own.grid, own.well
+    assert (np.diff(grid.cells) <= 0.0).all()
+    np.testing.assert_allclose(grid.at(grid.coordinate(grid.nodes)), grid.nodes, atol=1e-9 * well.width)
+    assert well.penetration / grid.fine > 6.0 and well.width / grid.coarse > 2.0
+    assert grid.nodes[grid.before] == pytest.approx(own.pair.first_node * grid.cells[grid.before], rel=2e-2)
+    low, high = well.ends(own.basis.box)
+    assert grid.nodes[0] == pytest.approx(low, abs=grid.coarse)
+    assert grid.nodes[-1] == pytest.approx(high, abs=grid.fine)
+
+
+def test_phases_turn_complex_numbers():
+    rng = np.random.default_rng(1)
+    planes = rng.normal(size=(3, 2, 5, 4, 6)).astype(np.float32)
+    first, second = (np.exp(1j * rng.normal(size=(3, 5, count))).astype(np.complex64) for count in (4, 6))
+    expected = (planes[:, 0] + 1j * planes[:, 1]) * first[..., None] * second[..., None, :]
+    turn(planes, first, second)
+    np.testing.assert_allclose(planes[:, 0] + 1j * planes[:, 1], expected, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("damping", [0.01, 0.5, 5.0])
@@ -162,7 +203,7 @@ def test_shears_are_the_exact_transition(damping):
         0.3,
         (item[0] for item in transition(*(np.array([value]) for value in (2.0, damping, 3.0, 0.4)), 0.3)),
     )
-    parts = _Shears.of(a, q, math.exp(-damping * step / 2.0))
+    parts = Shears.of(a, q, math.exp(-damping * step / 2.0))
     matrix, noise = np.eye(2), np.zeros((2, 2))
     for factor, added in (
         ([[1.0, 0.0], [-parts.first, 1.0]], 0.0),
@@ -177,11 +218,11 @@ def test_shears_are_the_exact_transition(damping):
 
 
 def test_threads_change_nothing():
-    own = propagator(pair((1.5, 1.0)), gap=30, center=9, first=9, second=9)
+    own = propagator(pair((1.5, 1.0)), gap=31, center=9, first=9, second=9)
     found = []
     for workers in (1, 3):
         with ThreadPoolExecutor(workers) as pool:
-            found.append(own.march(own.start(), 3, pool, workers))
+            found.append(March(own, pool)(own.start(), 3))
     np.testing.assert_array_equal(*found)
 
 
@@ -248,7 +289,10 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch):
     ("given", "message"),
     [
         ({"basis": {"gaps": 10}}, "basis has no 'gaps'; did you mean 'gap'"),
-        ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be a whole number of at least 8 nodes: 4"),
+        ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be an odd number from 9 on: 4"),
+        ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 9 on: 20"),
+        ({"basis": {"box": 60.0}}, "basis\\['box'\\] must be from 3 to 9 standard deviations: 60.0"),
+        ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0: '1'"),
         ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0: -1.0"),
         ({"tolerance": 0.0}, "tolerance must be a relative error from 1e-6 to 1: 0.0"),
     ],
@@ -283,6 +327,6 @@ def test_a_basis_that_is_too_small_is_warned_of():
 
 def test_repr_and_basis(equal):
     _, solved = equal
-    assert repr(solved).startswith("FokkerPlanckReference: a and b, 3.31e+05 unknowns")
+    assert repr(solved).startswith("FokkerPlanckReference: a and b, 2.76e+05 unknowns")
     assert {name: solved.basis[name] for name in COARSE} == COARSE
     assert isinstance(Basis(**solved.basis), Basis)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from impactlab.phase_space.propagator import Basis
-from impactlab.phase_space.settings import LADDER, LONGER
+from impactlab.phase_space.settings import LADDER, SHARES
 
 Values = dict[str, np.ndarray]
 
@@ -24,60 +24,62 @@ class Convergence:
     values : dict of str to ndarray
     coarser : dict of str to dict
         By the directions of `LADDER`.
+    balances : dict of str to ndarray
+        What should be 0.
     """
 
     values: Values
     coarser: dict[str, Values]
 
-    @cached_property
-    def errors(self) -> dict[str, Values]:
-        """Errors of each direction of the basis, by name of the direction and the statistic.
+    balances: Values
 
-        A quarter fewer nodes are taken to make the error at least three times as large for the gap, where the
-        contact has a kink, and five times for the others; a longer step as much as three steps show,
-        between the first and the fourth order.
+    @cached_property
+    def relative(self) -> dict[str, float]:
+        """Relative errors of all statistics but the rate of contacts, by direction of the basis, and of balances.
+
+        A direction's error is that of the statistic that changes most, since errors of the others pass through 0:
+        a share of it, or for the step what three of them show, between the third and the fourth order.
         """
-        result: dict[str, Values] = {}
-        for direction in Basis._fields:
-            share: Any = 0.5 if direction == "gap" else 0.25
-            result[direction] = {}
-            for name, value in self.values.items():
-                change = np.abs(self.coarser[direction][name] - value)
-                if direction == "step":
-                    twice = np.abs(self.coarser[LADDER[-1]][name] - value)
-                    with np.errstate(divide="ignore", invalid="ignore"):
-                        ratio = np.nan_to_num(twice / change, nan=5.0, posinf=5.0)
-                    share = 1.0 / np.clip(ratio - 2.0, LONGER - 1.0, 3.0)  # twice/change = 2^(p/2) + 1
-                result[direction][name] = share * change
+        changes = {name: self._change(values) for name, values in self.coarser.items()}
+        result = {name: share * changes[name] for name, share in SHARES.items()}
+        twice = changes[LADDER[-1]]
+        order = 2.0 * math.log2(max(twice / max(changes["step"], 1e-300) - 1.0, 1.0))
+        result["step"] = twice / (2.0 ** min(max(order, 3.0), 4.0) - 1.0)
+        result["balances"] = max(
+            float(np.abs(self.balances[name]).max()) for name in ("balance_force", "balance_power")
+        )
         return result
 
     @cached_property
     def total(self) -> Values:
-        """Sum of the errors of all directions, by statistic."""
-        return {name: np.sum([item[name] for item in self.errors.values()], axis=0) for name in self.values}
+        """Errors of the statistics: those of all directions together; for the rate of contacts, its own changes."""
+        together = sum(self.relative.values())
+        result = {name: together * np.abs(value) for name, value in self.values.items()}
+        own = [np.abs(self.coarser[name]["contact_rate"] - self.values["contact_rate"]) for name in Basis._fields]
+        result["contact_rate"] = np.sum(own, axis=0)
+        return result
 
-    def insufficient(self, tolerance: float, directions: Sequence[str]) -> list[str]:
-        """Return those of some directions to refine, none if their errors are within the tolerance.
+    def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:
+        """Return those of some directions to refine, and by how much; none if the errors are within the tolerance.
 
-        The rate of contacts, which is read at a single place of the gap, is left out.
+        The balances count if no direction is kept, which may be what they suffer from.
         """
-        allowed = {name: tolerance * np.abs(value) for name, value in self.values.items() if name != "contact_rate"}
-
-        def within(errors: Mapping[str, Any], share: float) -> bool:
-            return all((errors[name] <= share * limit).all() for name, limit in allowed.items())
-
-        together = {name: sum(self.errors[direction][name] for direction in directions) for name in allowed}
-        if within(together, 1.0):
-            return []
-        return [name for name in directions if not within(self.errors[name], 1.0 / len(self.errors))]
+        errors = {name: self.relative[name] for name in directions}
+        rest = self.relative["balances"] if len(errors) == len(Basis._fields) else 0.0
+        if sum(errors.values()) + rest <= tolerance or not errors:
+            return {}
+        allowed = tolerance / (len(self.relative) + 1)
+        poor = {name: error / allowed for name, error in errors.items() if error > allowed}
+        return poor or dict.fromkeys(errors, 2.0)
 
     def summary(self) -> str:
-        """Return the largest relative error of each direction, as text."""
-        return ", ".join(
-            f"{direction} {max(_largest(errors[name], self.values[name]) for name in errors):.1e}"
-            for direction, errors in self.errors.items()
+        """Return the relative errors, as text."""
+        return ", ".join(f"{direction} {error:.1e}" for direction, error in self.relative.items())
+
+    def _change(self, values: Values) -> float:
+        """Return the largest relative change of a statistic."""
+        return max(
+            float((np.abs(values[name] - value) / np.abs(value)).max())
+            for name, value in self.values.items()
+            if name not in ("contact_rate", "mean_velocity")
         )
-
-
-def _largest(error: np.ndarray, value: np.ndarray) -> float:
-    return float((error[value != 0.0] / np.abs(value[value != 0.0])).max(initial=0.0))

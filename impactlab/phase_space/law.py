@@ -70,8 +70,8 @@ class FokkerPlanckReference(Densities):
         -------
         xarray.Dataset
             The statistics with a dimension ``direction``: values with three quarters of the nodes
-            in that direction, with a step longer by √2, and with one twice as long, each
-            minus the value. ``basis`` (direction) is what the direction was changed to, ``balance_force``
+            in that direction, with a box smaller by √0.75, with a step longer by √2, and with one twice
+            as long, each minus the value. ``basis`` (direction) is what the direction was changed to, ``balance_force``
             (oscillator; relative to the force of the contact), ``balance_moments`` (oscillator; largest relative
             change of a second moment by a step) and ``balance_power`` what should be 0.
         """
@@ -82,9 +82,12 @@ class FokkerPlanckReference(Densities):
             for values in self.errors.coarser.values()
         ]
         dataset = xr.concat(parts, dim=xr.Variable("direction", list(self.errors.coarser)))
-        changed = [getattr(coarser(self.propagator.basis, name), name.split()[0]) for name in self.errors.coarser]
+        changed = [
+            getattr(coarser(self.propagator.well, self.propagator.basis, name), name.split()[0])
+            for name in self.errors.coarser
+        ]
         dataset["basis"] = ("direction", np.array(changed, dtype=float), {"long_name": "nodes, or step in s"})
-        for name, value in self._reading.balances.items():
+        for name, value in self.errors.balances.items():
             attrs = {"units": "1", "long_name": name.replace("_", " of ")}
             dataset[name] = (
                 (("oscillator",), self._in_order(value), attrs) if len(value) == 2 else ((), value[0], attrs)

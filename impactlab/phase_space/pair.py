@@ -17,11 +17,11 @@ _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
 _SAMPLES = 20_001
 _REACH = 8.0  # standard deviations that are looked at
 _HIGH = 100.0  # energy that is looked at, in units of T
-_LEFT, _RIGHT = 18.0, 40.0
-"""Energies at which the box of the gap ends, in units of T: the density is 0 there, and beyond a contact so steep
-that what ringing leaves must not be pushed out."""
+_ENDS = 0.64, 1.0
+"""Energies at which the box of the gap ends, in units of T and the square of its size: the density is 0 there, and
+beyond a contact so steep that what ringing leaves must not be pushed out."""
 
-_FADE = (12.0, 17.5), (14.0, 30.0)
+_FADE = (0.43, 0.62), (0.56, 0.96)
 """Energies between which densities are faded out, to the left and to the right."""
 
 
@@ -178,16 +178,22 @@ class Well:
         return float((np.diff(self.pair.force(near)) / np.diff(near)).max())
 
     @cached_property
-    def ends(self) -> tuple[float, float]:
-        """Ends of the box of the gap (m)."""
-        return self._places(_LEFT, _RIGHT)
+    def fastest(self) -> float:
+        """Largest frequency of the closed contact and the bodies (rad s-1)."""
+        own = self.pair.stiffness / self.pair.mass
+        return math.sqrt(max(self.tangent / self.pair.reduced_mass, float(own.max())))
 
-    def fade(self, gaps: np.ndarray) -> np.ndarray:
+    def ends(self, box: float) -> tuple[float, float]:
+        """Return the ends of the box of the gap (m), whose size is in standard deviations."""
+        return self._places(_ENDS[0] * box**2, _ENDS[1] * box**2)
+
+    def fade(self, gaps: np.ndarray, box: float) -> np.ndarray:
         """Return a factor that takes a density smoothly to 0 towards the ends."""
-        (left, inner), (outer, right) = zip(
-            self._places(_FADE[0][1], _FADE[1][0]), self._places(_FADE[0][0], _FADE[1][1]), strict=True
-        )
-        return np.asarray(_ramp((gaps - left) / (inner - left)) * _ramp((right - gaps) / (right - outer)))
+        (inner_left, left), (inner_right, right) = ((start * box**2, end * box**2) for start, end in _FADE)
+        left, right = self._places(left, right)
+        inner_left, inner_right = self._places(inner_left, inner_right)
+        rising = _ramp((gaps - left) / (inner_left - left))
+        return np.asarray(rising * _ramp((right - gaps) / (right - inner_right)))
 
     def _places(self, left: float, right: float) -> tuple[float, float]:
         gaps, _, energy = self._table

@@ -93,11 +93,10 @@ class Reading:
         the equation of momentum).
         """
         propagator = self.propagator
-        gap, cell = propagator.gap, propagator.gap[1] - propagator.gap[0]
-        waves = 2.0 * np.pi * np.fft.fftfreq(len(gap), cell)
-        at_zero = np.exp(1j * np.outer(-gap, waves)).sum(axis=1).real / len(gap)
-        density = propagator.in_kick(self._density).astype(float) / self._density.sum(dtype=float) / cell
-        there = np.tensordot(at_zero / propagator.stretch(gap), density, axes=(0, 0))
+        gap, grid = propagator.gap, propagator.grid
+        at_zero = grid.values(np.zeros(1))[0]
+        density = propagator.in_kick(self._density).astype(float) / self._density.sum(dtype=float)
+        there = np.tensordot(at_zero / grid.cells / propagator.stretch(gap), density, axes=(0, 0))
         square = float((there * np.subtract.outer(*propagator.velocities) ** 2).sum() / there.sum())
         hot = propagator.pair.reduced_mass * square / propagator.well.temperature
         return there / (1.0 + at_zero @ self._kink(gap, hot)), hot
@@ -110,15 +109,13 @@ class Reading:
 
     def _closed(self) -> float:
         """Return the integral of the gap's density over closed contact."""
-        gap, cell = self.propagator.gap, self.propagator.gap[1] - self.propagator.gap[0]
+        gap, grid = self.propagator.gap, self.propagator.grid
         velocities, hot = self._at_contact
         there = float(velocities.sum())
-        last = gap[-1] + 0.5 * cell
-        smooth = self.weights.sum(axis=1) / cell / self.propagator.stretch(gap) - there * self._kink(gap, hot)
-        waves = 2.0 * np.pi * np.fft.fftfreq(len(gap), cell)
-        inside = np.linspace(0.0, last, _FINE)
-        values = (np.exp(1j * np.outer(inside - gap[0], waves)) @ np.fft.fft(smooth)).real / len(gap)
-        values += there * self._kink(inside, hot)
+        smooth = self.weights.sum(axis=1) / grid.cells / self.propagator.stretch(gap) - there * self._kink(gap, hot)
+        places = np.linspace(0.0, grid.places[-1] + 0.5, _FINE)
+        inside = grid.at(places)
+        values = grid.values(places) @ smooth + there * self._kink(inside, hot)
         return float(np.trapezoid(values * self.propagator.stretch(inside), inside))
 
     def _rate(self) -> float:
@@ -136,7 +133,7 @@ class Reading:
         propagator = self.propagator
         x = propagator.displacements[body] + propagator.basis.step / 12.0 * propagator.increments[body]
         weight = propagator.pair.weights[1 - body]
-        cells = propagator.gap[1] - propagator.gap[0], propagator.center[1] - propagator.center[0]
+        cells = propagator.grid.cells.max(), propagator.center[1] - propagator.center[0]
         waves = np.arange(0.0, np.pi / max(weight * cells[0], cells[1]), np.pi / np.ptp(x))
         values = np.array([(self.weights * np.exp(-1j * wave * x)).sum() for wave in waves])
         return Characteristic(waves, values, float((self.weights * x).sum()))

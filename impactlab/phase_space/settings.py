@@ -6,60 +6,69 @@ import math
 
 import numpy as np
 
+from impactlab.phase_space.grid import Grid
 from impactlab.phase_space.pair import Pair, Well
-from impactlab.phase_space.propagator import REACH, Basis
+from impactlab.phase_space.propagator import Basis
 
 FEWER, LONGER = 0.75, math.sqrt(2.0)
 """What one direction of the basis at a time is changed by, to see its convergence."""
 
+SHARES = {"gap": 0.2, "center": 0.15, "first": 0.1, "second": 0.1, "box": 0.1}
+"""Error relative to the change by a quarter fewer nodes, at most: it falls exponentially with their number, and
+that of the box as the tail of a normal law, with the square of its size."""
+
+ORDER = 4
+"""Of the error of the step."""
+
 LADDER = (*Basis._fields, "step twice")
 """Directions of the basis; for the step there is a third one, twice as long."""
+
+_BOX, _GAP, _CENTER, _VELOCITY = 5.5, 7.0, 0.47, 0.51
+"""Half the box in standard deviations, cells of the gap to a penetration, other cells in standard deviations."""
 
 
 def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     """Return the basis with which to begin, from scales of the network.
 
-    Four nodes to the depth at which the contact stores the energy T of the box, two to a standard
-    deviation of the center, 1.7 to one of a velocity, and more for a body that alone is colder than T,
-    as the fourth root of the ratio; a step of 0.4 over the frequency of the closed contact and
-    0.8 over those of the bodies.
+    Seven cells of the gap to the depth at which the contact stores the energy T of the box, 5.5
+    standard deviations of the Gibbs law at T to each side, with cells of 0.47 of the center and 0.51 of
+    a velocity, up to twice as small for a body that alone is colder than T; a step of 0.32 over the
+    frequency of the closed contact and 0.8 over those of the bodies. `part` times as many nodes go
+    half into the box and half into cells.
     """
-    low, high = well.ends
-    gap = (high - low) / min(0.25 * well.penetration, 0.5 * well.width)
-    first, second = REACH / 0.3 * np.maximum(well.temperature / pair.temperatures, 1.0) ** 0.25
+    size, box = math.sqrt(part), _BOX * math.sqrt(part)
+    gap = Grid.nodes_within(well, box, min(well.penetration, well.width) / (_GAP * size))
+    cold = 1.0 - np.minimum(pair.temperatures / well.temperature, 1.0)
+    first, second = _VELOCITY / ((1.0 + 0.3 * cold.max()) * (1.0 + 0.6 * cold))
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
-    step = min(0.4 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
-    return Basis(
-        _fast(part * gap),
-        _odd(part * 4.0 * REACH),
-        _odd(part * first),
-        _odd(part * second),
-        step / part,
+    step = min(0.32 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
+    center, first, second = (
+        _odd(2.0 * box * size / cell) for cell in (_CENTER / (1.0 + 0.15 * cold.max()), first, second)
     )
+    return Basis(_odd(gap), center, first, second, box, step / math.sqrt(size))
 
 
-def coarser(basis: Basis, direction: str) -> Basis:
+def coarser(well: Well, basis: Basis, direction: str) -> Basis:
     """Return a basis with one direction of `LADDER` made coarser."""
-    return changed(basis, direction.split()[0], FEWER, LONGER**2 if direction == LADDER[-1] else LONGER)
+    return changed(well, basis, direction.split()[0], FEWER, LONGER**2 if direction == LADDER[-1] else LONGER)
 
 
-def finer(basis: Basis, direction: str) -> Basis:
-    """Return a basis with one direction made finer."""
-    return changed(basis, direction, 1.0 / FEWER, 1.0 / LONGER)
+def finer(well: Well, basis: Basis, direction: str, excess: float) -> Basis:
+    """Return a basis with one direction made finer, such that its error is smaller by some factor."""
+    excess = min(excess, 50.0)
+    return changed(well, basis, direction, 1.0 + 0.08 * math.log(excess), excess ** (-1.0 / ORDER))
 
 
-def changed(basis: Basis, name: str, nodes: float, step: float) -> Basis:
-    """Return a basis with one direction changed."""
-    value = getattr(basis, name)
+def changed(well: Well, basis: Basis, name: str, nodes: float, step: float) -> Basis:
+    """Return a basis with one direction changed: the box with its cells as they are, others in the same box."""
     if name == "step":
-        return basis._replace(step=value * step)
-    return basis._replace(**{name: (_fast if name == "gap" else _odd)(nodes * value)})
-
-
-def _fast(count: float) -> int:
-    """Return the nearest length that Fourier transforms take well."""
-    smooth = np.multiply.outer(np.multiply.outer(2 ** np.arange(16), 3 ** np.arange(10)), 5 ** np.arange(7)).ravel()
-    return int(smooth[np.argmin(np.abs(smooth - count))])
+        return basis._replace(step=basis.step * step)
+    if name != "box":
+        return basis._replace(**{name: _odd(nodes * getattr(basis, name))})
+    size = math.sqrt(nodes)
+    gap = Grid.nodes_within(well, size * basis.box, Grid.of(well, basis.box, basis.gap).fine)
+    center, first, second = (_odd(size * count) for count in (basis.center, basis.first, basis.second))
+    return Basis(_odd(gap), center, first, second, size * basis.box, basis.step)
 
 
 def _odd(count: float) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +17,7 @@ from impactlab.memory import available
 from impactlab.network import Network
 from impactlab.phase_space.convergence import Convergence, Values
 from impactlab.phase_space.law import FokkerPlanckReference
+from impactlab.phase_space.march import March
 from impactlab.phase_space.pair import Pair, Well
 from impactlab.phase_space.propagator import Basis, Propagator
 from impactlab.phase_space.reading import Reading
@@ -25,19 +26,25 @@ from impactlab.phase_space.settings import LADDER, coarser, finer, rule
 _PILOTS = (0.6, 0.02), (0.8, 0.005)
 """Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
-_ENOUGH, _MORE = 0.5, -0.1
-"""Part of the nodes with which the refinement begins, for a tolerance of 1; and its power of the tolerance."""
+_STANDARD = 1e-4
+"""Tolerance that the rule is for; it goes with the logarithm of the tolerance."""
 
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
 
-_SNAPSHOTS, _INTERVAL, _MOST_CYCLES = 6, 0.16, 20
-"""Snapshots of an extrapolation, time between them in slowest relaxation times, and extrapolations."""
+_INTERVAL, _TOGETHER, _MOST = 0.2, 16, 128
+"""Time between snapshots in slowest relaxation times, their number in an extrapolation, and in all."""
 
-_SETTLED = 0.5
-"""Change by the last extrapolation, in tolerances; another one would change a twentieth of that, or less."""
+_SETTLED, _CALM = 0.15, 2
+"""Changes by the last snapshots, in tolerances, and how many of them must be so small."""
 
-_BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 60.0, 3e7, 6
+_ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
+    "box": (lambda size: 3.0 <= size <= 9.0, "from 3 to 9 standard deviations"),
+    "step": (lambda step: step > 0.0, "above 0"),
+}
+"""What a basis may hold beside odd numbers of nodes."""
+
+_BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 200.0, 2e7, 6
 
 
 def fokker_planck(
@@ -58,9 +65,10 @@ def fokker_planck(
         Two linear bodies with a spring, damping and white noise each, and one contact between
         them whose force depends on the indentation alone.
     basis : mapping of str to number, optional
-        Numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies in
-        the order of the contact) and the ``step`` (s), which are then kept. What is not given is
-        chosen and refined. An `AccuracyWarning` says if what was given leaves larger errors.
+        Odd numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies in
+        the order of the contact), half the size of the ``box`` (standard deviations) and the
+        ``step`` (s), which are then kept. What is not given is chosen and refined. An
+        `AccuracyWarning` says if what was given leaves larger errors.
     tolerance : float
         Relative error that is aimed at, for all default statistics but the rate of contacts.
 
@@ -77,17 +85,19 @@ def fokker_planck(
 
     Notes
     -----
-    With unit masses and natural frequencies from 1 to 16 Hz the grid has 1 to 10 million points.
+    With unit masses and natural frequencies from 1 to 16 Hz the grid has 0.5 to 3 million points.
+    While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"fokker_planck takes an il.Network, {network!r} was given.")
     given = _checked(basis)
     if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
         raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1: {tolerance!r}.")
+    from threadpoolctl import threadpool_limits
+
     pair = Pair.of(network)
-    workers = cores()
-    with ThreadPoolExecutor(workers) as pool:
-        return _Solver(pair, tolerance, pool, workers).solved(network, given)
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:
+        return _Solver(pair, tolerance, pool).solved(network, given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +105,6 @@ class _Solver:
     pair: Pair
     tolerance: float
     pool: Executor
-    workers: int
 
     def solved(self, network: Network, given: Mapping[str, Any]) -> FokkerPlanckReference:
         """Refine a basis until the errors are within the tolerance."""
@@ -108,18 +117,19 @@ class _Solver:
             kinetic = float((self.pair.mass * values["mean_square_velocity"]).max())
             temperature, last = min(_MARGIN * kinetic, hottest), pilot
         well = self.pair.well(temperature)
-        fine = self._propagator(well, given, _ENOUGH * self.tolerance**_MORE)
+        fine = self._propagator(well, given, math.log(self.tolerance) / math.log(_STANDARD))
+        kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
+        free = [name for name in Basis._fields if name not in kept]
         for _ in range(_MOST_LEVELS):
-            density, values = self._stationary(fine, fine.taken_from(last, density), _SETTLED * self.tolerance)
-            found = Convergence(values, {name: self._coarser(fine, density, name) for name in LADDER})
-            poor = found.insufficient(self.tolerance, [name for name in Basis._fields if name not in given])
+            density, found = self._converged(fine, fine.taken_from(last, density))
+            poor = found.insufficient(self.tolerance, free)
             if not poor:
                 if found.insufficient(self.tolerance, Basis._fields):
                     warn(f"The basis that was given leaves errors above {self.tolerance:g}: {found.summary()}.")
                 return FokkerPlanckReference(network, fine, density, found)
             basis = fine.basis
-            for name in poor:
-                basis = finer(basis, name)
+            for name, excess in poor.items():
+                basis = finer(well, basis, name, excess)
             last, fine = fine, Propagator(self.pair, well, self._affordable(basis))
         raise NoExactReference(
             f"The statistics are not accurate to {self.tolerance:g} with {fine.basis.unknowns:.3g} unknowns: "
@@ -140,41 +150,49 @@ class _Solver:
             )
         return basis
 
-    def _coarser(self, fine: Propagator, density: np.ndarray, name: str) -> Values:
-        """Return the statistics with one direction of the basis made coarser."""
-        coarse = Propagator(self.pair, fine.well, coarser(fine.basis, name))
-        return self._stationary(coarse, coarse.taken_from(fine, density), _SETTLED * self.tolerance)[1]
+    def _converged(self, fine: Propagator, density: np.ndarray) -> tuple[np.ndarray, Convergence]:
+        """Return the stationary density, and the statistics with all directions of the ladder.
 
-    def _stationary(self, propagator: Propagator, density: np.ndarray, tolerance: float) -> tuple[np.ndarray, Values]:
+        The longest steps, which take the least time, come first; other directions are changed from the result.
+        """
+        settled, changed = _SETTLED * self.tolerance, {}
+        long = LADDER[-1]
+        density, changed[long] = self._stationary(self._coarser(fine, long), density, settled)
+        density, values = self._stationary(fine, density, settled)
+        for name in LADDER[:-1]:
+            other = self._coarser(fine, name)
+            changed[name] = self._stationary(other, other.taken_from(fine, density), settled, values)[1]
+        return density, Convergence(values, {name: changed[name] for name in LADDER}, Reading(fine, density).balances)
+
+    def _coarser(self, fine: Propagator, name: str) -> Propagator:
+        return Propagator(self.pair, fine.well, coarser(fine.well, fine.basis, name))
+
+    def _stationary(
+        self, propagator: Propagator, density: np.ndarray, tolerance: float, other: Values | None = None
+    ) -> tuple[np.ndarray, Values]:
         """March until statistics are stationary, with reduced-rank extrapolation; return the density and these.
 
         That is the combination of snapshots between which there is the least change (Smith, Ford
-        and Sidi, SIAM Rev. 29, 1987, 199).
+        and Sidi, SIAM Rev. 29, 1987, 199). Where statistics are compared with others, a fifth of the
+        difference is enough.
         """
+        march = March(propagator, self.pool)
         steps = max(1, round(_INTERVAL / self.pair.rate / propagator.basis.step))
-        last = _flat(Reading(propagator, density).values)
-        for _ in range(_MOST_CYCLES):
-            snapshots = [density]
-            for _ in range(_SNAPSHOTS):
-                snapshots.append(propagator.march(snapshots[-1], steps, self.pool, self.workers))
-            gram = np.zeros((_SNAPSHOTS, _SNAPSHOTS))
-            for rows in zip(*snapshots, strict=True):  # all of it at once would take as much memory again
-                changes = np.diff(np.array(rows).reshape(len(rows), -1), axis=0)
-                gram += changes @ changes.T
-            gram += 1e-12 * np.trace(gram) * np.eye(len(gram))
-            weights = np.linalg.solve(gram, np.ones(len(gram)))
-            weights /= weights.sum()
-            density = np.zeros_like(density)
-            for weight, snapshot in zip(weights, snapshots[1:], strict=True):
-                density += np.float32(weight) * snapshot
-            density = propagator.normalized(density)
+        values = _flat(Reading(propagator, density).values)
+        snapshots, calm = [density], 0
+        for _ in range(_MOST):
+            snapshots.append(march(snapshots[-1], steps))
+            density = propagator.normalized(_extrapolated(snapshots))
             found = Reading(propagator, density).values
-            values = _flat(found)
+            last, values = values, _flat(found)
             if not np.isfinite(values).all():
                 break
-            if (np.abs(values - last) <= tolerance * np.abs(values)).all():
+            enough = max(tolerance, 0.2 * _apart(values, _flat(other))) if other else tolerance
+            calm = calm + 1 if _apart(values, last) <= enough else 0
+            if calm == _CALM:
                 return density, found
-            last = values
+            if len(snapshots) > _TOGETHER:
+                snapshots = [density]
         raise NoExactReference(
             f"The density does not become stationary with {propagator.basis}: it is not resolved, or bodies exchange "
             "energy too slowly."
@@ -187,11 +205,31 @@ def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
     for name, value in given.items():
         if name not in Basis._fields:
             raise InvalidInput(f"basis has no {name!r}; {suggestion(name, Basis._fields)}")
-        right = value > 0.0 if name == "step" else isinstance(value, int) and value >= 8
-        if not (math.isfinite(value) and right):
-            allowed = "above 0" if name == "step" else "a whole number of at least 8 nodes"
+        right, allowed = _ALLOWED.get(name, (lambda count: count >= 9 and count % 2 == 1, "an odd number from 9 on"))
+        if not (isinstance(value, int | float) and math.isfinite(value) and right(value)):
             raise InvalidInput(f"basis[{name!r}] must be {allowed}: {value!r}.")
     return given
+
+
+def _extrapolated(snapshots: list[np.ndarray]) -> np.ndarray:
+    """Return the combination of snapshots between which there is the least change."""
+    count = len(snapshots) - 1
+    gram = np.zeros((count, count))
+    for rows in zip(*snapshots, strict=True):  # all of it at once would take as much memory again
+        changes = np.diff(np.array(rows).reshape(len(rows), -1), axis=0)
+        gram += changes @ changes.T
+    gram += 1e-12 * np.trace(gram) * np.eye(count)
+    weights = np.linalg.solve(gram, np.ones(count))
+    weights /= weights.sum()
+    density = np.zeros_like(snapshots[0])
+    for weight, snapshot in zip(weights, snapshots[1:], strict=True):
+        density += np.float32(weight) * snapshot
+    return density
+
+
+def _apart(values: np.ndarray, others: np.ndarray) -> float:
+    """Return the largest relative difference."""
+    return float((np.abs(values - others) / np.maximum(np.abs(values), 1e-300)).max())
 
 
 def _flat(values: Values) -> np.ndarray:

@@ -1,0 +1,34 @@
+"""Phases of waves in phase space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.kernels.jit import kernel
+
+
+@kernel
+def turn(planes, first, second):  # type: ignore[no-untyped-def]
+    """Multiply complex numbers by phases of two directions, in place.
+
+    Parameters
+    ----------
+    planes : (waves, 2, center, first, second) float32 ndarray
+        Real and imaginary parts.
+    first : (waves, center, first) complex64 ndarray
+    second : (waves, center, second) complex64 ndarray
+    """
+    cosine, sine = np.empty(second.shape[2], np.float32), np.empty(second.shape[2], np.float32)
+    for k in range(planes.shape[0]):
+        for j in range(planes.shape[2]):
+            for n in range(len(cosine)):
+                cosine[n], sine[n] = second[k, j, n].real, second[k, j, n].imag
+            for m in range(planes.shape[3]):
+                real, imaginary = first[k, j, m].real, first[k, j, m].imag
+                x, y = planes[k, 0, j, m], planes[k, 1, j, m]
+                for n in range(len(cosine)):
+                    c = real * cosine[n] - imaginary * sine[n]
+                    s = real * sine[n] + imaginary * cosine[n]
+                    old = x[n]
+                    x[n] = c * old - s * y[n]
+                    y[n] = s * old + c * y[n]
