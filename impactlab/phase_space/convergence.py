@@ -14,6 +14,9 @@ from impactlab.phase_space.settings import LADDER, SHARES
 
 Values = dict[str, np.ndarray]
 
+RELATIVE_BALANCES = "balance_force", "balance_power"
+"""Balances that are relative errors of statistics."""
+
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
@@ -30,7 +33,6 @@ class Convergence:
 
     values: Values
     coarser: dict[str, Values]
-
     balances: Values
 
     @cached_property
@@ -45,32 +47,31 @@ class Convergence:
         twice = changes[LADDER[-1]]
         order = 2.0 * math.log2(max(twice / max(changes["step"], 1e-300) - 1.0, 1.0))
         result["step"] = twice / (2.0 ** min(max(order, 3.0), 4.0) - 1.0)
-        result["balances"] = max(
-            float(np.abs(self.balances[name]).max()) for name in ("balance_force", "balance_power")
-        )
+        result["balances"] = max(float(np.abs(self.balances[name]).max()) for name in RELATIVE_BALANCES)
         return result
+
+    def together(self, directions: Sequence[str] = Basis._fields) -> float:
+        """Return the sum over some directions, at least the largest balance, which feels all errors.
+
+        If directions are left out, balances may suffer from these, and do not count.
+        """
+        least = self.relative["balances"] if len(directions) == len(Basis._fields) else 0.0
+        return max(sum(self.relative[name] for name in directions), least)
 
     @cached_property
     def total(self) -> Values:
         """Errors of the statistics: those of all directions together; for the rate of contacts, its own changes."""
-        together = sum(self.relative.values())
-        result = {name: together * np.abs(value) for name, value in self.values.items()}
+        result = {name: self.together() * np.abs(value) for name, value in self.values.items()}
         own = [np.abs(self.coarser[name]["contact_rate"] - self.values["contact_rate"]) for name in Basis._fields]
         result["contact_rate"] = np.sum(own, axis=0)
         return result
 
     def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:
-        """Return those of some directions to refine, and by how much; none if the errors are within the tolerance.
-
-        The balances count if no direction is kept, which may be what they suffer from.
-        """
-        errors = {name: self.relative[name] for name in directions}
-        rest = self.relative["balances"] if len(errors) == len(Basis._fields) else 0.0
-        if sum(errors.values()) + rest <= tolerance or not errors:
+        """Return those of some directions to refine, and by how much; none if the errors are within the tolerance."""
+        if self.together(directions) <= tolerance:
             return {}
-        allowed = tolerance / (len(self.relative) + 1)
-        poor = {name: error / allowed for name, error in errors.items() if error > allowed}
-        return poor or dict.fromkeys(errors, 2.0)
+        excess = {name: self.relative[name] / tolerance * (len(self.relative) + 1) for name in directions}
+        return {name: part for name, part in excess.items() if part > 1.0} or dict.fromkeys(directions, 2.0)
 
     def summary(self) -> str:
         """Return the relative errors, as text."""

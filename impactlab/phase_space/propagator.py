@@ -15,7 +15,7 @@ from impactlab.phase_space.pair import Pair, Well
 from impactlab.phase_space.shears import Shears
 from impactlab.phase_space.waves import interpolation, onto_waves, planes, symmetric, waves_of
 
-_ABSORBED, _POWER = {"center": 0.5, "velocity": 1.0}, 12
+_ABSORBED, _POWER = {"center": 0.6, "velocity": 2.0}, 12
 """Rates at which the shortest waves are absorbed, in frequencies of the pair, and the power of the wave number."""
 
 

@@ -23,23 +23,23 @@ ORDER = 4
 LADDER = (*Basis._fields, "step twice")
 """Directions of the basis; for the step there is a third one, twice as long."""
 
-_BOX, _GAP, _CENTER, _VELOCITY = 5.5, 7.0, 0.47, 0.51
+_BOX, _GAP, _CENTER, _VELOCITY = 5.5, 7.5, 0.48, 0.43
 """Half the box in standard deviations, cells of the gap to a penetration, other cells in standard deviations."""
 
 
 def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     """Return the basis with which to begin, from scales of the network.
 
-    Seven cells of the gap to the depth at which the contact stores the energy T of the box, 5.5
-    standard deviations of the Gibbs law at T to each side, with cells of 0.47 of the center and 0.51 of
-    a velocity, up to twice as small for a body that alone is colder than T; a step of 0.32 over the
+    7.5 cells of the gap to the depth at which the contact stores the energy T of the box, 5.5
+    standard deviations of the Gibbs law at T to each side, with cells of 0.48 of the center and 0.43 of
+    a velocity, up to 1.5 times as small for a body that alone is colder than T; a step of 0.32 over the
     frequency of the closed contact and 0.8 over those of the bodies. `part` times as many nodes go
     half into the box and half into cells.
     """
     size, box = math.sqrt(part), _BOX * math.sqrt(part)
     gap = Grid.nodes_within(well, box, min(well.penetration, well.width) / (_GAP * size))
     cold = 1.0 - np.minimum(pair.temperatures / well.temperature, 1.0)
-    first, second = _VELOCITY / ((1.0 + 0.3 * cold.max()) * (1.0 + 0.6 * cold))
+    first, second = _VELOCITY / ((1.0 + 0.2 * cold.max()) * (1.0 + 0.25 * cold))
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
     step = min(0.32 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
     center, first, second = (

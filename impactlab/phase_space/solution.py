@@ -15,7 +15,7 @@ from impactlab.ensemble import cores
 from impactlab.errors import InvalidInput, NoExactReference, warn
 from impactlab.memory import available
 from impactlab.network import Network
-from impactlab.phase_space.convergence import Convergence, Values
+from impactlab.phase_space.convergence import RELATIVE_BALANCES, Convergence
 from impactlab.phase_space.law import FokkerPlanckReference
 from impactlab.phase_space.march import March
 from impactlab.phase_space.pair import Pair, Well
@@ -26,8 +26,8 @@ from impactlab.phase_space.settings import LADDER, coarser, finer, rule
 _PILOTS = (0.6, 0.02), (0.8, 0.005)
 """Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
-_STANDARD = 1e-4
-"""Tolerance that the rule is for; it goes with the logarithm of the tolerance."""
+_STANDARD, _LEAST = 1e-4, 0.5
+"""Tolerance that the rule is for, its nodes going with the logarithm of the tolerance; and the least part of them."""
 
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
@@ -35,7 +35,7 @@ _MARGIN = 1.25
 _INTERVAL, _TOGETHER, _MOST = 0.2, 16, 128
 """Time between snapshots in slowest relaxation times, their number in an extrapolation, and in all."""
 
-_SETTLED, _CALM = 0.15, 2
+_SETTLED, _CALM = 0.1, 2
 """Changes by the last snapshots, in tolerances, and how many of them must be so small."""
 
 _ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
@@ -113,27 +113,28 @@ class _Solver:
         density = last.start()
         for part, settled in _PILOTS:
             pilot = self._propagator(self.pair.well(temperature), given, part)
-            density, values = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = float((self.pair.mass * values["mean_square_velocity"]).max())
+            density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
+            kinetic = float((self.pair.mass * found.values["mean_square_velocity"]).max())
             temperature, last = min(_MARGIN * kinetic, hottest), pilot
         well = self.pair.well(temperature)
-        fine = self._propagator(well, given, math.log(self.tolerance) / math.log(_STANDARD))
+        part = max(math.log(self.tolerance) / math.log(_STANDARD), _LEAST)
+        fine = self._propagator(well, given, part)
         kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
         free = [name for name in Basis._fields if name not in kept]
         for _ in range(_MOST_LEVELS):
-            density, found = self._converged(fine, fine.taken_from(last, density))
-            poor = found.insufficient(self.tolerance, free)
+            density, errors = self._converged(fine, fine.taken_from(last, density))
+            poor = errors.insufficient(self.tolerance, free)
             if not poor:
-                if found.insufficient(self.tolerance, Basis._fields):
-                    warn(f"The basis that was given leaves errors above {self.tolerance:g}: {found.summary()}.")
-                return FokkerPlanckReference(network, fine, density, found)
+                if errors.insufficient(self.tolerance, Basis._fields):
+                    warn(f"The basis that was given leaves errors above {self.tolerance:g}: {errors.summary()}.")
+                return FokkerPlanckReference(network, fine, density, errors)
             basis = fine.basis
             for name, excess in poor.items():
                 basis = finer(well, basis, name, excess)
             last, fine = fine, Propagator(self.pair, well, self._affordable(basis))
         raise NoExactReference(
             f"The statistics are not accurate to {self.tolerance:g} with {fine.basis.unknowns:.3g} unknowns: "
-            f"{found.summary()}. Ask for a larger tolerance, or give a basis."
+            f"{errors.summary()}. Ask for a larger tolerance, or give a basis."
         )
 
     def _propagator(self, well: Well, given: Mapping[str, Any], part: float = 1.0) -> Propagator:
@@ -156,21 +157,20 @@ class _Solver:
         The longest steps, which take the least time, come first; other directions are changed from the result.
         """
         settled, changed = _SETTLED * self.tolerance, {}
-        long = LADDER[-1]
-        density, changed[long] = self._stationary(self._coarser(fine, long), density, settled)
-        density, values = self._stationary(fine, density, settled)
+        density, twice = self._stationary(self._coarser(fine, LADDER[-1]), density, settled)
+        density, found = self._stationary(fine, density, settled)
         for name in LADDER[:-1]:
             other = self._coarser(fine, name)
-            changed[name] = self._stationary(other, other.taken_from(fine, density), settled, values)[1]
-        return density, Convergence(values, {name: changed[name] for name in LADDER}, Reading(fine, density).balances)
+            changed[name] = self._stationary(other, other.taken_from(fine, density), settled, found)[1].values
+        return density, Convergence(found.values, changed | {LADDER[-1]: twice.values}, found.balances)
 
     def _coarser(self, fine: Propagator, name: str) -> Propagator:
         return Propagator(self.pair, fine.well, coarser(fine.well, fine.basis, name))
 
     def _stationary(
-        self, propagator: Propagator, density: np.ndarray, tolerance: float, other: Values | None = None
-    ) -> tuple[np.ndarray, Values]:
-        """March until statistics are stationary, with reduced-rank extrapolation; return the density and these.
+        self, propagator: Propagator, density: np.ndarray, tolerance: float, other: Reading | None = None
+    ) -> tuple[np.ndarray, Reading]:
+        """March until statistics are stationary, with reduced-rank extrapolation; return the density and its reading.
 
         That is the combination of snapshots between which there is the least change (Smith, Ford
         and Sidi, SIAM Rev. 29, 1987, 199). Where statistics are compared with others, a fifth of the
@@ -178,12 +178,12 @@ class _Solver:
         """
         march = March(propagator, self.pool)
         steps = max(1, round(_INTERVAL / self.pair.rate / propagator.basis.step))
-        values = _flat(Reading(propagator, density).values)
+        values = _flat(Reading(propagator, density))
         snapshots, calm = [density], 0
         for _ in range(_MOST):
             snapshots.append(march(snapshots[-1], steps))
             density = propagator.normalized(_extrapolated(snapshots))
-            found = Reading(propagator, density).values
+            found = Reading(propagator, density)
             last, values = values, _flat(found)
             if not np.isfinite(values).all():
                 break
@@ -232,6 +232,7 @@ def _apart(values: np.ndarray, others: np.ndarray) -> float:
     return float((np.abs(values - others) / np.maximum(np.abs(values), 1e-300)).max())
 
 
-def _flat(values: Values) -> np.ndarray:
-    """Return the statistics that a tolerance is for."""
-    return np.concatenate([value for name, value in values.items() if name != "contact_rate"])
+def _flat(reading: Reading) -> np.ndarray:
+    """Return the statistics that a tolerance is for, and balances as what should be 1."""
+    statistics = [value for name, value in reading.values.items() if name != "contact_rate"]
+    return np.concatenate([*statistics, *(1.0 + reading.balances[name] for name in RELATIVE_BALANCES)])
