@@ -181,7 +181,8 @@ def test_nodes_are_close_where_the_contact_works():
     grid, well = own.grid, own.well
     assert (np.diff(grid.cells) <= 0.0).all()
     np.testing.assert_allclose(grid.at(grid.coordinate(grid.nodes)), grid.nodes, atol=1e-9 * well.width)
-    assert well.penetration / grid.fine > 6.0 and well.width / grid.coarse > 2.0
+    assert well.penetration / grid.fine > 6.0
+    assert well.width / grid.coarse > 2.0
     assert grid.nodes[grid.before] == pytest.approx(own.pair.first_node * grid.cells[grid.before], rel=2e-2)
     low, high = well.ends(own.basis.box)
     assert grid.nodes[0] == pytest.approx(low, abs=grid.coarse)
