@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.phase_space.pair import Well
-from impactlab.phase_space.waves import onto_waves, waves_of
+from impactlab.phase_space.waves import evaluation, interpolation, onto_waves, waves_of
 
 _COARSE = 3.0
 """Cells far from the contact, in half widths of the well, where those in it are in penetrations."""
@@ -132,21 +132,14 @@ class Grid:
                 break
         return np.asarray(places)
 
-    @cached_property
-    def _waves(self) -> tuple[np.ndarray, np.ndarray]:
-        return waves_of(self.places)
-
     def values(self, places: np.ndarray) -> np.ndarray:
         """Return the matrix from values at the nodes to those at some s."""
-        waves, _ = self._waves
-        there = np.exp(1j * np.outer(places, waves)) / self.count
-        return np.asarray((there @ onto_waves(self.places, waves)).real)
+        return evaluation(self.places, places)
 
     def taken_from(self, other: Grid) -> np.ndarray:
         """Return the matrix from probabilities at another grid's nodes to those at these, 0 outside."""
-        places = other.coordinate(self.nodes)
-        inside = (places >= other.places[0] - 0.5) & (places <= other.places[-1] + 0.5)
-        return np.where(inside[:, None], other.values(places) * np.divide.outer(self.cells, other.cells), 0.0)
+        matrix = interpolation(other.places, other.coordinate(self.nodes))
+        return np.asarray(matrix * np.divide.outer(self.cells, other.cells))
 
     @cached_property
     def modes(self) -> Modes:
@@ -156,7 +149,7 @@ class Grid:
         eigenvectors are the waves: a drift multiplies them by phases, and keeps the probability. The
         shortest ones are filtered by their number in s, whatever the size of the cells.
         """
-        waves, there = self._waves
+        waves, there = waves_of(self.places)
         back, root = onto_waves(self.places, waves), np.sqrt(self.cells)
         derivative = ((there * (1j * waves)) @ back).real / np.outer(root, root)
         numbers, vectors = np.linalg.eigh(-0.5j * (derivative - derivative.T))

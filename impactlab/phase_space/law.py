@@ -49,7 +49,8 @@ class FokkerPlanckReference(Densities):
         -------
         xarray.Dataset
             Variables as those of `simulate`; each has an ``<name>_error``, the sum of the errors of
-            all directions of the basis. The attribute ``basis`` holds the numbers of nodes and the step.
+            all directions of the basis, at least that of the balances. The attribute ``basis`` holds
+            the basis.
         """
         dataset = self._dataset(self.errors.values)
         for name, error in self._dataset(self.errors.total).data_vars.items():
@@ -60,7 +61,7 @@ class FokkerPlanckReference(Densities):
 
     @property
     def basis(self) -> dict[str, float]:
-        """Numbers of nodes and the step (s), as `fokker_planck` takes them."""
+        """Numbers of nodes, size of the box and step (s), as `fokker_planck` takes them."""
         return self.propagator.basis._asdict()
 
     def convergence(self) -> xr.Dataset:
@@ -86,7 +87,11 @@ class FokkerPlanckReference(Densities):
             getattr(coarser(self.propagator.well, self.propagator.basis, name), name.split()[0])
             for name in self.errors.coarser
         ]
-        dataset["basis"] = ("direction", np.array(changed, dtype=float), {"long_name": "nodes, or step in s"})
+        dataset["basis"] = (
+            "direction",
+            np.array(changed, dtype=float),
+            {"long_name": "nodes, half the box in standard deviations, or step in s"},
+        )
         for name, value in self.errors.balances.items():
             attrs = {"units": "1", "long_name": name.replace("_", " of ")}
             dataset[name] = (

@@ -23,13 +23,17 @@ def onto_waves(places: np.ndarray, waves: np.ndarray | None = None) -> np.ndarra
     return np.exp(-1j * np.outer(waves, places))
 
 
+def evaluation(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the matrix from values at nodes to values at places, with the period of the box."""
+    waves = waves_of(nodes)[0]
+    return np.asarray((np.exp(1j * np.outer(places, waves)) / len(nodes) @ onto_waves(nodes, waves)).real)
+
+
 def interpolation(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the matrix from values at nodes to values at places, 0 outside."""
-    waves = waves_of(nodes)[0]
-    matrix = (np.exp(1j * np.outer(places, waves)) / len(nodes) @ onto_waves(nodes)).real
     cell = nodes[1] - nodes[0]
     inside = (places >= nodes[0] - 0.5 * cell) & (places <= nodes[-1] + 0.5 * cell)
-    return np.where(inside[:, None], matrix, 0.0)
+    return np.where(inside[:, None], evaluation(nodes, places), 0.0)
 
 
 def planes(matrix: np.ndarray) -> np.ndarray:
