@@ -224,7 +224,7 @@ class Block:
         """Call the compiled loop."""
         plan = self.plan
         network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-        how = plan.dissipative, summing, self.now, count, every, phase
+        how = plan.passes, summing, self.now, count, every, phase
         if plan.jumps is None:
             series = self.series._replace(near=self._seen(self.series.near))
             self.loop(

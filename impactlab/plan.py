@@ -79,8 +79,10 @@ class Plan:
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
-    dissipative, time_varying : bool
-        Whether forces depend on velocities, and white noise on time.
+    passes : int
+        How often a kick evaluates forces that depend on velocities, 0 where there are none.
+    time_varying : bool
+        Whether white noise depends on time.
     white : (white,) ndarray of int
         Slots of the bodies under white noise.
     noise_rows : (row,) ndarray of int
@@ -150,7 +152,7 @@ class Plan:
     window: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
-    dissipative: bool
+    passes: int
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
@@ -334,7 +336,7 @@ def make_plan(
     most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     alone = lanes == 1 and not jumping and model.only_touching and not model.time_varying
-    tile_steps, tiles = make_tiles(model, integrator.reach + model.dissipative if alone and integrator.reach else 0)
+    tile_steps, tiles = make_tiles(model, integrator.reach + model.passes if alone and integrator.reach else 0)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
@@ -351,7 +353,7 @@ def make_plan(
         window=window,
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
-        dissipative=model.dissipative,
+        passes=model.passes,
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,

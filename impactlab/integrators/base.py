@@ -128,7 +128,7 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
         blocks,
         f8,
-        b1,
+        i8,
         b1,
         i8,
         i8,
@@ -139,12 +139,13 @@ def _signature(forces: Any, lane: int) -> Any:
 
 ADVANCE = _signature(FORCES, 1)
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, cross, noise, series,
-forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
+forced, state, history, sums, snapshots, step, passes, summing, first, count, every, phase).
 
-It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
-on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
-0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
-bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
+It makes `count` steps, of which `first` is the index of the first. `passes` is how often the forces
+of a kick are evaluated with the velocities that they give, 0 where they depend on none. If
+`summing`, every step adds to the sums. After every `every`-th step, if that is not 0, it writes a
+snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all bodies, force
+of all contacts; `phase` steps have gone since the last one when it begins."""
 
 
 _ADVANCE_OF_ONE = _signature(FORCES_OF_ONE, 0)

@@ -32,7 +32,7 @@ from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapsho
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model, kept
 
-_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
+_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V, _HALF_STEP = range(COEFFICIENTS, COEFFICIENTS + 6)
 
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
@@ -117,7 +117,13 @@ class ExactFlow(Integrator):
         for slots, system in flowing_systems(model):
             response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
         constant = np.column_stack(
-            [step**2 / 12.0 / model.mass, step / model.mass, 0.5 * step / model.mass, *response.T]
+            [
+                step**2 / 12.0 / model.mass,
+                step / model.mass,
+                0.5 * step / model.mass,
+                *response.T,
+                np.full_like(model.mass, 0.5 * step),
+            ]
         )
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
@@ -235,7 +241,7 @@ def _over(number: float, frequency: float) -> float:
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
-    step, dissipative, summing, first, count, every, phase,
+    step, passes, summing, first, count, every, phase,
 ):  # fmt: skip
     cross, noise, series, forced = borrow(cross), borrow(noise), borrow(series), borrow(forced)
     state, history, sums = borrow(state), borrow(history), borrow(sums)
@@ -276,7 +282,7 @@ def _advance(  # type: ignore[no-untyped-def]
         if series.bodies.shape[0]:
             add_response(series, now % NEAR + 1, 1.0, x, v)
         kick(
-            forces, parameters, indices, coefficients, dissipative, state.rest, x, v, y, middle, total, indentation,
+            forces, parameters, indices, coefficients, passes, state.rest, x, v, y, middle, total, indentation,
             contact_force,
         )  # fmt: skip
         if summing:
@@ -291,14 +297,16 @@ def _advance(  # type: ignore[no-untyped-def]
 
 @kernel
 def kick(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, dissipative, rest, x, v, y, middle, total, indentation, contact_force,
+    forces, parameters, indices, coefficients, passes, rest, x, v, y, middle, total, indentation, contact_force,
 ):  # fmt: skip
     """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
     # the conservative force at x says where the kick is read
-    forces(x, rest, parameters, indices, indentation, contact_force, total)
+    forces(x, rest, rest, 0.0, parameters, indices, indentation, contact_force, total)
     scaled_sum(x, coefficients, _SHIFT, total, y)
-    forces(y, v, parameters, indices, indentation, contact_force, total)
-    if dissipative:  # once more, with the velocity in the middle of the kick
+    if passes == 0:
+        forces(y, v, v, 0.0, parameters, indices, indentation, contact_force, total)
+    for _ in range(passes):  # each force is solved for its own velocity, with the other forces of the pass before
         scaled_sum(v, coefficients, _HALF_KICK, total, middle)
-        forces(y, middle, parameters, indices, indentation, contact_force, total)
+        half_step = coefficients[0, _HALF_STEP, 0]
+        forces(y, v, middle, half_step, parameters, indices, indentation, contact_force, total)
     apply_kick(coefficients, _KICK, total, v, middle)

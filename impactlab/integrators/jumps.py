@@ -94,7 +94,7 @@ ADVANCE_JUMPS = void(
     ),
     _typeof(Sums(_FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES)),
     f8[:, :, ::1],
-    b1,
+    i8,
     b1,
     i8,
     i8,
@@ -102,7 +102,7 @@ ADVANCE_JUMPS = void(
     i8,
 )  # fmt: skip
 """Signature of the loop that jumps: (forces, parameters, indices, coefficients, jumps, noise, state, history,
-work, sums, snapshots, dissipative, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
+work, sums, snapshots, passes, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
 `every` are multiples of the longest interval."""
 
 
@@ -157,7 +157,7 @@ def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, dissipative,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, passes,
     summing, first, count, every, phase,
 ):  # fmt: skip
     jumps, noise, state, history = borrow(jumps), borrow(noise), borrow(state), borrow(history)
@@ -177,7 +177,7 @@ def _advance(  # type: ignore[no-untyped-def]
         last = 0
         if near:
             last = approach(
-                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
+                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
                 summing, interval, near, x, v, after_x, after_v,
             )  # fmt: skip
         if summing:

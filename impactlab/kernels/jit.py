@@ -36,13 +36,13 @@ BLOCK = f8[:, ::1]
 BLOCK_OF_ONE = f8[::1]
 """The same of one lane; see `impactlab.kernels.single`."""
 
-FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
+FORCES = types.FunctionType(void(BLOCK, BLOCK, BLOCK, f8, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
 """Type of the function that is generated for a network's forces."""
 
-FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
+FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 3, f8, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
 
-_EVALUATE = void(FORCES, *FORCES.signature.args)
-_EVALUATE_ONE = void(FORCES_OF_ONE, *FORCES_OF_ONE.signature.args)
+_EVALUATE = void(FORCES, *[BLOCK] * 2, f8[::1], i8[::1], *[BLOCK] * 3)
+_EVALUATE_ONE = void(FORCES_OF_ONE, *[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3)
 
 config: Any = numba.config
 _unpack_tuple: Any = cgutils.unpack_tuple
@@ -87,12 +87,15 @@ def timetable(function: Function) -> Function:
 
 
 def evaluate(forces: Any, x: np.ndarray, *arrays: np.ndarray) -> None:
-    """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
+    """Call a network's forces once, at these velocities, for what is outside the loops.
+
+    `arrays` are velocities, parameters, indices, and the results: indentation, contact force, total.
+    """
     loop(_EVALUATE if x.ndim == 2 else _EVALUATE_ONE, _evaluate)(forces, x, *arrays)
 
 
 def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
-    forces(x, v, parameters, indices, indentation, contact_force, total)
+    forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
 
 
 def scalar(function: Function) -> Function:
