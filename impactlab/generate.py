@@ -30,8 +30,8 @@ _MODULES = {math: "math", np: "np"}
 _TAKEN = frozenset({
     "at", "body", "clear", "clearance", "contact_force", "count", "differences", "extension", "first", "force",
     "forces_of", "forces_on", "gap", "gaps", "gather", "indentation", "index", "indices", "lane", "math", "max",
-    "half_step", "member", "middle", "mobility", "np", "parameters", "range", "rate", "response", "result", "row", "run",
-    "second", "slot", "some_v", "some_x", "start", "times", "total", "v", "velocity", "x",
+    "half_step", "member", "middle", "mobility", "np", "parameters", "range", "rate", "response", "result", "row",
+    "run", "second", "slot", "some_v", "some_x", "start", "times", "total", "v", "velocity", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -63,7 +63,7 @@ _TIMETABLES = {
 
 _SLOWING = '''
 @scalar
-def {name}_slowed({place}, speed, response{fields}):
+def {name}_slowed({place}, speed, response, accuracy{fields}):
     """Solve ``r + response force(r) = speed`` for r by secants, bracketed if they can be."""
     given = response * {speed}
     end, result, off_end, off = speed, speed, given, 0.0
@@ -71,7 +71,7 @@ def {name}_slowed({place}, speed, response{fields}):
         nudged = response * {nudged}
         result = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
         off = result - speed + response * {result}
-    enough = 1e-12 * (abs(speed) + abs(given))
+    enough = accuracy * abs(given)
     for _ in range(50):
         if abs(off) <= enough or abs(result - end) <= enough or off == off_end:
             break
@@ -90,11 +90,11 @@ def {name}_over_kick({place}, speed, response{fields}):
     """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
     force = {speed}
     if response > 0.0 and force != 0.0:
-        middle = {name}_slowed({place}, speed, response{fields})
+        middle = {name}_slowed({place}, speed, response, 0.01{fields})
         drop = speed - middle
         if drop != 0.0:
             stretched = response * stretch(2.0 * (response * force - drop) / drop)
-            middle = {name}_slowed({place}, speed, stretched{fields})
+            middle = {name}_slowed({place}, speed, stretched, 1e-6{fields})
             force = (speed - middle) / stretched
     return force
 '''

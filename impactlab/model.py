@@ -152,8 +152,8 @@ class Model:
         for slot, contact in enumerate(network.contacts.values()):
             kind = Kind("force", type(contact.law), "force")
             mobility = float(inverse_mass[list(ends[slot])].sum())
-            leading = (contact.clearance, mobility) if kind.slows else (contact.clearance,)
-            members.setdefault(kind, []).append((contact.law, (slot,), leading))
+            extra = (contact.clearance, mobility) if kind.slows else (contact.clearance,)
+            members.setdefault(kind, []).append((contact.law, (slot,), extra))
         for (name, coupling), pair in zip(network.couplings.items(), coupled, strict=True):
             kind = Kind("coupling", type(coupling.law), "force")
             members.setdefault(kind, [])  # also without a row: the text does not depend on what flows
@@ -162,8 +162,7 @@ class Model:
         for slot, body in enumerate(bodies):
             if body.has_kernel("residual"):
                 kind = Kind("residual", type(body), "residual")
-                leading = (1.0 / body.mass,) if kind.slows else ()
-                members.setdefault(kind, []).append((body, (slot,), leading))
+                members.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
         for row, slot in enumerate(by_kind["force"]):
             item = excited[slot]
             members.setdefault(Kind("forcing", type(item), "force"), []).append((item, (row,), ()))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.component import finite, suggestion
+from impactlab.dissipation import damping_step
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
 from impactlab.kinks import kink_step
@@ -77,7 +78,7 @@ def choose_step(model: Model, integrator: Integrator, stiffening: Stiffening, gi
                 f"safe one is {largest:.3g} s, {integrator.recommended_step(model, *stiffness):.3g} s is recommended."
             )
         return given
-    step = integrator.recommended_step(model, *stiffness)
+    step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))
     if integrator.kicks:
         step = min(step, kink_step(model, stiffening), series_step(model))
     if not math.isfinite(step):

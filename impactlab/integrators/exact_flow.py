@@ -48,8 +48,9 @@ class ExactFlow(Integrator):
     remaining forces R. The kick and every statistic of contacts and positions are read
     at ``y = x + (h²/12) R(x)/m``: for conservative forces this is the force-gradient
     correction of a fourth-order splitting to its order, without the derivative of any
-    force (Chin, Phys. Lett. A 226, 1997, 344). Forces that depend on velocities are
-    evaluated at the velocity in the middle of the kick, in two passes. Without contacts
+    force (Chin, Phys. Lett. A 226, 1997, 344). A force that depends on a velocity is solved for
+    the one at which it acts: that in the middle of the kick where it is a weak damper, nearly
+    that after it where it is a strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
     given forces as constant over a step.
 
