@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Group
-from impactlab.kernels.sums import FF, FV, FX, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import FF, FV, FX, KICK_ROWS, PAIR_ROWS, VV, XV, XX, F, V, X
 
 _OWN = np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
 
@@ -16,7 +16,9 @@ def weighted_sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
     return total
 
 
-def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndarray) -> dict[str, np.ndarray]:
+def joint_statistics(
+    group: Group, step: float, s: np.ndarray, products: np.ndarray, begun: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
     """Return the moments over the time of a step of the bodies of a group, and their balances.
 
     Mean squares are (kick + 2 middle of the flow)/3, Simpson's rule; those in the middle follow
@@ -37,13 +39,21 @@ def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndar
         Means of the rows of sums of its bodies.
     products : (9, pair, unit) ndarray
         Means of the sums over its pairs, in the order of `numpy.triu_indices`.
+    begun : (9, body, unit) ndarray, optional
+        In a transient, the means over the kicks with which flows begin; the same of pairs follow in `products`.
     """
     count, system, increment = len(group.slots), group.system, step / group.system.mass[:, None]
-    after, kicks = _second_moments(increment, s, products)
+    after, kicks = _second_moments(increment, s, products[:PAIR_ROWS])
+    if begun is not None:
+        after, _ = _second_moments(increment, begun[:KICK_ROWS], products[PAIR_ROWS:])
     middle = np.array([np.outer(row, row).ravel() for row in group.middle_transition])
     at_middle = weighted_sum(middle.T, after) + np.diag(group.middle_covariance)[:, None]
     square = (np.concatenate([s[XX], s[VV]]) + 2.0 * at_middle) / 3.0
     result = {"mean_square_displacement": square[:count], "mean_square_velocity": square[count:]}
+    if begun is not None:
+        z = np.concatenate([begun[X], begun[V] + 0.5 * increment * begun[F]])
+        mean = (np.concatenate([s[X], s[V]]) + 2.0 * weighted_sum(group.middle_transition.T, z[:, None])) / 3.0
+        result |= {"mean_displacement": mean[:count], "mean_velocity": mean[count:]}
     law = system.covariance
     if law is None or not system.rates.all():
         return result
@@ -63,9 +73,9 @@ def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndar
     offset = s[X] - weighted_sum(at_kicks[:count].T, s[F, :, None])
     free = system.free[:, None]
     return {
-        **result,
         "mean_displacement": np.where(free, s[X], mean[:count]),
         "mean_velocity": mean[count:],
+        **result,
         "balance_mean_displacement": np.where(free, np.nan, offset),
         "balance_mean_square_displacement": np.where(free, np.nan, off[:count]),
         "balance_mean_square_velocity": off[count:],

@@ -16,6 +16,7 @@ from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
+from impactlab.kernels.sums import KICK_ROWS, STATE_ROWS
 from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
@@ -33,6 +34,7 @@ from impactlab.rules import (
     MOST_SAMPLES,
     RELAXATION_TIMES,
     SETTLED,
+    TRANSIENT,
     batch_count,
     block_shape,
     check_periods,
@@ -205,6 +207,26 @@ class Plan:
         return not transient and bool(len(self.white) or self.lines)
 
     @property
+    def random(self) -> bool:
+        """Whether there is anything random."""
+        return bool(self.lines or self.intensity.any())
+
+    @property
+    def transient(self) -> bool:
+        """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
+
+        Sums then have rows for it; see `impactlab.kernels.sums`.
+        """
+        return not (self.sampled or (self.steady and self.settled and self.relaxation > 0.0))
+
+    @property
+    def rows(self) -> int:
+        """Rows of the sums over bodies that the loop makes."""
+        if not self.integrator.kicks:
+            return STATE_ROWS
+        return KICK_ROWS + bool(self.lines or len(self.forced))
+
+    @property
     def grouped(self) -> np.ndarray:
         """Whether each body is in a group of `flows`, (body,) of bool."""
         groups = self.flows.groups if self.flows is not None else ()
@@ -287,14 +309,16 @@ def make_plan(
         spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
-    stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    stiffening = Stiffening.of(model, energies(model, start, duration, spin_up))
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = choose_step(model, integrator, stiffening, given)
+    chosen = choose_step(model, integrator, stiffening, given, -spin_up, duration)
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
+    if given is None and not settled and not model.nonlinear_bodies.any():
+        chosen *= TRANSIENT
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
