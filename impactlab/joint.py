@@ -52,8 +52,8 @@ def joint_statistics(
     result = {"mean_square_displacement": square[:count], "mean_square_velocity": square[count:]}
     if begun is not None:
         z = np.concatenate([begun[X], begun[V] + 0.5 * increment * begun[F]])
-        mean = (np.concatenate([s[X], s[V]]) + 2.0 * weighted_sum(group.middle_transition.T, z[:, None])) / 3.0
-        result |= {"mean_displacement": mean[:count], "mean_velocity": mean[count:]}
+        result["mean_displacement"] = (s[X] + 2.0 * weighted_sum(group.middle_transition[:count].T, z[:, None])) / 3.0
+        result["mean_velocity"] = 2.0 / step * (s[X] - begun[X])  # half of the states at both ends are in the others
     law = system.covariance
     if law is None or not system.rates.all():
         return result

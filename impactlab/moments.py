@@ -134,20 +134,22 @@ def _processed(
 def _over_time(plan: Plan, flows: Flows, begun: np.ndarray, at_kicks: Values, closed: np.ndarray) -> Values:
     """Moments over the time of a transient by Simpson's rule, (kick + 2 middle of the flow)/3.
 
-    Those in the middle follow from those of the kicks with which the flows of each phase begin.
+    Those in the middle follow from those of the kicks with which the flows of each phase begin. The mean
+    velocity is the way from start to end.
     """
     x, v, xx, xv, vv = _after_kicks(begun, _increment(plan))
     a, q = flows.middle_transition, flows.middle_covariance
     intensity = begun[:, INTENSITY - BEGUN]
     closed = (closed & ~plan.grouped)[:, None]
-    result = {}
+    middle = {"mean_displacement": (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).sum(axis=0)}
     for row, quantity in enumerate(("displacement", "velocity")):
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
-        mean = (of_x * x + of_v * v).sum(axis=0)
         square = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None] * intensity
-        for name, middle in ((f"mean_{quantity}", mean), (f"mean_square_{quantity}", square.sum(axis=0))):
-            result[name] = np.where(closed, (at_kicks[name] + 2.0 * middle) / 3.0, at_kicks[name])
-    return result
+        middle[f"mean_square_{quantity}"] = square.sum(axis=0)
+    over_time = {name: (at_kicks[name] + 2.0 * item) / 3.0 for name, item in middle.items()}
+    # half of the states at both ends are in the others
+    way = {"mean_velocity": 2.0 / plan.step * (at_kicks["mean_displacement"] - begun[:, X].sum(axis=0))}
+    return {**{name: np.where(closed, item, at_kicks[name]) for name, item in over_time.items()}, **way}
 
 
 def _after_kicks(s: np.ndarray, increment: np.ndarray) -> tuple[np.ndarray, ...]:
