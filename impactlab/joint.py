@@ -7,6 +7,9 @@ import numpy as np
 from impactlab.integrators.base import Group
 from impactlab.kernels.sums import FF, FV, FX, KICK_ROWS, PAIR_ROWS, VV, XV, XX, F, V, X
 
+LOAD = "load"
+"""Name of what `mean_load` returns among statistics."""
+
 _OWN = np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
 
 
@@ -14,6 +17,16 @@ def weighted_sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """Sum over the first axis; term by term, so that it does not depend on the number of units."""
     total: np.ndarray = sum(weight[..., None] * moment for weight, moment in zip(weights, moments, strict=True))
     return total
+
+
+def mean_load(over_time: np.ndarray, at_kicks: np.ndarray, at_middle: np.ndarray) -> np.ndarray:
+    """Return what Simpson's rule lacks of the square of a mean displacement, which is known otherwise over time.
+
+    Where a static load holds a body away from 0, friction over a step puts Simpson's mean square off by a small part
+    of the square of the mean, which may be many times the variance. The variance is that by Simpson's rule of
+    squares and squared means alike.
+    """
+    return np.asarray(over_time**2 - (at_kicks**2 + 2.0 * at_middle**2) / 3.0)
 
 
 def joint_statistics(
@@ -50,9 +63,12 @@ def joint_statistics(
     at_middle = weighted_sum(middle.T, after) + np.diag(group.middle_covariance)[:, None]
     square = (np.concatenate([s[XX], s[VV]]) + 2.0 * at_middle) / 3.0
     result = {"mean_square_displacement": square[:count], "mean_square_velocity": square[count:]}
+    earlier = s if begun is None else begun
+    z = np.concatenate([earlier[X], earlier[V] + 0.5 * increment * earlier[F]])
+    at_middle = weighted_sum(group.middle_transition[:count].T, z[:, None])
     if begun is not None:
-        z = np.concatenate([begun[X], begun[V] + 0.5 * increment * begun[F]])
-        result["mean_displacement"] = (s[X] + 2.0 * weighted_sum(group.middle_transition[:count].T, z[:, None])) / 3.0
+        result["mean_displacement"] = simpson = (s[X] + 2.0 * at_middle) / 3.0
+        result[LOAD] = mean_load(simpson, s[X], at_middle)
         result["mean_velocity"] = 2.0 / step * (s[X] - begun[X])  # half of the states at both ends are in the others
     law = system.covariance
     if law is None or not system.rates.all():
@@ -72,6 +88,8 @@ def joint_statistics(
     mean = np.concatenate([s[X], s[V]]) + weighted_sum((over_time - at_kicks).T, s[F, :, None])
     offset = s[X] - weighted_sum(at_kicks[:count].T, s[F, :, None])
     free = system.free[:, None]
+    if begun is None:
+        result[LOAD] = np.where(free, 0.0, mean_load(mean[:count], s[X], at_middle))
     return {
         "mean_displacement": np.where(free, s[X], mean[:count]),
         "mean_velocity": mean[count:],

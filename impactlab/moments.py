@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Flows
-from impactlab.joint import joint_statistics, weighted_sum
+from impactlab.joint import LOAD, joint_statistics, mean_load, weighted_sum
 from impactlab.kernels.sums import (
     BEGUN,
     CLOSED,
@@ -48,6 +48,7 @@ def statistics_of(
     Returns
     -------
     dict of str to (body or contact, unit) ndarray
+        Statistics and balances; under the name `LOAD` what the mean square of the displacement lacks for the variance.
     """
     seen = counts > 0
     complete = seen.all(axis=0)
@@ -61,6 +62,7 @@ def statistics_of(
         "mean_square_displacement": bodies[XX],
         "mean_velocity": bodies[V],
         "mean_square_velocity": bodies[VV],
+        LOAD: np.zeros_like(bodies[X]),
     }
     balances: Values = {}
     if plan.flows is not None:
@@ -105,7 +107,8 @@ def _processed(
 
     Means are shifted by what separates those at the kicks from the mean over time under the
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
-    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
+    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before;
+    see also `mean_load`.
     Only the flow of white noise is closed in this way; other bodies keep the moments at the kick
     for `_open_flow`, and those in groups are left to `joint_statistics`. Where states are
     samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
@@ -128,6 +131,9 @@ def _processed(
         middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
         over_step = middle.mean(axis=0) if of_xx is None else middle.mean(axis=0) + (of_xx, of_vv)[row]
         result[name] = np.where(closed, (at_kicks[name] + 2.0 * over_step) / 3.0, at_kicks[name])
+    at_middle = (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).mean(axis=0)
+    loads = mean_load(result["mean_displacement"], at_kicks["mean_displacement"], at_middle)
+    result[LOAD] = np.where(closed, loads, 0.0)
     return result
 
 
@@ -147,8 +153,11 @@ def _over_time(plan: Plan, flows: Flows, begun: np.ndarray, at_kicks: Values, cl
         square = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None] * intensity
         middle[f"mean_square_{quantity}"] = square.sum(axis=0)
     over_time = {name: (at_kicks[name] + 2.0 * item) / 3.0 for name, item in middle.items()}
+    means = [item["mean_displacement"] for item in (over_time, at_kicks, middle)]
+    over_time[LOAD] = mean_load(*means)
     # half of the states at both ends are in the others
     way = {"mean_velocity": 2.0 / plan.step * (at_kicks["mean_displacement"] - begun[:, X].sum(axis=0))}
+    at_kicks = {**at_kicks, LOAD: np.zeros_like(way["mean_velocity"])}
     return {**{name: np.where(closed, item, at_kicks[name]) for name, item in over_time.items()}, **way}
 
 
