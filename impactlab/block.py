@@ -10,12 +10,12 @@ import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged
+from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.integrators.jumps import jumping_loop, work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
-from impactlab.given import NODES, mean_and_slope
 from impactlab.kernels.sums import (
     BEGUN,
     CLOSED,
@@ -333,7 +333,7 @@ class Block:
     def measure(self) -> BlockResult:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
-        edge = self._edge() if plan.transient else None
+        start = self._edge() if plan.transient else None
         keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
@@ -358,9 +358,9 @@ class Block:
             if plan.jumps is not None:
                 self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
             totals = self.sums.bodies, self.sums.contacts, self.sums.products
-            if edge is not None:
-                first, edge = edge, self._edge()
-                totals = self._over_time(begin, end, first, edge)
+            if start is not None:
+                last = self._edge()
+                totals, start = self._over_time(begin, end, start, last), last
             kept = kept or [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
@@ -378,9 +378,9 @@ class Block:
         x, v = state.x[:-1], state.velocity[:-1]
         f = (state.v[:-1] - v) * (2.0 * mass / plan.step)
         bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
-        first, second = plan.ends.T
+        one, other = plan.ends.T
         contacts = np.zeros_like(self.sums.contacts)
-        contacts[CLOSED] = state.reading[first] - state.reading[second] > plan.clearance[:, None]
+        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.clearance[:, None]
         contacts[FORCE] = state.contact_force
         i, j = plan.pairs.T
         products = np.stack([one[i] * other[j] for one in (x, v, f) for other in (x, v, f)])

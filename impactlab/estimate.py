@@ -104,15 +104,17 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     of_load = whole[LOAD]
     loads = units.pop(LOAD)
     whole.pop(LOAD, None)  # the same dictionary, maybe
-    trusted = plan.trusted and plan.random
-    if plan.random and not plan.trusted:
+    random = bool(plan.random.any())
+    trusted = plan.trusted and random
+    if random and not trusted:
         _warn(plan)
     values, errors, unbalanced = _combined(plan, units, weights, trusted, loads)
     peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
-    errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1 and plan.random)[1]
+    errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
     closings = np.maximum(values["contact_rate"], 0.0) * plan.step * plan.steps * realizations
-    if plan.random:
+    _forget(plan, values, errors)
+    if random:
         scattered = {name: units[name] for name in units if "contact" in name} | {"peak_contact_force": peak}
         for name, item in scattered.items():  # what was the same in all units is not known exactly
             for key in {name, f"direct_{name}"} & set(errors):
@@ -129,6 +131,15 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         unbalanced,
         closings / len(weights),
     )
+
+
+def _forget(plan: Plan, values: Values, errors: Values) -> None:
+    """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
+    of_bodies = ~plan.random
+    of_contacts = ~np.append(plan.random, False)[plan.ends].any(axis=1)
+    for name, error in errors.items():
+        still = of_contacts if "contact" in name else of_bodies
+        error[still] = np.where(values[name][still] != 0.0, np.nan, 0.0)
 
 
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:

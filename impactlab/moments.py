@@ -53,10 +53,8 @@ def statistics_of(
     seen = counts > 0
     complete = seen.all(axis=0)
     means = sums / np.where(seen, counts, 1)[:, None, None]
-    if plan.transient:
-        bodies = sums.sum(axis=0) / counts.sum(axis=0)
-    else:
-        bodies = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
+    of_phases = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
+    bodies = sums.sum(axis=0) / counts.sum(axis=0) if plan.transient else of_phases
     processed = {
         "mean_displacement": bodies[X],
         "mean_square_displacement": bodies[XX],
@@ -88,8 +86,8 @@ def statistics_of(
             found = joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs, after)
             for name, values in found.items():
                 target = balances if name in balances else processed
-                known = complete if name in balances or not plan.transient else np.True_
-                target[name][group.slots] = np.where(known, values, target[name][group.slots])
+                sure = complete | (plan.transient and name not in balances)
+                target[name][group.slots] = np.where(sure, values, target[name][group.slots])
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],

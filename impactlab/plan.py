@@ -97,6 +97,8 @@ class Plan:
         128 bits.
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
+    random : (body,) ndarray of bool
+        Whether noise reaches each body.
     lines : tuple of Lines
     responses : tuple
         What each of `lines` moves; see `impactlab.linear.responses`.
@@ -162,6 +164,7 @@ class Plan:
     starts: np.ndarray
     seed: tuple[int, int]
     intensity: np.ndarray
+    random: np.ndarray
     lines: tuple[Lines, ...]
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
@@ -205,11 +208,6 @@ class Plan:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
         transient = isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced)
         return not transient and bool(len(self.white) or self.lines)
-
-    @property
-    def random(self) -> bool:
-        """Whether there is anything random."""
-        return bool(self.lines or self.intensity.any())
 
     @property
     def transient(self) -> bool:
@@ -385,6 +383,7 @@ def make_plan(
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
+        random=model.random,
         lines=lines,
         responses=moved,
         forced=np.array(model.forced, dtype=np.int64),

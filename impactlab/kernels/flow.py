@@ -159,8 +159,7 @@ def system_response(
     Unit forces, and those that grow from -1 to 1 during the step.
     """
     acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
-    response = _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)
-    return np.stack(response)[:, 0]
+    return _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
 
 
 def _response(drift: np.ndarray, acceleration: np.ndarray, step: float, rate: float) -> np.ndarray:
