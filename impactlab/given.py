@@ -17,10 +17,11 @@ LOOKS = 16384
 SPOTS = 256
 """Of these, times about which it is asked how a step would see the function."""
 
-UNSEEN, MOST = 0.03, 0.9
-"""Largest part of a function that a step may leave out, at this share of the times: a cosine of 0.75 rad in a step,
-twenty steps in the period of a square wave. What is left out has no mean and no slope over the step, so that
-motions hardly feel it; but they themselves vary as fast, and are read once in a step only."""
+UNSEEN, MOST = 0.03, 0.95
+"""Largest part of a function that a step may leave out, at this share of the times: a cosine of 0.5 to 0.7 rad in a
+step, fifty steps in the period of a square wave. What is left out has no mean and no slope over the step, so that
+motions hardly feel it; but they themselves vary as fast, and are read once in a step only. In a square wave, the error
+of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
 
 FINEST = 1e-9
 """Part of a run below which no step is looked for."""
@@ -30,11 +31,11 @@ SHORTER = 0.7
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _WEIGHTS = 0.5 * _WEIGHTS
 
 NODES = 0.5 * (_NODES + 1.0)
-"""Where in a step a function is evaluated, as parts of the step: Gauss's rule with four points."""
+"""Where in a step a function is evaluated, as parts of the step: Gauss's rule with eight points."""
 
 
 def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,9 +94,9 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
         share = np.cumsum(values**2)
         if not (np.isfinite(share[-1]) and share[-1] > 0.0):
             continue
-        chosen = np.searchsorted(share, share[-1] * (np.arange(SPOTS) + 0.5) / SPOTS)
+        chosen = np.searchsorted(share, irregular_times(0.0, share[-1], SPOTS))
         at, value = times[chosen], values[chosen]
-        place = (_GOLDEN * np.arange(1, SPOTS + 1)) % 1.0  # of the time within the step
+        place = (np.sqrt(2.0) * np.arange(1, SPOTS + 1)) % 1.0  # of the time within the step
         step = min(step, end - begin)
         while True:
             first = at - place * step

@@ -12,6 +12,7 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
+from impactlab.given import kinds_of
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
@@ -213,9 +214,11 @@ class Plan:
     def transient(self) -> bool:
         """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
 
-        Sums then have rows for it; see `impactlab.kernels.sums`.
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines, whose mean velocity
+        is known from the states at both ends only.
         """
-        return not (self.sampled or (self.steady and self.settled and self.relaxation > 0.0))
+        steady = self.steady and self.settled and self.relaxation > 0.0 and not self.lines
+        return not (self.sampled or steady)
 
     @property
     def rows(self) -> int:
@@ -315,8 +318,8 @@ def make_plan(
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
-    if given is None and not settled and not model.nonlinear_bodies.any():
-        chosen *= TRANSIENT
+    if given is None and (not settled or kinds_of(model)) and not model.nonlinear_bodies.any():
+        chosen = min(chosen, TRANSIENT * integrator.recommended_step(model, stiffening.links, stiffening.bodies))
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
