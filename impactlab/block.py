@@ -4,18 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged
+from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.integrators.jumps import jumping_loop, work_space
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
+from impactlab.kernels.sums import (
+    BEGUN,
+    CLOSED,
+    CONTACT_ROWS,
+    FORCE,
+    INTENSITY,
+    KICK_ROWS,
+    PAIR_ROWS,
+    SLOTS,
+    TRANSIENT_ROWS,
+    F,
+)
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
 
@@ -50,6 +62,14 @@ class BlockResult:
     records: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
+class Edge(NamedTuple):
+    """What the state at one moment is worth in the sums."""
+
+    bodies: np.ndarray  # (row, body, lane)
+    contacts: np.ndarray  # (row, contact, lane)
+    products: np.ndarray  # (row, pair, lane)
+
+
 class Block:
     """The arrays of one block while it runs."""
 
@@ -62,6 +82,7 @@ class Block:
         self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
         self.realizations = plan.realizations_of(index)
         self.now = 0
+        self.intensity = np.zeros((plan.integrator.phases, len(plan.white)))  # of each phase, by that of the plan
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
@@ -71,7 +92,7 @@ class Block:
         self.state = State(*blocks)
         past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
         self.history = History(*past)
-        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, plan.own_bodies, lanes
+        shape = plan.integrator.phases, plan.rows, plan.own_bodies, lanes
         self.sums = Sums(
             np.zeros(shape),
             np.zeros((CONTACT_ROWS, plan.own_contacts, lanes)),
@@ -184,6 +205,7 @@ class Block:
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
+        state.slope_x[:] = state.total
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
@@ -248,17 +270,19 @@ class Block:
         plan = self.plan
         scale = self.scale
         if plan.time_varying:
-            middles = self._times(count, 1, 0.5)[:count]
-            intensity = np.empty((count, len(plan.white)))
-            self.module.intensity(middles, plan.parameters, plan.indices, intensity)
-            wrong = np.flatnonzero(~(intensity >= 0.0).all(axis=1))
+            times, intensity = self._inside(count, self.module.intensity, len(plan.white))
+            wrong = np.argwhere(~(intensity >= 0.0))
             if wrong.size:
                 raise Diverged(
                     "The spectral density of a white noise is negative or not a number near "
-                    f"t = {middles[wrong[0]]:g} s."
+                    f"t = {times[tuple(wrong[0, [0, 2]])]:g} s."
                 )
+            mean = mean_and_slope(intensity)[0] / plan.intensity
+            phases = plan.integrator.phases
+            for phase in range(phases):
+                self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
             rows = np.searchsorted(plan.white, plan.noise_rows)
-            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
+            scale = np.ascontiguousarray(np.sqrt(mean)[:, rows])
         return Noise(
             plan.noise_rows,
             plan.noise_runs,
@@ -274,16 +298,26 @@ class Block:
         plan = self.plan
         if not len(plan.forced):
             return Forced(plan.forced, np.zeros((0, 0)))
+        if plan.integrator.takes_response:
+            parts = mean_and_slope(self._inside(count, self.module.forcing, len(plan.forced))[1])
+            return Forced(plan.forced, np.stack(parts, axis=1).reshape(-1, len(plan.forced)))
         per_step = plan.integrator.samples_per_step
-        times = self._times(count, per_step, 0.5 if plan.integrator.takes_response else 0.0)
+        first = (self.now - plan.spin_up_steps) * per_step
+        times = (first + np.arange(count * per_step + 1)) * (plan.step / per_step)
         force = np.empty((len(times), len(plan.forced)))
         self.module.forcing(times, plan.parameters, plan.indices, force)
         return Forced(plan.forced, force)
 
-    def _times(self, count: int, per_step: int, offset: float) -> np.ndarray:
-        """Times of the samples of the next steps; the measurement begins at 0."""
-        first = (self.now - self.plan.spin_up_steps) * per_step
-        return (first + offset + np.arange(count * per_step + 1)) * (self.plan.step / per_step)
+    def _inside(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return times inside the next steps, and what a table has there, (step, node) and (step, row, node).
+
+        The measurement begins at 0.
+        """
+        plan = self.plan
+        times = (self.now - plan.spin_up_steps + np.arange(count)[:, None] + NODES) * plan.step
+        values = np.empty((times.size, rows))
+        table(times.ravel(), plan.parameters, plan.indices, values)
+        return times, values.reshape(count, len(NODES), rows).transpose(0, 2, 1)
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
@@ -299,6 +333,7 @@ class Block:
     def measure(self) -> BlockResult:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
+        start = self._edge() if plan.transient else None
         keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
@@ -309,8 +344,7 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        totals = self.sums.bodies, self.sums.contacts, self.sums.products
-        kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
+        kept: list[np.ndarray] = []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
             self._clear_sums()
@@ -323,13 +357,61 @@ class Block:
             self._collect_sums()
             if plan.jumps is not None:
                 self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
+            totals = self.sums.bodies, self.sums.contacts, self.sums.products
+            if start is not None:
+                last = self._edge()
+                totals, start = self._over_time(begin, end, start, last), last
+            kept = kept or [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
             begin = end
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
+    def _edge(self) -> Edge:
+        """Return what the state, of which a kick has just been made, adds to the sums."""
+        plan, state = self.plan, self.state
+        if not plan.integrator.kicks:
+            state.reading[:], state.velocity[:] = state.x, state.v
+            self._evaluate(state.reading, state.velocity)
+        mass = plan.linear[0][:, None]
+        x, v = state.x[:-1], state.velocity[:-1]
+        f = (state.v[:-1] - v) * (2.0 * mass / plan.step)
+        bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
+        one, other = plan.ends.T
+        contacts = np.zeros_like(self.sums.contacts)
+        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.clearance[:, None]
+        contacts[FORCE] = state.contact_force
+        i, j = plan.pairs.T
+        products = np.stack([one[i] * other[j] for one in (x, v, f) for other in (x, v, f)])
+        return Edge(bodies, contacts, products)
+
+    def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
+
+        Sums over kicks are of those that end the steps, other sums of the states that begin them.
+        """
+        plan, sums = self.plan, self.sums
+        kicks, phases = plan.integrator.kicks, plan.integrator.phases
+        half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
+        bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
+        bodies[:, : plan.rows] = sums.bodies
+        count = KICK_ROWS if kicks else plan.rows
+        bodies[0, :count] += half[0][:count]
+        products = sums.products + half[2]
+        if kicks:
+            # the flow of each step begins at the kick before, of the phase before
+            bodies[:, BEGUN:INTENSITY] = np.roll(sums.bodies[:, :count], 1, axis=0)
+            bodies[(plan.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
+            bodies[(plan.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
+            bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
+            if plan.time_varying:
+                bodies[:, INTENSITY, plan.white] = self.intensity[..., None]
+            products = np.concatenate([products, sums.products + first.products - last.products])
+        return bodies, sums.contacts + half[1], products
+
     def _clear_sums(self) -> None:
+        self.intensity = np.zeros((self.plan.integrator.phases, len(self.plan.white)))
         for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
             total[:] = 0.0
 

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.errors import warn
+from impactlab.joint import LOAD
 from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
 from impactlab.moments import Values, statistics_of
 from impactlab.plan import Plan
@@ -100,14 +101,19 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         )
         whole = {name: item[:, :realizations] for name, item in both.items()}
         units = {name: item[:, realizations:] for name, item in both.items()}
-    random = bool(len(plan.white) or plan.lines)
-    if not plan.trusted and random:
+    of_load = whole[LOAD]
+    loads = units.pop(LOAD)
+    whole.pop(LOAD, None)  # the same dictionary, maybe
+    random = bool(plan.random.any())
+    trusted = plan.trusted and random
+    if random and not trusted:
         _warn(plan)
-    values, errors, unbalanced = _combined(plan, units, weights, plan.trusted)
+    values, errors, unbalanced = _combined(plan, units, weights, trusted, loads)
     peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
     closings = np.maximum(values["contact_rate"], 0.0) * plan.step * plan.steps * realizations
+    _forget(plan, values, errors)
     if random:
         scattered = {name: units[name] for name in units if "contact" in name} | {"peak_contact_force": peak}
         for name, item in scattered.items():  # what was the same in all units is not known exactly
@@ -115,7 +121,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
                 errors[key][np.ptp(item, axis=-1) == 0.0] = np.nan
         if plan.trusted:
             _warn_of_rare(plan, closings)
-    variance = whole["mean_square_displacement"] - whole["mean_displacement"] ** 2
+    variance = np.maximum(whole["mean_square_displacement"] + of_load - whole["mean_displacement"] ** 2, 0.0)
     by_realization = {**whole, "variance_displacement": variance, "peak_contact_force": peak}
     return Estimates(
         values,
@@ -127,13 +133,24 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     )
 
 
+def _forget(plan: Plan, values: Values, errors: Values) -> None:
+    """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
+    of_bodies = ~plan.random
+    of_contacts = ~np.append(plan.random, False)[plan.ends].any(axis=1)
+    for name, error in errors.items():
+        still = of_contacts if "contact" in name else of_bodies
+        error[still] = np.where(values[name][still] != 0.0, np.nan, 0.0)
+
+
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
     """Put batches, on the first axis, behind what they add up to, along the last."""
     units = np.moveaxis(np.concatenate([whole[None], batches]), 0, -2)
     return units.reshape(*whole.shape[:-1], units.shape[-2] * units.shape[-1])
 
 
-def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool) -> tuple[Values, Values, str]:
+def _combined(
+    plan: Plan, units: Values, weights: np.ndarray, trusted: bool, loads: np.ndarray
+) -> tuple[Values, Values, str]:
     """Return values and standard errors, combined with the balances where these can be used, and which is off."""
     balances = [name for name in units if name.startswith("balance_")]
     values, errors = {}, {}
@@ -145,9 +162,9 @@ def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool) -> 
     for name in units:
         if name not in balances:
             values[f"{prefix}{name}"], errors[f"{prefix}{name}"] = _mean(units[name], weights, trusted)
-    influence, square = _influence(units, values[f"{prefix}mean_displacement"])
+    influence, square = _influence(units, values[f"{prefix}mean_displacement"], loads)
     mean, errors[f"{prefix}variance_displacement"] = _mean(influence, weights, trusted)
-    values[f"{prefix}variance_displacement"] = mean + square
+    values[f"{prefix}variance_displacement"] = np.maximum(mean + square, 0.0)
     if controls is None:
         return values, errors, unbalanced
     for of_contacts, near in ((False, _neighbours(plan)), (True, _touching(plan))):
@@ -162,15 +179,16 @@ def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool) -> 
                 values[name][rows], errors[name][rows] = regression.at_zero(units[name][rows])
             if not of_contacts:
                 mean = values["mean_displacement"][rows]
-                influence, square = _influence({name: units[name][rows] for name in names}, mean)
+                influence, square = _influence({name: units[name][rows] for name in names}, mean, loads[rows])
                 value, errors["variance_displacement"][rows] = regression.at_zero(influence)
-                values["variance_displacement"][rows] = value + square
+                values["variance_displacement"][rows] = np.maximum(value + square, 0.0)
     return values, errors, unbalanced
 
 
-def _influence(units: Values, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _influence(units: Values, mean: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the influence of each unit on E[x²] − E[x]², which is that of x² − 2 E[x] x, and what is missing."""
-    return units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"], mean**2
+    square = units["mean_square_displacement"] + loads
+    return square - 2.0 * mean[:, None] * units["mean_displacement"], mean**2
 
 
 def _unbalanced(plan: Plan, values: Values, errors: Values) -> str:

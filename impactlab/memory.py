@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from impactlab.errors import InvalidInput
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, PAIR_ROWS, SLOTS, TRANSIENT_ROWS
 from impactlab.plan import Plan
 from impactlab.series import sample_count
 
@@ -19,8 +19,9 @@ RECORD_COPIES = 3
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
     bodies, contacts, rows = len(plan.bodies), len(plan.contacts), len(plan.noise_rows)
-    of_sums = 8 * plan.integrator.phases * (KICK_ROWS if plan.integrator.kicks else STATE_ROWS) * bodies
-    of_sums += 8 * CONTACT_ROWS * contacts + 8 * PAIR_ROWS * len(plan.pairs)
+    whole = plan.transient and plan.integrator.kicks
+    of_sums = 8 * plan.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
+    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * len(plan.pairs)
     if plan.tiles:  # all of it for the tiles with their halos, and a state of the network
         state = 8 * (9 * bodies + 2 * contacts) + of_sums
         bodies, contacts = (sum(map(len, parts)) for parts in zip(*(tile[:2] for tile in plan.tiles), strict=True))

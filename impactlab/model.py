@@ -304,6 +304,14 @@ class Model:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         return self._labels
 
+    @property
+    def random(self) -> np.ndarray:
+        """Whether a noise acts on the connected part of each body, (body,) of bool."""
+        noisy = self.reference_intensities() > 0.0
+        noisy[list(self.lines)] = True
+        labels = self.connected()
+        return np.isin(labels, labels[noisy])
+
     @cached_property
     def _labels(self) -> np.ndarray:
         return _parts(len(self.bodies), self.links)

@@ -12,10 +12,12 @@ import numpy as np
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
+from impactlab.given import kinds_of
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
+from impactlab.kernels.sums import KICK_ROWS, STATE_ROWS
 from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
@@ -33,6 +35,7 @@ from impactlab.rules import (
     MOST_SAMPLES,
     RELAXATION_TIMES,
     SETTLED,
+    TRANSIENT,
     batch_count,
     block_shape,
     check_periods,
@@ -97,6 +100,8 @@ class Plan:
         128 bits.
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
+    random : (body,) ndarray of bool
+        Whether noise reaches each body.
     lines : tuple of Lines
     responses : tuple
         What each of `lines` moves; see `impactlab.linear.responses`.
@@ -162,6 +167,7 @@ class Plan:
     starts: np.ndarray
     seed: tuple[int, int]
     intensity: np.ndarray
+    random: np.ndarray
     lines: tuple[Lines, ...]
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
@@ -205,6 +211,23 @@ class Plan:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
         transient = isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced)
         return not transient and bool(len(self.white) or self.lines)
+
+    @property
+    def transient(self) -> bool:
+        """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
+
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines, whose mean velocity
+        is known from the states at both ends only.
+        """
+        steady = self.steady and self.settled and self.relaxation > 0.0 and not self.lines
+        return not (self.sampled or steady)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the sums over bodies that the loop makes."""
+        if not self.integrator.kicks:
+            return STATE_ROWS
+        return KICK_ROWS + bool(self.lines or len(self.forced))
 
     @property
     def grouped(self) -> np.ndarray:
@@ -289,14 +312,16 @@ def make_plan(
         spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
-    stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    stiffening = Stiffening.of(model, energies(model, start, duration, spin_up))
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = choose_step(model, integrator, stiffening, given)
+    chosen = choose_step(model, integrator, stiffening, given, -spin_up, duration)
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
+    if given is None and (not settled or kinds_of(model)) and not model.nonlinear_bodies.any():
+        chosen = min(chosen, TRANSIENT * integrator.recommended_step(model, stiffening.links, stiffening.bodies))
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
@@ -363,6 +388,7 @@ def make_plan(
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
+        random=model.random,
         lines=lines,
         responses=moved,
         forced=np.array(model.forced, dtype=np.int64),

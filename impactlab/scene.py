@@ -12,6 +12,7 @@ import numpy as np
 
 from impactlab.component import call_each
 from impactlab.contact import ContactLaw, contact_forces
+from impactlab.given import kinds_of, largest_energy, look
 from impactlab.linear import (
     coupled_systems,
     flexibility,
@@ -24,32 +25,25 @@ from impactlab.linear import (
 from impactlab.model import Model
 
 
-def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
+def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: float = 0.0) -> np.ndarray:
     """Return the energy that each body may bring into a collision (J), (body,).
 
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start or of the response to a given force, whichever is largest.
     """
-    times = np.linspace(0.0, duration, 257)
-    intensity = model.initial_intensities.copy()
-    if model.time_varying:
-        noises = model.network.excitations.values()
-        largest = {
-            noise: float(noise.call("intensity", times).max()) for noise in set(noises) if noise.kind == "intensity"
-        }
-        intensity[list(model.white)] = [largest[model.network.excitations[model.bodies[slot]]] for slot in model.white]
+    intensity, of_time = model.initial_intensities.copy(), kinds_of(model)
+    for slot in model.white:
+        excitation = model.network.excitations[model.bodies[slot]]
+        if excitation in of_time:
+            intensity[slot] = look(model, excitation, -spin_up, duration)[1].max()
     heat = model.mass * white_variances(model, intensity)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
-    heat[growing] = 2.0 * np.pi * intensity[growing] * duration / model.mass[growing]
+    heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * line_variances(model)[1]
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, _energy_of(model, start))
     for slot in model.forced:
-        excitation = model.network.excitations[model.bodies[slot]]
-        mean_square = float(np.mean(excitation.call("force", times) ** 2))
-        damping, mass = model.damping[slot], model.mass[slot]
-        amplitude = mass / damping if damping else duration
-        heat[slot] = max(heat[slot], 0.5 * mean_square * amplitude**2 / mass)
+        heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
     return hottest(model, heat)
 
 

@@ -78,7 +78,7 @@ def simulate(
         Time that may be spent (s): a run that is foreseen to take longer is refused. By default 600 with a
         tolerance; without one any time, with a warning where it is more than an hour.
     realizations : int
-        Number of independent realizations; with a tolerance the least.
+        Number of independent realizations; with a tolerance the least. One is run where nothing is random.
     step : float, optional
         Time step (s); chosen from the scene by default.
     integrator : Integrator, optional
@@ -191,6 +191,10 @@ def _simulate(
         "text": digest(generate(model)),
     }  # fmt: skip
 
+    random = bool(model.random.any())
+    if not random and isinstance(realizations, int):
+        realizations = min(realizations, 1)  # all would be the same
+
     def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
         plan = make_plan(
@@ -206,6 +210,8 @@ def _simulate(
         else:
             busy, idle = map(Model.of, apart)
             dataset = joined(network, run_part(busy, step, coarse), run_part(idle, None, False))
+        if not random:
+            dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
         if out is None or temporary is None:
             return dataset
         streamed = any(isinstance(item, Trajectory) for item in records)

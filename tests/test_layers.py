@@ -16,7 +16,7 @@ LAYERS = [
     {"coupling"},
     {"network"},
     {"items", "model", "dataset", "plot"},
-    {"linear"},
+    {"linear", "given"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},
     {"linearized", "joint", "kinks", "intervals"},

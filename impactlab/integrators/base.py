@@ -37,7 +37,7 @@ class Cross(NamedTuple):
     bodies: np.ndarray  # (block, 2) slots of the body that is reached and of the other
     flow: np.ndarray  # (block, 4) a_xx, a_xv, a_vx, a_vv
     noise: np.ndarray  # (block, 4) by the first and the second normal of the other: x, x, v, v
-    push: np.ndarray  # (block, 2) x and v by a unit force on the other during a step
+    push: np.ndarray  # (block, 4) x and v by a unit force on the other, by one that grows from -1 to 1 in a step
 
 
 class Series(NamedTuple):
@@ -52,7 +52,7 @@ class Forced(NamedTuple):
     """Given forces on some bodies during one call."""
 
     bodies: np.ndarray  # (row,) slots
-    force: np.ndarray  # (time, row)
+    force: np.ndarray  # (time, row): samples, or with `takes_response` mean and slope of each step in turn
 
 
 class State(NamedTuple):
@@ -209,7 +209,7 @@ class Integrator(Component):
     """Contacts that a force reaches in a step, one more if it depends on velocities; 0 if nothing runs in tiles."""
 
     takes_response: ClassVar[bool] = False
-    """Whether a series is the linear response (x, v) instead of the force."""
+    """Whether a series is the linear response (x, v) instead of the force, and given forces are integrated."""
 
     required: ClassVar[tuple[str, ...]] = ("order",)
 
@@ -227,7 +227,7 @@ class Integrator(Component):
 
     def cross(self, model: Model, step: float) -> Cross:
         """Return the linear motion between bodies; nothing where they move by themselves."""
-        return Cross(np.zeros((0, 2), np.int64), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2)))
+        return Cross(np.zeros((0, 2), np.int64), *[np.zeros((0, 4))] * 3)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         """Return the numbers per body that the loop takes, (phase, body, column)."""

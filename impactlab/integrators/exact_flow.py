@@ -28,11 +28,12 @@ from impactlab.kernels.jit import borrow, kernel
 from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
-from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
+from impactlab.kernels.sums import SLOTS, TURN, add_turns, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model, kept
 
-_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V, _HALF_STEP = range(COEFFICIENTS, COEFFICIENTS + 6)
+_SHIFT, _KICK, _HALF_KICK, _HALF_STEP, _PUSH = range(COEFFICIENTS, COEFFICIENTS + 5)
+"""Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""
 
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
@@ -52,7 +53,7 @@ class ExactFlow(Integrator):
     the one at which it acts: that in the middle of the kick where it is a weak damper, nearly
     that after it where it is a strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
-    given forces as constant over a step.
+    given forces through the one to what is linear in the time of a step, which has their integral.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
@@ -108,7 +109,7 @@ class ExactFlow(Integrator):
             flow, noise = (
                 _blocks(part)[body, other].reshape(-1, 4) for part in (group.transition, noise_root(group.covariance))
             )
-            push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]
+            push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]  # x, v by each of both forces
             rows.append(Cross(np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
         return Cross(*(np.ascontiguousarray(np.concatenate(part)) for part in zip(*rows, strict=True)))
 
@@ -219,9 +220,9 @@ def _group(slots: np.ndarray, system: LinearSystem, step: float) -> Group:
 
 
 def _response(system: LinearSystem, step: float) -> np.ndarray:
-    """Displacements and velocities of a group after a step from rest, by the body that is pushed, (2, n, n)."""
+    """Displacements and velocities of a group after a step from rest, by the body that is pushed, (4, n, n)."""
     response = system_response(system.mass, system.damping, system.stiffness, step, sum(system.scales))
-    return response.reshape(2, len(system.mass), -1)
+    return response.reshape(4, len(system.mass), -1)
 
 
 def _blocks(joint: np.ndarray) -> np.ndarray:
@@ -275,17 +276,20 @@ def _advance(  # type: ignore[no-untyped-def]
             flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after
         if forced.bodies.shape[0]:
-            clear(push)
-            add_forced(forced.force, index, forced.bodies, push)
-            scaled_sum(x, coefficients, _PUSH_X, push, x)
-            scaled_sum(v, coefficients, _PUSH_V, push, v)
-            push_between(cross, push, x, v)
+            for part in range(2):  # mean and slope
+                clear(push)
+                add_forced(forced.force, 2 * index + part, forced.bodies, push)
+                scaled_sum(x, coefficients, _PUSH + 2 * part, push, x)
+                scaled_sum(v, coefficients, _PUSH + 2 * part + 1, push, v)
+                push_between(cross, part, push, x, v)
         if series.bodies.shape[0]:
             add_response(series, now % NEAR + 1, 1.0, x, v)
         kick(
             forces, parameters, indices, coefficients, passes, state.rest, x, v, y, middle, total, indentation,
             contact_force,
         )  # fmt: skip
+        if sums.bodies.shape[1] > TURN:
+            add_turns(total, middle, coefficients, _HALF_KICK, state.slope_x, state.velocity, summing, cycle, sums)
         if summing:
             close_slot(history, slot, index == count - 1, sums)
         if every and (phase + index + 1) % every == 0:
