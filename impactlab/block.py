@@ -84,6 +84,9 @@ class Block:
             np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
+            np.full((2, plan.own_contacts * plan.counted, lanes), np.nan),
+            plan.jitter,
+            plan.step,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
@@ -240,7 +243,7 @@ class Block:
     def _blocks(self) -> tuple[State, History, Sums]:
         """What the loop takes."""
         sums = self.sums._asdict()
-        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products", "before"):
             sums[name] = self._seen(sums[name])
         return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
@@ -309,6 +312,9 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
+        if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.spin_up_steps else self.state.x
+            self._note_gaps(place, self.state.velocity)
         totals = self.sums.bodies, self.sums.contacts, self.sums.products
         kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
         begin = 0
@@ -328,6 +334,12 @@ class Block:
             begin = end
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted."""
+        first, second = self.plan.ends[: self.plan.own_contacts].T
+        self.sums.before[0] = x[first] - x[second] - self.plan.clearance[: self.plan.own_contacts, None]
+        self.sums.before[1] = v[first] - v[second]
 
     def _clear_sums(self) -> None:
         for total in (self.sums.bodies, self.sums.contacts, self.sums.products):

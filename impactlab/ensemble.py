@@ -134,6 +134,11 @@ class _TiledBlock(Block):
                     snapshots[:, at + mine.start : at + mine.stop] = block
                 snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
 
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+            places = np.append(tile.bodies, len(self.plan.bodies))
+            part._note_gaps(x[places], v[places])
+
     def _clear_sums(self) -> None:
         for part in self.parts:
             part._clear_sums()

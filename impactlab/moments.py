@@ -60,10 +60,11 @@ def statistics_of(
             for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
                 target = balances if name in balances else processed
                 target[name][group.slots] = np.where(complete, values, target[name][group.slots])
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None]
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None],
+        "contact_rate": contacts[FLUX] / plan.step if plan.counted else flux,
         "mean_contact_force": contacts[FORCE],
         **balances,
     }

@@ -96,6 +96,9 @@ class Sums(NamedTuple):
     kick: np.ndarray  # [contact, lane] the same of closing velocities
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
+    before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where closings are not counted
+    jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    step: float
 
 
 def _array(dimensions: int, kind: Any = f8) -> Any:
@@ -125,7 +128,23 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Forced, slots, table),
         _tuple(State, *[block] * 11, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        _tuple(
+            Sums,
+            _array(3 + lane),
+            blocks,
+            pairs,
+            slots,
+            numbers,
+            numbers,
+            blocks,
+            block,
+            block,
+            blocks,
+            pairs,
+            blocks,
+            numbers,
+            f8,
+        ),
         blocks,
         f8,
         b1,

@@ -32,7 +32,7 @@ from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapsho
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model, kept
 
-_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
+SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
 
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
@@ -296,7 +296,7 @@ def kick(  # type: ignore[no-untyped-def]
     """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
     # the conservative force at x says where the kick is read
     forces(x, rest, parameters, indices, indentation, contact_force, total)
-    scaled_sum(x, coefficients, _SHIFT, total, y)
+    scaled_sum(x, coefficients, SHIFT, total, y)
     forces(y, v, parameters, indices, indentation, contact_force, total)
     if dissipative:  # once more, with the velocity in the middle of the kick
         scaled_sum(v, coefficients, _HALF_KICK, total, middle)

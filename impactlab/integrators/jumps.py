@@ -92,7 +92,12 @@ ADVANCE_JUMPS = void(
             _LANES,
         )
     ),
-    _typeof(Sums(_FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES)),
+    _typeof(
+        Sums(
+            _FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES, _CUBE, _VECTOR,
+            1.0,
+        )
+    ),
     f8[:, :, ::1],
     b1,
     b1,
