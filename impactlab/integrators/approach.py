@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import History, Noise, Sums
-from impactlab.integrators.exact_flow import SHIFT, kick
+from impactlab.integrators.exact_flow import _SHIFT, kick
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import dense, kernel
 from impactlab.kernels.jump import (
@@ -172,7 +172,7 @@ def step_by_step(  # type: ignore[no-untyped-def]
     if counted:  # where the kick before was read; its half makes no difference that counts
         total, contact_force = past.force[0], past.contact_force[0]
         forces(x, rest, parameters, indices, before[0], contact_force, total)
-        scaled_sum(x, coefficients, SHIFT, total, y)
+        scaled_sum(x, coefficients, _SHIFT, total, y)
         forces(y, rest, parameters, indices, before[0], contact_force, total)
         differences(indices, v, before[1])
     for step in range(jumps.leaf):

@@ -25,14 +25,14 @@ from impactlab.kernels.flow import (
     transition,
 )
 from impactlab.kernels.jit import borrow, kernel
-from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
+from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum, smooth_velocity
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model, kept
 
-SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
+_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
 
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
@@ -279,13 +279,18 @@ def _advance(  # type: ignore[no-untyped-def]
             forces, parameters, indices, coefficients, dissipative, state.rest, x, v, y, middle, total, indentation,
             contact_force,
         )  # fmt: skip
+        wanted = every > 0 and (phase + index + 1) % every == 0
+        if wanted or index == count - 1:
+            if index:
+                copy(history.force[(slot - 1) % SLOTS], state.total)
+            smooth_velocity(coefficients, _KICK, middle, total, state.total, state.velocity)
         if summing:
             close_slot(history, slot, index == count - 1, sums)
-        if every and (phase + index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
+        if wanted:
+            write_snapshot(y, state.velocity, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
     last = (first + count - 1) % SLOTS
     copy(x, state.x)
-    copy(history.v[last], state.velocity)
+    copy(history.force[last], state.total)
     copy(history.contact_force[last], state.contact_force)
 
 
@@ -296,7 +301,7 @@ def kick(  # type: ignore[no-untyped-def]
     """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
     # the conservative force at x says where the kick is read
     forces(x, rest, parameters, indices, indentation, contact_force, total)
-    scaled_sum(x, coefficients, SHIFT, total, y)
+    scaled_sum(x, coefficients, _SHIFT, total, y)
     forces(y, v, parameters, indices, indentation, contact_force, total)
     if dissipative:  # once more, with the velocity in the middle of the kick
         scaled_sum(v, coefficients, _HALF_KICK, total, middle)
