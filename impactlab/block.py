@@ -87,7 +87,7 @@ class Block:
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
         normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
-        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
+        work = [np.zeros((bodies + 1, lanes)) for _ in range(4)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
         past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
@@ -105,6 +105,9 @@ class Block:
             np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
+            np.full((2, plan.own_contacts * plan.counted, lanes), np.nan),
+            plan.jitter,
+            plan.step,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
@@ -205,7 +208,7 @@ class Block:
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
-        state.slope_x[:] = state.total
+        state.slope_x[:], state.middle[:] = state.total, state.velocity
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
@@ -262,7 +265,7 @@ class Block:
     def _blocks(self) -> tuple[State, History, Sums]:
         """What the loop takes."""
         sums = self.sums._asdict()
-        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products", "before"):
             sums[name] = self._seen(sums[name])
         return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
@@ -344,6 +347,9 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
+        if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.spin_up_steps else self.state.x
+            self._note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
@@ -375,8 +381,8 @@ class Block:
             state.reading[:], state.velocity[:] = state.x, state.v
             self._evaluate(state.reading, state.velocity)
         mass = plan.linear[0][:, None]
-        x, v = state.x[:-1], state.velocity[:-1]
-        f = (state.v[:-1] - v) * (2.0 * mass / plan.step)
+        x, f = state.x[:-1], state.total[:-1]
+        v = state.v[:-1] - 0.5 * plan.step / mass * f if plan.integrator.kicks else state.v[:-1]
         bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
         one, other = plan.ends.T
         contacts = np.zeros_like(self.sums.contacts)
@@ -409,6 +415,12 @@ class Block:
                 bodies[:, INTENSITY, plan.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
         return bodies, sums.contacts + half[1], products
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted."""
+        first, second = self.plan.ends[: self.plan.own_contacts].T
+        self.sums.before[0] = x[first] - x[second] - self.plan.clearance[: self.plan.own_contacts, None]
+        self.sums.before[1] = v[first] - v[second]
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.integrator.phases, len(self.plan.white)))

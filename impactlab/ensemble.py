@@ -126,13 +126,18 @@ class _TiledBlock(Block):
         snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
         for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
             mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
-            for name in ("x", "v", "reading", "velocity"):
+            for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
             state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
             if len(snapshots):
                 for at, block in zip((0, bodies), np.split(kept[:, : 2 * tile.own_bodies], 2, axis=1), strict=True):
                     snapshots[:, at + mine.start : at + mine.stop] = block
                 snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+            places = np.append(tile.bodies, len(self.plan.bodies))
+            part._note_gaps(x[places], v[places])
 
     def _clear_sums(self) -> None:
         for part in self.parts:

@@ -109,10 +109,12 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     if random and not trusted:
         _warn(plan)
     values, errors, unbalanced = _combined(plan, units, weights, trusted, loads)
+    for name in {"contact_rate", "direct_contact_rate"} & set(values):  # a flux and a regression may be below 0
+        values[name] = np.maximum(values[name], 0.0)
     peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
-    closings = np.maximum(values["contact_rate"], 0.0) * plan.step * plan.steps * realizations
+    closings = values["contact_rate"] * plan.step * plan.steps * realizations
     _forget(plan, values, errors)
     if random:
         scattered = {name: units[name] for name in units if "contact" in name} | {"peak_contact_force": peak}

@@ -88,10 +88,11 @@ def statistics_of(
                 target = balances if name in balances else processed
                 sure = complete | (plan.transient and name not in balances)
                 target[name][group.slots] = np.where(sure, values, target[name][group.slots])
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None]
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None],
+        "contact_rate": contacts[FLUX] / plan.step if plan.counted else flux,
         "mean_contact_force": contacts[FORCE],
         **balances,
     }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlab.component import finite
+from impactlab.counting import counts_closings, jitter
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.given import kinds_of
@@ -79,6 +80,10 @@ class Plan:
         Of the contacts: slots of the bodies, clearance (m), half width for the rate (m).
     links : (link, 2) ndarray of int
         Slots of the bodies of each contact, then of each coupling.
+    counted : bool
+        Whether rates are counts of closings, not fluxes through the windows.
+    jitter : (contact,) ndarray
+        What noise changes closing velocities by in a step, root mean square (m s-1).
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
@@ -155,6 +160,8 @@ class Plan:
     ends: np.ndarray
     clearance: np.ndarray
     window: np.ndarray
+    counted: bool
+    jitter: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
     passes: int
@@ -331,6 +338,7 @@ def make_plan(
     deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
+    counted = counts_closings(model, integrator, start, stiffening, step)
     if sampled and may_jump(model, deviations):
         foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
         for levels in range(foreseen, 0, -1):
@@ -376,6 +384,8 @@ def make_plan(
         ends=model.ends,
         clearance=model.clearance,
         window=window,
+        counted=counted,
+        jitter=jitter(model, step, duration) if counted else np.zeros(len(model.ends)),
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
         passes=model.passes,

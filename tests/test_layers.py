@@ -19,7 +19,7 @@ LAYERS = [
     {"linear", "given"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},
-    {"linearized", "joint", "kinks", "intervals"},
+    {"linearized", "joint", "kinks", "intervals", "counting"},
     {"rules"},
     {"check", "compiled", "tiles"},
     {"plan"},

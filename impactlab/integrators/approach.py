@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import History, Noise, Sums
-from impactlab.integrators.exact_flow import kick
+from impactlab.integrators.exact_flow import _SHIFT, kick
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import dense, kernel
 from impactlab.kernels.jump import (
@@ -21,9 +21,9 @@ from impactlab.kernels.jump import (
     select,
     take,
 )
-from impactlab.kernels.kick import clear, copy
+from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
-from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, empty_slots
+from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, count_closings, empty_slots
 
 
 @kernel
@@ -167,6 +167,14 @@ def step_by_step(  # type: ignore[no-untyped-def]
     empty_slots(past, jumps.leaf, SLOTS)
     y, rest = dense(state.external, number), dense(state.rest, number)
     hold_wall(y)
+    counted = sums.before.shape[1]
+    before = np.empty((2, counted, number))
+    if counted:  # where the kick before was read; its half makes no difference that counts
+        total, contact_force = past.force[0], past.contact_force[0]
+        forces(x, rest, parameters, indices, before[0], contact_force, total)
+        scaled_sum(x, coefficients, _SHIFT, total, y)
+        forces(y, rest, parameters, indices, before[0], contact_force, total)
+        differences(indices, v, before[1])
     for step in range(jumps.leaf):
         hold_wall(past.x[step])
         hold_wall(past.v[step])
@@ -183,8 +191,10 @@ def step_by_step(  # type: ignore[no-untyped-def]
         own_sums = Sums(
             np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
             sums.ends, sums.indices, sums.window, sums.half_kick, sums.closing, sums.push, sums.kick, sums.products,
-            sums.pairs,
+            sums.pairs, before, sums.jitter, sums.step,
         )  # fmt: skip
+        for step in range(counted and jumps.leaf):
+            count_closings(past.indentation[step], past.v[step], own_sums)
         add_history(past, own_sums)
         lanes = work.lanes[0]
         for row in range(F, sums.bodies.shape[1]):

@@ -69,6 +69,7 @@ class State(NamedTuple):
     external: np.ndarray  # given forces and noise [body, lane]
     slope_x: np.ndarray  # weighted sum of slopes [body, lane]
     slope_v: np.ndarray
+    middle: np.ndarray  # velocity in the middle of the last kick, where sums need it
     normals: np.ndarray  # (4, row, lane) of single precision
 
 
@@ -96,6 +97,9 @@ class Sums(NamedTuple):
     kick: np.ndarray  # [contact, lane] the same of closing velocities
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
+    before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where closings are not counted
+    jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    step: float
 
 
 def _array(dimensions: int, kind: Any = f8) -> Any:
@@ -123,9 +127,25 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
         _tuple(Series, slots, cube, blocks),
         _tuple(Forced, slots, table),
-        _tuple(State, *[block] * 11, _array(2 + lane, f4)),
+        _tuple(State, *[block] * 12, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        _tuple(
+            Sums,
+            _array(3 + lane),
+            blocks,
+            pairs,
+            slots,
+            numbers,
+            numbers,
+            blocks,
+            block,
+            block,
+            blocks,
+            pairs,
+            blocks,
+            numbers,
+            f8,
+        ),
         blocks,
         f8,
         i8,

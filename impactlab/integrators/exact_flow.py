@@ -25,7 +25,7 @@ from impactlab.kernels.flow import (
     transition,
 )
 from impactlab.kernels.jit import borrow, kernel
-from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
+from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum, smooth_velocity
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.sums import SLOTS, TURN, add_turns, close_slot, empty_slots, write_snapshot
@@ -289,14 +289,19 @@ def _advance(  # type: ignore[no-untyped-def]
             contact_force,
         )  # fmt: skip
         if sums.bodies.shape[1] > TURN:
-            add_turns(total, middle, coefficients, _HALF_KICK, state.slope_x, state.velocity, summing, cycle, sums)
+            add_turns(total, middle, coefficients, _HALF_KICK, state.slope_x, state.middle, summing, cycle, sums)
+        wanted = every > 0 and (phase + index + 1) % every == 0
+        if wanted or index == count - 1:
+            if index:
+                copy(history.force[(slot - 1) % SLOTS], state.total)
+            smooth_velocity(coefficients, _KICK, middle, total, state.total, state.velocity)
         if summing:
             close_slot(history, slot, index == count - 1, sums)
-        if every and (phase + index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
+        if wanted:
+            write_snapshot(y, state.velocity, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
     last = (first + count - 1) % SLOTS
     copy(x, state.x)
-    copy(history.v[last], state.velocity)
+    copy(history.force[last], state.total)
     copy(history.contact_force[last], state.contact_force)
 
 
