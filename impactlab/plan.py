@@ -51,6 +51,9 @@ from impactlab.tiles import Tile, make_tiles, noise_runs
 if TYPE_CHECKING:
     from impactlab.record import Record
 
+WINDOW = 0.2
+"""Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -79,6 +82,8 @@ class Plan:
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
+    kicked : (body,) ndarray of bool
+        Whether contacts, couplings that do not flow or a residual force act on each body.
     dissipative, time_varying : bool
         Whether forces depend on velocities, and white noise on time.
     white : (white,) ndarray of int
@@ -150,6 +155,7 @@ class Plan:
     window: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
+    kicked: np.ndarray
     dissipative: bool
     time_varying: bool
     white: np.ndarray
@@ -300,7 +306,7 @@ def make_plan(
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
-    window = 0.2 * gap_scale(model, stiffening.penetration)
+    window = WINDOW * gap_scale(model, stiffening.penetration)
     deviations = _start_deviations(model, stiffening)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
@@ -351,6 +357,7 @@ def make_plan(
         window=window,
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
+        kicked=model.nonlinear_bodies,
         dissipative=model.dissipative,
         time_varying=model.time_varying,
         white=white,
