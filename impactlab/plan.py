@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlab.component import finite
+from impactlab.damping import damped
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
@@ -20,7 +21,6 @@ from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
     flowing_systems,
-    hottest,
     linear_variances,
     lines_of,
     relaxation_time,
@@ -28,6 +28,7 @@ from impactlab.linear import (
 )
 from impactlab.model import Model
 from impactlab.network import Network
+from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
@@ -127,7 +128,9 @@ class Plan:
     trusted : bool
         Whether there are enough independent realizations or batches for standard errors.
     relaxation : float
-        Relaxation time of the slowest body (s), 0 if nothing is damped.
+        Longest time after which samples are independent (s), 0 if nothing is damped.
+    settling : float
+        Relaxation time of what the start does not know (s).
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
     sampled : bool
@@ -186,6 +189,7 @@ class Plan:
     steps_per_call: int
     trusted: bool
     relaxation: float
+    settling: float
     coarse: bool
     sampled: bool
     jumps: Jumps | None
@@ -202,7 +206,7 @@ class Plan:
     @property
     def settled(self) -> bool:
         """Whether the spin-up is long enough for balances to be used."""
-        return self.spin_up_steps * self.step >= SETTLED * self.relaxation * (1.0 - 1e-9)
+        return self.spin_up_steps * self.step >= SETTLED * self.settling * (1.0 - 1e-9)
 
     @property
     def steady(self) -> bool:
@@ -288,17 +292,23 @@ def make_plan(
     start = start_of(initial, model)
     records = [record.resolved(model) for record in records]
     intervals = _intervals(records, duration)
-    relaxation = relaxation_time(model)
+    linear = relaxation_time(damped(model)[1])
+    automatic = spin_up is None and isinstance(start, str) and bool(network.excitations)
     if spin_up is None:
-        spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
+        spin_up = RELAXATION_TIMES * linear if automatic else 0.0
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
     stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    relaxed = Relaxation.of(model, stiffening)
+    relaxation, settling = relaxed.slowest, max(linear, relaxed.settling)
+    if automatic:
+        spin_up = spin_up_of(relaxed, spin_up, duration)
+        warn_of_unknown_damping(model, spin_up)
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given)
-    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
     if given is None and still:
@@ -307,7 +317,7 @@ def make_plan(
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
     window = WINDOW * gap_scale(model, stiffening.penetration)
-    deviations = _start_deviations(model, stiffening)
+    deviations = _start_deviations(model, stiffening, relaxed.temperature)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
     if sampled and may_jump(model, deviations):
@@ -373,7 +383,7 @@ def make_plan(
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=deviations,
-        factors=start_factors(model, stiffening),
+        factors=start_factors(model, stiffening, relaxed.temperature),
         rest=stiffening.rest,
         step=step,
         spin_up_steps=spin_up_steps,
@@ -390,6 +400,7 @@ def make_plan(
         steps_per_call=steps_per_call,
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
+        settling=settling,
         coarse=coarse,
         own_bodies=len(model.bodies),
         own_contacts=len(model.contacts),
@@ -427,15 +438,14 @@ def _half_kick(model: Model, step: float) -> np.ndarray:
     return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 
 
-def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:
+def _start_deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
     """Standard deviations under white noise alone, 0 for other bodies, (2, body).
 
-    They are the linear ones, but a residual force that stiffens a body narrows its displacement.
+    They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
+    but contacts can heat start at the temperature that is expected of them, where it is known.
     """
     velocity = linear_variances(model)[1]
-    # nothing but contacts can heat these: they start at the temperature of their part
-    cold = (model.damping == 0.0) & ~model.excited
-    velocity = np.where(cold, hottest(model, model.mass * velocity) / model.mass, velocity)
+    velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
     variances[~np.isfinite(variances)] = 0.0

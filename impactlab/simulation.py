@@ -17,6 +17,7 @@ import impactlab.density
 import impactlab.peaks
 import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
+from impactlab.damping import damped
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import InvalidInput, warn
@@ -132,7 +133,7 @@ def simulate(
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
     allowed = 600.0 if max_seconds is None else positive("max_seconds", max_seconds)
-    length = min(longest, LENGTH * relaxation_time(model))
+    length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
 
     records = _records(record)
     asked = any(isinstance(item, PerRealization) for item in records)
