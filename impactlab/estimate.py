@@ -60,7 +60,8 @@ class Estimates:
         The direct statistics of each realization.
     drift : float
         Largest difference between the first and the second half of the run, in standard
-        errors; NaN with fewer than 8 realizations.
+        errors; with fewer than 8 realizations also between its first quarter and the rest, and NaN without
+        enough batches.
     unbalanced : str
         Which balance does not close; empty if all do.
     contacts_per_sample : (contact,) ndarray
@@ -392,19 +393,29 @@ def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.nda
 
 
 def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray) -> float:
-    """Compare the two halves of every realization."""
+    """Compare the two halves of every realization; of few realizations halves and quarters by their batches."""
     realizations = bodies.shape[-1]
     half = len(steps) // 2
-    if realizations < 8 or half == 0:
+    alone = realizations < 8
+    if half == 0 or (alone and not plan.trusted):
         return float("nan")
     sums = np.concatenate([bodies[:, [X, XX, VV]].reshape(len(steps), -1, realizations), contacts[:, FORCE]], axis=1)
-    difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
-    error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
+    if alone:
+        means = sums / steps[:, None, None]
+        cuts = half, len(steps) // 4
+        differences = np.array([means[:cut].mean(axis=(0, 2)) - means[cut:].mean(axis=(0, 2)) for cut in cuts])
+        spread = [[means[:cut].var(axis=(0, 2), ddof=1), means[cut:].var(axis=(0, 2), ddof=1)] for cut in cuts]
+        counts = realizations * np.array([[cut, len(steps) - cut] for cut in cuts])
+        error = np.sqrt((np.array(spread) / counts[..., None]).sum(axis=1))
+        freedom = counts.min() - 1.0
+    else:
+        difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
+        error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
+        differences, freedom = difference.mean(axis=-1), realizations - 1.0
     moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / plan.steps
-    largest = np.abs(difference.mean(axis=-1)[moving] / error[moving]).max(initial=0.0)
+    largest = np.abs(differences[moving] / error[moving]).max(initial=0.0)
     # as many standard errors of a normal law, since with few realizations the quotient has
     # wide tails (Wallace, Ann. Math. Statist. 30, 1959, 1121)
-    freedom = realizations - 1.0
     return float(np.sqrt(freedom * np.log1p(largest**2 / freedom)) * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0))
 
 
