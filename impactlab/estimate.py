@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.errors import warn
+from impactlab.heating import Heating, heating_of
 from impactlab.kernels.sums import FF, FORCE, PEAK, VV, XX, X
 from impactlab.model import connected_parts
 from impactlab.moments import Values, statistics_of
@@ -66,6 +67,8 @@ class Estimates:
         Which balance does not close; empty if all do.
     contacts_per_sample : (contact,) ndarray
         How often each contact closed in a unit, on average.
+    heating : Heating
+        Heat that the step made.
     """
 
     values: Values
@@ -74,6 +77,7 @@ class Estimates:
     drift: float
     unbalanced: str
     contacts_per_sample: np.ndarray
+    heating: Heating
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
@@ -123,7 +127,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
     closings = np.maximum(values["contact_rate"], 0.0) * plan.step * plan.steps * realizations
     if random:
-        moved = _cold(plan) if len(pushes) else np.zeros(0, dtype=np.int64)
+        moved = plan.cold if len(pushes) else np.zeros(0, dtype=np.int64)
         pushed = _pushed(pushes)
         moved = moved[pushed[moved] < CLOSINGS]
         _widen(plan, units, events, values, errors)
@@ -146,6 +150,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         _drift(plan, bodies.sum(axis=1), contacts, steps),
         unbalanced,
         closings / len(weights),
+        heating_of(plan, bodies, values["mean_square_velocity"]),
     )
 
 
@@ -177,15 +182,6 @@ def _events(seen: np.ndarray) -> np.ndarray:
 def _pushed(pushes: np.ndarray) -> np.ndarray:
     """Return how often kicks acted on each body, from their mean squares by unit, (body,)."""
     return _events((pushes > 0.0) & (pushes >= ACTED * pushes.mean(axis=-1, keepdims=True)))
-
-
-def _cold(plan: Plan) -> np.ndarray:
-    """Return the slots of bodies that nothing but kicks moves, in parts of the network that are excited, (some,)."""
-    driven = np.zeros(len(plan.bodies), dtype=bool)
-    for slots in (plan.noise_rows, plan.forced, *(slots for slots, _ in plan.responses)):
-        driven[slots] = True
-    labels = connected_parts(len(driven), plan.links)
-    return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
 
 def _seldom(plan: Plan, events: np.ndarray, pushes: np.ndarray) -> np.ndarray:

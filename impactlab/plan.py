@@ -26,7 +26,7 @@ from impactlab.linear import (
     relaxation_time,
     responses,
 )
-from impactlab.model import Model
+from impactlab.model import Model, connected_parts
 from impactlab.network import Network
 from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
@@ -222,6 +222,15 @@ class Plan:
         for group in groups:
             result[group.slots] = True
         return result
+
+    @property
+    def cold(self) -> np.ndarray:
+        """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (some,)."""
+        driven = np.zeros(len(self.bodies), dtype=bool)
+        for slots in (self.noise_rows, self.forced, *(slots for slots, _ in self.responses)):
+            driven[slots] = True
+        labels = connected_parts(len(driven), self.links)
+        return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
     @property
     def pairs(self) -> np.ndarray:

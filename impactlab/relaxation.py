@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.component import call_each
 from impactlab.damping import damped, damped_by_laws_alone
 from impactlab.errors import warn
-from impactlab.linear import coupled_systems, flexibility, linear_variances, relaxation_time
+from impactlab.linear import coupled_systems, flexibility, hottest, linear_variances, relaxation_time
 from impactlab.model import Model
 from impactlab.oscillator import Oscillator
 from impactlab.scene import Stiffening
@@ -22,6 +22,9 @@ LEAST_BARRIER = 2.0
 SAME, SAME_DEPTH = 1e-6, 3e-3
 """Relative difference of temperatures, and difference of the depths of two wells in units of the temperature, below
 which they are the same."""
+
+MOST_ATTEMPTS = 2.5
+"""Logarithm of the draws of a start that are needed, on average, beyond which some of a hundred will not do."""
 
 ITERATIONS = 12
 """Times that temperatures are estimated from those before."""
@@ -48,7 +51,7 @@ class Relaxation:
         The longest of all (s): samples further apart are independent.
     settling : float
         The longest of what the start does not know (s): energies of bodies that only collisions heat, where
-        temperatures differ, and the share of wells of different depth. 0 if there is nothing of that kind.
+        temperatures differ or the start is at rest, and the share of wells of different depth. 0 if there is none.
     reason : str
         What takes the longest of these, as a message says it.
     temperature : (body,) ndarray
@@ -130,7 +133,7 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
     -------
     ndarray, float, bool, int
         Temperatures (J), time of the slowest exchange with cold bodies (s), whether temperatures differ in a part that
-        has some, and the slot of the cold body whose temperature changes slowest.
+        has some or its start is at rest, and the slot of the cold body whose temperature changes slowest.
     """
     result = np.full(len(model.bodies), np.nan)
     cold = cold_bodies(model)
@@ -142,6 +145,7 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
     own = np.where(cold, 0.0, own)
     loss = damped(model)[0].damping / model.mass
     longest, unequal, slowest = 0.0, False, -1
+    crowded = _crowded(model, labels, own)
     for part in parts:
         slots = np.flatnonzero(labels == part)
         theirs = own[slots[~cold[slots]]]
@@ -156,8 +160,22 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
                 result[slots] = [_rounded(max(item, theirs.min())) for item in temperatures.tolist()]
         if time > longest:
             longest, slowest = time, int(slots[place])
-        unequal |= differ
+        unequal |= differ or bool(crowded[part])
     return np.where(cold, result, np.nan), longest, unequal, slowest
+
+
+def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Whether a draw from the law without contacts hardly ever finds all contacts of a part open, (part,) of bool.
+
+    Then the start is at rest.
+    """
+    variance = np.append(hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = model.clearance / np.sqrt(2.0 * variance[model.ends].sum(axis=1))
+    open_ = [0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()]
+    attempts = np.zeros(labels.max() + 1)
+    np.add.at(attempts, labels[model.ends.min(axis=1)], -np.log(np.maximum(open_, 1e-300)))
+    return np.asarray(attempts > MOST_ATTEMPTS)
 
 
 def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
