@@ -2,90 +2,96 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.kernels.sums import FV
 from impactlab.model import connected_parts
+from impactlab.moments import Values
 from impactlab.plan import Plan
+from impactlab.regression import Regression
 
 MOST_HEATING = 0.005
 """Heat that a step may make beside what noise puts in, and largest difference from a known temperature: one is the
 other, where what is lost is proportional to the temperature."""
 
-CERTAIN, VERY_CERTAIN = 3.0, 5.0
+CERTAIN, VERY_CERTAIN = 4.0, 5.0
 """Standard errors beside it, of one number and of the largest of many."""
 
 
 @dataclass(frozen=True)
 class Heating:
-    """Heat that a step makes, over the power that noise and friction exchange.
+    """Heat that a step makes, over the power that noise puts in.
 
     Attributes
     ----------
     share, error : float
-        Of the connected part of the network where it is largest, and its standard error; NaN where it is not known.
+        Of the connected part of the network where it is most certainly not 0, and its standard error; NaN where it is
+        not known. Where forces depend on velocities it is less by the power that these take.
     body : str
         The first body of that part.
+    parts : int
+        Connected parts that were looked at.
     """
 
-    share: float
-    error: float
-    body: str
+    share: float = math.nan
+    error: float = math.nan
+    body: str = ""
+    parts: int = 1
 
     @property
     def warning(self) -> str:
         """A sentence that says it, where it is too much."""
-        if not self.share > MOST_HEATING + CERTAIN * self.error:
+        certain = math.sqrt(CERTAIN**2 + 2.0 * math.log(self.parts))  # as the largest of so many normal numbers grows
+        if not abs(self.share) > MOST_HEATING + certain * self.error:
             return ""
         return (
-            f"The step makes {100.0 * self.share:.2g} ± {100.0 * self.error:.1g} % of the heat that excitations put "
-            f"into {self.body!r} and what is connected to it, and temperatures are too high by as much: use a smaller "
-            "step."
+            f"Friction takes {100.0 * abs(self.share):.2g} ± {100.0 * self.error:.1g} % "
+            f"{'more' if self.share > 0.0 else 'less'} heat than noise puts into {self.body!r} and what is connected "
+            f"to it, and temperatures are too {'high' if self.share > 0.0 else 'low'} by about as much: "
+            f"{'the step may be too large' if self.share > 0.0 else 'the spin-up may be too short'}."
         )
 
 
-def heating_of(plan: Plan, bodies: np.ndarray, mean_square_velocity: np.ndarray) -> Heating:
-    """Return the heat that the step made.
+def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarray) -> Heating:
+    """Return the heat that the step made, by which the power that friction takes is more than that of the noise.
 
-    Kicks of conservative forces, over which kinetic energy changes by the force times the mean of the velocities
-    before and after, give back what they took in a stationary motion: what is left was made by the step. Forces that
-    depend on velocities can only take.
+    These are ``Σ c E[v²]`` and ``Σ πS/m``. In a stationary motion under conservative forces they are the same in each
+    connected part; forces that depend on velocities can only take. Balances of the velocities are controls of the sum,
+    as they are of each of its terms.
 
     Parameters
     ----------
     plan : Plan
-    bodies : (batch, phase, row, body, realization) ndarray
-        Sums over the steps.
-    mean_square_velocity : (body,) ndarray
-        To see what friction takes (m2 s-2).
+    units : dict of str to (body or contact, unit) ndarray
+        Statistics of independent units.
+    weights : (unit,) ndarray
+    seldom : (body,) ndarray of bool
+        Bodies whose balances are no controls.
     """
-    unknown = Heating(np.nan, np.nan, "")
-    realizations = bodies.shape[-1]
-    if not (plan.integrator.kicks and plan.steady and plan.trusted and plan.settled and plan.kicked.any()):
-        return unknown
-    labels = connected_parts(len(plan.bodies), plan.links)
-    count = labels.max() + 1
+    if not (plan.steady and plan.trusted and plan.settled and plan.kicked.any()) or plan.lines:
+        return Heating()
     mass, damping, _ = plan.linear
+    labels = connected_parts(len(mass), plan.links)
     put_in = np.zeros(len(mass))
     put_in[plan.white] = np.pi * plan.intensity / mass[plan.white]
-    exchanged = np.bincount(labels, np.maximum(put_in, damping * mean_square_velocity), count)
-    powers = bodies[:, :, FV].sum(axis=1)  # (batch, body, realization)
-    steps = np.diff([0, *plan.boundaries]).astype(float)
-    whole = powers.sum(axis=0)[None] / steps.sum() if realizations >= 2 else powers / steps[:, None, None]
-    of_bodies = whole.swapaxes(0, 1).reshape(len(labels), -1)
-    units = np.zeros((count, of_bodies.shape[1]))
-    np.add.at(units, labels, of_bodies)
-    touched = np.unique(labels[plan.kicked])
-    touched = touched[exchanged[touched] > 0.0]
-    if not touched.size or units.shape[1] < 2:
-        return unknown
-    share = units[touched].mean(axis=1) / exchanged[touched]
-    error = units[touched].std(axis=1, ddof=1) / np.sqrt(units.shape[1]) / exchanged[touched]
-    worst = int(np.argmax(share - CERTAIN * error))
-    first = int(np.argmax(labels == touched[worst]))
-    return Heating(float(share[worst]), float(error[worst]), plan.bodies[first])
+    given = np.bincount(labels, put_in)
+    taken = damping[:, None] * units["mean_square_velocity"]
+    balances = units.get("balance_mean_square_velocity", np.full_like(taken, np.nan))
+    usable = np.isfinite(balances).all(axis=1) & (np.ptp(balances, axis=1) > 0.0) & (damping > 0.0) & ~seldom
+    dampers = _damped_couplings(plan)
+    worst = Heating()
+    parts = [part for part in np.unique(labels[plan.kicked]) if given[part] > 0.0 and not dampers]
+    for part in parts:
+        slots = np.flatnonzero(labels == part)
+        controls = slots[usable[slots]][: len(weights) // 8]
+        value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
+        found = Heating(value[0] / given[part] - 1.0, error[0] / given[part], plan.bodies[slots[0]], len(parts))
+        size = found.share if plan.dissipative else abs(found.share)
+        if not size / found.error <= abs(worst.share) / worst.error:
+            worst = found
+    return worst
 
 
 def _damped_couplings(plan: Plan) -> bool:

@@ -246,10 +246,10 @@ def _run(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
-    if not plan.coarse:
+    if not plan.coarse and not drifting:
         name = "mean_square_velocity"
         partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])
-        for message in filter(None, (estimates.heating.warning, partition)):
+        if message := estimates.heating.warning or partition:
             warn(message)
     return _labelled(plan, estimates, results, configuration)
 
@@ -298,8 +298,8 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "independent_samples": plan.realizations * samples_per_realization(plan),
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
-        "step_heating": estimates.heating.share if not plan.dissipative else math.nan,
-        "step_heating_standard_error": estimates.heating.error if not plan.dissipative else math.nan,
+        "step_heating": estimates.heating.share,
+        "step_heating_standard_error": estimates.heating.error,
     }
     if plan.jumps is not None:
         attributes["longest_jump"] = plan.jumps.steps * plan.step
