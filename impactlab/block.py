@@ -139,8 +139,12 @@ class Block:
                 if not redraw.size:
                     break
             resting = np.concatenate([resting, redraw])
-            state.x[:-1, resting] = plan.rest[:, None]
-            state.v[:, resting] = 0.0
+            if resting.size:
+                cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
+                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
+                state.x[:-1, resting] = plan.rest[:, None]
+                state.v[:, resting] = 0.0
+                state.v[cold[:, None], resting] = velocity
         else:
             state.x[:-1, lanes] = plan.rest[:, None]
         return attempt

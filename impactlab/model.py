@@ -314,13 +314,13 @@ class Model:
 
     @cached_property
     def _labels(self) -> np.ndarray:
-        return _parts(len(self.bodies), self.links)
+        return connected_parts(len(self.bodies), self.links)
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
         linear = self.coupling.any(axis=0)
         pairs, (stiffness, damping) = self.coupled[linear], self.coupling[:, linear]
-        labels = _parts(len(self.bodies), pairs)
+        labels = connected_parts(len(self.bodies), pairs)
         part_of_pair = labels[pairs.min(axis=1)]  # the wall has the largest slot
         result = []
         for part in np.unique(part_of_pair):
@@ -344,7 +344,7 @@ def kept(function: Callable[..., Result]) -> Callable[..., Result]:
     return known
 
 
-def _parts(count: int, pairs: np.ndarray) -> np.ndarray:
+def connected_parts(count: int, pairs: np.ndarray) -> np.ndarray:
     """Label of the connected part of each of some bodies, (body,) of int; walls do not connect."""
     first, second = pairs[(pairs < count).all(axis=1)].T
     parts = np.arange(count)

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.component import finite
 from impactlab.counting import counts_closings, jitter
+from impactlab.damping import damped
 from impactlab.errors import InvalidInput
 from impactlab.generate import generate
 from impactlab.given import kinds_of
@@ -23,14 +24,14 @@ from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
     flowing_systems,
-    hottest,
     linear_variances,
     lines_of,
     relaxation_time,
     responses,
 )
-from impactlab.model import Model
+from impactlab.model import Model, connected_parts
 from impactlab.network import Network
+from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
@@ -54,6 +55,9 @@ from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
+
+WINDOW = 0.2
+"""Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,8 @@ class Plan:
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
+    kicked : (body,) ndarray of bool
+        Whether contacts, couplings that do not flow or a residual force act on each body.
     passes : int
         How often a kick evaluates forces that depend on velocities, 0 where there are none.
     time_varying : bool
@@ -134,7 +140,9 @@ class Plan:
     trusted : bool
         Whether there are enough independent realizations or batches for standard errors.
     relaxation : float
-        Relaxation time of the slowest body (s), 0 if nothing is damped.
+        Longest time after which samples are independent (s), 0 if nothing is damped.
+    settling : float
+        Relaxation time of what the start does not know (s).
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
     sampled : bool
@@ -164,6 +172,7 @@ class Plan:
     jitter: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
+    kicked: np.ndarray
     passes: int
     time_varying: bool
     white: np.ndarray
@@ -195,6 +204,7 @@ class Plan:
     steps_per_call: int
     trusted: bool
     relaxation: float
+    settling: float
     coarse: bool
     sampled: bool
     jumps: Jumps | None
@@ -211,7 +221,7 @@ class Plan:
     @property
     def settled(self) -> bool:
         """Whether the spin-up is long enough for balances to be used."""
-        return self.spin_up_steps * self.step >= SETTLED * self.relaxation * (1.0 - 1e-9)
+        return self.spin_up_steps * self.step >= SETTLED * self.settling * (1.0 - 1e-9)
 
     @property
     def steady(self) -> bool:
@@ -244,6 +254,15 @@ class Plan:
         for group in groups:
             result[group.slots] = True
         return result
+
+    @property
+    def cold(self) -> np.ndarray:
+        """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (some,)."""
+        driven = np.zeros(len(self.bodies), dtype=bool)
+        for slots in (self.noise_rows, self.forced, *(slots for slots, _ in self.responses)):
+            driven[slots] = True
+        labels = connected_parts(len(driven), self.links)
+        return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
     @property
     def pairs(self) -> np.ndarray:
@@ -314,17 +333,23 @@ def make_plan(
     start = start_of(initial, model)
     records = [record.resolved(model) for record in records]
     intervals = _intervals(records, duration)
-    relaxation = relaxation_time(model)
+    linear = relaxation_time(damped(model)[1])
+    automatic = spin_up is None and isinstance(start, str) and bool(network.excitations)
     if spin_up is None:
-        spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
+        spin_up = RELAXATION_TIMES * linear if automatic else 0.0
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
     stiffening = Stiffening.of(model, energies(model, start, duration, spin_up))
+    relaxed = Relaxation.of(model, stiffening)
+    relaxation, settling = relaxed.slowest, max(linear, relaxed.settling)
+    if automatic:
+        spin_up = spin_up_of(relaxed, spin_up, duration)
+        warn_of_unknown_damping(model, spin_up)
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
     chosen = choose_step(model, integrator, stiffening, given, -spin_up, duration)
-    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
     if given is None and (not settled or kinds_of(model)) and not model.nonlinear_bodies.any():
@@ -334,8 +359,8 @@ def make_plan(
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
-    window = 0.2 * gap_scale(model, stiffening.penetration)
-    deviations = _start_deviations(model, stiffening)
+    window = WINDOW * gap_scale(model, stiffening.penetration)
+    deviations = _start_deviations(model, stiffening, relaxed.temperature)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
     counted = counts_closings(model, integrator, start, stiffening, step)
@@ -388,6 +413,7 @@ def make_plan(
         jitter=jitter(model, step, duration) if counted else np.zeros(len(model.ends)),
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
+        kicked=model.nonlinear_bodies,
         passes=model.passes,
         time_varying=model.time_varying,
         white=white,
@@ -404,7 +430,7 @@ def make_plan(
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=deviations,
-        factors=start_factors(model, stiffening),
+        factors=start_factors(model, stiffening, relaxed.temperature),
         rest=stiffening.rest,
         step=step,
         spin_up_steps=spin_up_steps,
@@ -421,6 +447,7 @@ def make_plan(
         steps_per_call=steps_per_call,
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
+        settling=settling,
         coarse=coarse,
         own_bodies=len(model.bodies),
         own_contacts=len(model.contacts),
@@ -458,15 +485,14 @@ def _half_kick(model: Model, step: float) -> np.ndarray:
     return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 
 
-def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:
+def _start_deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
     """Standard deviations under white noise alone, 0 for other bodies, (2, body).
 
-    They are the linear ones, but a residual force that stiffens a body narrows its displacement.
+    They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
+    but contacts can heat start at the temperature that is expected of them, where it is known.
     """
     velocity = linear_variances(model)[1]
-    # nothing but contacts can heat these: they start at the temperature of their part
-    cold = (model.damping == 0.0) & ~model.excited
-    velocity = np.where(cold, hottest(model, model.mass * velocity) / model.mass, velocity)
+    velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
     variances[~np.isfinite(variances)] = 0.0

@@ -17,12 +17,14 @@ import impactlab.density
 import impactlab.peaks
 import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
+from impactlab.damping import damped
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.generate import generate
 from impactlab.groups import samples_per_realization
+from impactlab.heating import unequal_partition
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.memory import check_memory
@@ -132,7 +134,7 @@ def simulate(
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
     allowed = 600.0 if max_seconds is None else positive("max_seconds", max_seconds)
-    length = min(longest, LENGTH * relaxation_time(model))
+    length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
 
     records = _records(record)
     asked = any(isinstance(item, PerRealization) for item in records)
@@ -250,6 +252,11 @@ def _run(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
+    if not plan.coarse and not drifting:
+        name = "mean_square_velocity"
+        partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])
+        if message := estimates.heating.warning or partition:
+            warn(message)
     return _labelled(plan, estimates, results, configuration)
 
 
@@ -297,6 +304,8 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "independent_samples": plan.realizations * samples_per_realization(plan),
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
+        "step_heating": estimates.heating.share,
+        "step_heating_standard_error": estimates.heating.error,
     }
     if plan.jumps is not None:
         attributes["longest_jump"] = plan.jumps.steps * plan.step
