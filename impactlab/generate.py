@@ -183,6 +183,11 @@ def _local(field: str) -> str:
 
 
 def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+    """Write the loop over some contacts.
+
+    The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
+    value, which throws a body out of every contact, does not pass for an open one.
+    """
     call = _call(kind, name, {"indentation": "max(gap, 0.0)", "rate": "rate"})
     place: tuple[str, ...] = ()
     distance, rate = "gaps[member, lane]", "forces_of[member, lane]"
@@ -196,7 +201,7 @@ def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
         + (f"                rate = {rate}\n" if "rate" in kind.kinematic else "")
         + f"                force = {call}\n"
         "                gaps[member, lane] = gap\n"
-        "                forces_of[member, lane] = force if gap > 0.0 else 0.0\n"
+        "                forces_of[member, lane] = gap - gap if gap <= 0.0 else force\n"
     )
 
 

@@ -19,8 +19,9 @@ import impactlab.spectrum  # noqa: F401  (records must be known when one is made
 from impactlab.build import digest
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
-from impactlab.errors import InvalidInput, warn
+from impactlab.errors import Diverged, InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
+from impactlab.forces import explanation
 from impactlab.generate import generate
 from impactlab.groups import samples_per_realization
 from impactlab.integrators import ExactFlow, Integrator
@@ -197,7 +198,10 @@ def _simulate(
             part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
             spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse, model=part,
         )  # fmt: skip
-        return _run(plan, executor, progress, seconds, workers, configuration, temporary)
+        try:
+            return _run(plan, executor, progress, seconds, workers, configuration, temporary)
+        except Diverged as error:
+            raise Diverged(f"{error}{explanation(part, plan.window)}") from None
 
     with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
         apart = split(model, integrator, initial, records)

@@ -119,6 +119,8 @@ def _said() -> Iterator[None]:
 class _Streamed:
     """In the place of a record of trajectories whose samples go to a file."""
 
+    summed = ()
+
     def __init__(self, file: _File) -> None:
         self.file = file
 

@@ -18,7 +18,7 @@ LAYERS = [
     {"items", "model", "dataset", "plot"},
     {"linear"},
     {"generate", "integrators", "reference"},
-    {"scene", "series"},
+    {"scene", "series", "forces"},
     {"linearized", "joint", "kinks", "intervals"},
     {"rules"},
     {"check", "compiled", "tiles"},

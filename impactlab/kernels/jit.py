@@ -16,6 +16,7 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Hashable, Iterator
 from functools import cache
 from pathlib import Path
@@ -50,6 +51,9 @@ _populate_array: Any = populate_array
 
 DISABLED = bool(config.DISABLE_JIT)
 """Whether functions run as they are, without a compiler."""
+
+_CACHED = threading.RLock()
+"""Held while numba's setting is ours: threads that save and restore it at once would leave it so."""
 
 _dispatchers: list[Any] = []
 _kernels: set[Any] = set()
@@ -88,7 +92,12 @@ def timetable(function: Function) -> Function:
 
 def evaluate(forces: Any, x: np.ndarray, *arrays: np.ndarray) -> None:
     """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
-    loop(_EVALUATE if x.ndim == 2 else _EVALUATE_ONE, _evaluate)(forces, x, *arrays)
+    evaluator(x.ndim == 1)(forces, x, *arrays)
+
+
+def evaluator(single: bool) -> Function:
+    """Return the compiled function that calls a network's forces once, for blocks or for single lanes."""
+    return loop(_EVALUATE_ONE if single else _EVALUATE, _evaluate)
 
 
 def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
@@ -239,9 +248,10 @@ def _kernel_digest() -> str:
 @contextlib.contextmanager
 def _cached_here() -> Iterator[None]:
     """Let numba put its cache into our folder while a function is being decorated."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    with _CACHED:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(cache_folder())
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
