@@ -17,7 +17,7 @@ import impactlab.density
 import impactlab.peaks
 import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
-from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
+from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, told, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
 from impactlab.errors import Diverged, InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
@@ -213,7 +213,8 @@ def _simulate(
         if out is None or temporary is None:
             return dataset
         streamed = any(isinstance(item, Trajectory) for item in records)
-        write(dataset, temporary, append=streamed)
+        with told(str(out), temporary):
+            write(dataset, temporary, append=streamed)
     return opened(path_of(out), TRAJECTORIES)
 
 
