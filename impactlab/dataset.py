@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import reprlib
 import shutil
 import tempfile
 from collections.abc import Collection, Hashable, Iterator, Mapping
@@ -157,7 +158,17 @@ def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) 
         raise InvalidInput(
             f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
         )
-    configuration: dict[str, Any] = json.loads(stored)
+    return parsed(stored)
+
+
+def parsed(stored: Any) -> dict[str, Any]:
+    """Return the configuration that a text holds, or refuse what is none."""
+    try:
+        configuration = json.loads(str(stored))
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"The configuration that is stored cannot be read: {error}.") from error
+    if not isinstance(configuration, dict):
+        raise InvalidInput(f"The configuration that is stored is not a mapping: {reprlib.repr(configuration)}.")
     return configuration
 
 

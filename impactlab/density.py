@@ -220,7 +220,7 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
 
 
 def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
-    if isinstance(names, str):
+    if not isinstance(names, tuple | None):
         raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), {names!r} was given.")
     for name in names or ():
         if name not in model.bodies:
@@ -235,6 +235,8 @@ def _plain_limits(limits: Any) -> Any:
     items = limits
     if isinstance(limits, Mapping):
         items = [(name, *(pair if isinstance(pair, list | tuple) else (pair,))) for name, pair in limits.items()]
+    if not isinstance(items, list | tuple):
+        raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
     plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in items)
     by_name = plain and all(isinstance(item, tuple) for item in plain)
     pairs: list[Any] = [item[1:] for item in plain] if by_name else [plain]

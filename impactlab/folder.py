@@ -44,6 +44,8 @@ class Folder:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        if not isinstance(path, str | os.PathLike):
+            raise InvalidInput(f"A folder is given by its path, {path!r} was given.")
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from impactlab.network import Network
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
+    MOST_STEPS,
     RELAXATION_TIMES,
     SETTLED,
     batch_count,
@@ -315,7 +316,7 @@ def make_plan(
                 step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
     jumping = unit > 1
-    if steps + spin_up / step >= 2.0**53:
+    if steps + spin_up / step >= MOST_STEPS:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
     if given is None and integrator.kicks:

@@ -10,7 +10,8 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "uninterrupted", "gather", "incidence", "kernels", "bands"},
+    {"errors"},
+    {"progress", "uninterrupted", "gather", "incidence", "kernels", "bands"},
     {"component", "build"},
     {"oscillator", "contact", "excitation", "potentials"},
     {"coupling"},

@@ -14,6 +14,7 @@ import hashlib
 import math
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import threading
@@ -28,6 +29,8 @@ from numba import f8, i8, types, void
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
+
+from impactlab.errors import ImpactLabWarning, warn
 
 Function = Callable[..., Any]
 
@@ -200,19 +203,34 @@ def cache_folder() -> Path:
     """Return the private folder for generated modules and machine code.
 
     It is taken from the environment variable ``IMPACTLAB_CACHE``, else from the
-    system's convention. Where it cannot be written to, a temporary folder serves
-    this process.
+    system's convention. Where it cannot be written to, or others can, a temporary folder
+    serves this process: what is in the cache is executed.
     """
     folder = (
         _user_folder() / f"{_kernel_digest()}-numba{numba.__version__}-py{sys.version_info[0]}{sys.version_info[1]}"
     )
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
+        if not _is_ours(folder):
+            warn(
+                f"The cache {folder} is a link, belongs to somebody else or can be written to by others (mode "
+                f"{stat.filemode(folder.lstat().st_mode)}), so it is not used and everything is compiled again: remove "
+                "it, or name another with IMPACTLAB_CACHE.",
+                ImpactLabWarning,
+            )
+        elif os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
             return folder
     temporary = Path(tempfile.mkdtemp(prefix="impactlab-"))
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     return temporary
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether nobody else can put files into a folder, as far as the system knows owners."""
+    found = folder.lstat()  # of a link, the link
+    return stat.S_ISDIR(found.st_mode) and (
+        not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o022)
+    )
 
 
 def _can_create(folder: Path) -> bool:
