@@ -11,6 +11,7 @@ from impactlab.component import Component, call_each
 from impactlab.errors import InvalidInput
 from impactlab.linear import spread
 from impactlab.model import Model
+from impactlab.scene import Stiffening
 
 LARGEST = 1e100
 """Size (m, m s-1, N) from which a number counts as infinite: its square and a sum of those must be finite."""
@@ -45,6 +46,20 @@ class _Force(NamedTuple):
 
 _ARTICLES = {"indentation": "an", "extension": "an", "displacement": "a"}
 _RATES = {"indentation": "rate", "extension": "rate", "displacement": "velocity"}
+
+
+def stiffening_of(model: Model, energy: np.ndarray) -> Stiffening:
+    """Return what forces add to the stiffness at some energies of the bodies, and refuse forces that cannot be used.
+
+    Raises
+    ------
+    InvalidInput
+        As `check_forces`.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
+        stiffening = Stiffening.of(model, energy)
+    check_forces(model, stiffening.penetration, energy)
+    return stiffening
 
 
 def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> None:

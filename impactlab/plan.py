@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlab.component import finite
 from impactlab.errors import InvalidInput
-from impactlab.forces import check_forces
+from impactlab.forces import stiffening_of
 from impactlab.generate import generate
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
@@ -289,8 +289,7 @@ def make_plan(
         spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
-    stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
-    check_forces(model, stiffening.penetration, stiffening.energy)
+    stiffening = stiffening_of(model, energies(model, start, spin_up + duration))
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
