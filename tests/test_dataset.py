@@ -260,9 +260,10 @@ def test_an_interrupt_waits_until_the_file_is_written(number, result, tmp_path, 
     before = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGTERM, terminate)
     handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     try:
-        with monkeypatch.context() as patch, pytest.raises((KeyboardInterrupt, Terminated)):
-            patch.setattr(xr.Dataset, "to_netcdf", write)
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", write)
+        with pytest.raises((KeyboardInterrupt, Terminated)):
             il.save(result, tmp_path / "result.nc")
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", usual)
         assert len(seen) == 1
         assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
         xr.testing.assert_identical(load(tmp_path / "result.nc"), result)  # whole, and the locks are open

@@ -346,7 +346,6 @@ def test_interrupt_is_answered(realizations):
     assert process.returncode != 0
 
 
-@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 COLD = """
 import threading, time
 import impactlab as il
@@ -388,6 +387,7 @@ def test_interrupt_is_answered_while_compiling(tmp_path):
     assert process.returncode != 0
 
 
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
     """In a crowd no draw has all contacts open; the bodies start at rest after the first."""
     draws, draw = [], Block._draw
