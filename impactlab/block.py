@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged
+from impactlab.forces import LARGEST
 from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.integrators.jumps import jumping_loop, work_space
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import (
@@ -70,16 +72,27 @@ class Edge(NamedTuple):
     products: np.ndarray  # (row, pair, lane)
 
 
+def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
+    """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
+    evaluator(_single(plan))
+    module = build(plan.text)
+    return module, plan.integrator.loop(_single(plan)) if plan.jumps is None else jumping_loop()
+
+
+def _single(plan: Plan) -> bool:
+    """Whether blocks have one lane, in arrays without an axis of lanes."""
+    return plan.lanes == 1 and plan.jumps is None
+
+
 class Block:
     """The arrays of one block while it runs."""
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.single = plan.lanes == 1 and plan.jumps is None
+        self.single = _single(plan)
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
-        self.module = build(plan.text)
-        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
+        self.module, self.loop = compiled(plan)
         self.realizations = plan.realizations_of(index)
         self.now = 0
         self.intensity = np.zeros((plan.integrator.phases, len(plan.white)))  # of each phase, by that of the plan
@@ -328,7 +341,8 @@ class Block:
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
-        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
+        x, v, reading = self.state.x, self.state.v, self.state.reading
+        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if not finite.all():
             body, lane = np.argwhere(~finite)[0]
             time = (self.now - self.plan.spin_up_steps) * self.plan.step

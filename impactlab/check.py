@@ -11,6 +11,7 @@ import xarray as xr
 
 from impactlab.damping import damped
 from impactlab.errors import InvalidInput
+from impactlab.forces import stiffening_of
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import hottest, linear_variances, relaxation_time
 from impactlab.linearized import LinearizedNetwork
@@ -81,7 +82,7 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
     energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(damped(model)[1]))
     growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
     energy = np.where(growing, np.inf, energy)
-    stiffening = Stiffening.of(model, energy)
+    stiffening = stiffening_of(model, energy)
     known = np.isfinite(energy) | ~model.nonlinear_bodies
     methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
     rows = {name: _steps(model, item, stiffening) for name, item in sorted(methods.items())}

@@ -86,7 +86,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
 
 def _deviations(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Standard deviations of springs at some energies, 0 where there is none."""
-    return np.sqrt(np.divide(energy, stiffness, out=np.zeros_like(energy), where=stiffness > 0.0))
+    return np.asarray(np.sqrt(np.divide(energy, stiffness, out=np.zeros_like(energy), where=stiffness > 0.0)))
 
 
 def _rates(

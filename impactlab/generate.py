@@ -237,6 +237,11 @@ def _local(field: str) -> str:
 
 
 def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+    """Write the loop over some contacts.
+
+    The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
+    value, which throws a body out of every contact, does not pass for an open one.
+    """
     place: tuple[str, ...] = ()
     distance = "gaps[member, lane]"
     if not single or kind.slows:
@@ -246,7 +251,7 @@ def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     if kind.slows:  # each alone: the rate without what this contact did to it in the pass before
         place = (*place, "response = half_step * mobility")
         lines += [
-            "force = 0.0",
+            "force = gap - gap",
             "if not gap <= 0.0:",
             "    rate = middle[first, lane] - middle[second, lane] + response * forces_of[member, lane]",
             f"    force = {_over_kick(kind, name, 'gap', 'rate')}",
@@ -257,7 +262,7 @@ def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
         lines += [
             f"force = {_call(kind, name, {'indentation': 'max(gap, 0.0)'})}",
             "gaps[member, lane] = gap",
-            "forces_of[member, lane] = force if gap > 0.0 else 0.0",
+            "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
         ]
     return (
         f"{_run(index, kind, *place, slices=('gaps = indentation[slot]', 'forces_of = contact_force[slot]'))}"

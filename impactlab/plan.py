@@ -13,6 +13,7 @@ from impactlab.component import finite
 from impactlab.counting import counts_closings, jitter
 from impactlab.damping import damped
 from impactlab.errors import InvalidInput
+from impactlab.forces import stiffening_of
 from impactlab.generate import generate
 from impactlab.given import kinds_of
 from impactlab.integrators.base import Cross, Flows, Integrator
@@ -35,6 +36,7 @@ from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
+    MOST_STEPS,
     RELAXATION_TIMES,
     SETTLED,
     TRANSIENT,
@@ -339,7 +341,7 @@ def make_plan(
         spin_up = RELAXATION_TIMES * linear if automatic else 0.0
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
-    stiffening = Stiffening.of(model, energies(model, start, duration, spin_up))
+    stiffening = stiffening_of(model, energies(model, start, duration, spin_up))
     relaxed = Relaxation.of(model, stiffening)
     relaxation, settling = relaxed.slowest, max(linear, relaxed.settling)
     if automatic:
@@ -373,7 +375,7 @@ def make_plan(
                 step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
     jumping = unit > 1
-    if steps + spin_up / step >= 2.0**53:
+    if steps + spin_up / step >= MOST_STEPS:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
     if given is None and integrator.kicks:

@@ -54,8 +54,8 @@ def checked(tolerance: Any, model: Model) -> dict[str, float]:
                 "tolerance: the peak force grows with the time of observation; ask for mean_contact_force, or give "
                 "duration= instead."
             )
-        if finite(f"tolerance of {name}", value) <= 0.0:
-            raise InvalidInput(f"tolerance of {name} must be larger than 0, {value!r} was given.")
+        if not 0.0 < finite(f"tolerance of {name}", value) <= 1.0:
+            raise InvalidInput(f"tolerance of {name} must be larger than 0 and at most 1, {value!r} was given.")
     _refuse_drifting(tuple(tolerance), model)
     return {name: float(value) for name, value in tolerance.items()}
 

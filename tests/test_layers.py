@@ -10,7 +10,8 @@ import impactlab
 PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
-    {"errors", "progress", "gather", "incidence", "kernels", "bands"},
+    {"errors"},
+    {"progress", "uninterrupted", "gather", "incidence", "kernels", "bands"},
     {"component", "build"},
     {"oscillator", "contact", "excitation", "potentials"},
     {"coupling"},
@@ -20,7 +21,7 @@ LAYERS = [
     {"damping"},
     {"generate", "integrators", "reference"},
     {"scene", "series"},
-    {"linearized", "relaxation", "joint", "kinks", "intervals", "counting", "dissipation"},
+    {"forces", "linearized", "relaxation", "joint", "kinks", "intervals", "counting", "dissipation"},
     {"rules"},
     {"check", "compiled", "tiles"},
     {"plan"},
