@@ -179,7 +179,7 @@ def step_error(plan: Plan, model: Model, initial: object) -> StepError:
         infinite, exact = np.full(len(model.bodies), np.inf), np.zeros(len(model.bodies))
         labels = {"oscillator": model.bodies, "contact": model.contacts}
         return StepError(step, {"mean_square_velocity": infinite}, {"mean_square_velocity": exact}, labels)
-    return _of_units(coarse, fine, model, steps, found)
+    return _of_units(coarse, fine, model, steps, plan.steps // steps * steps, found)
 
 
 def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
@@ -202,6 +202,8 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     if not plan.steady:
         left = min(left, plan.steps)
         steps = max(2, min(steps, left // 2 * 2))
+    if not plan.random.any():  # all steps, if they can be
+        steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
     return realizations, settling, max(1, min(STRETCHES, left // steps)), steps
 
 
@@ -297,8 +299,11 @@ def _begin(block: Block, x: np.ndarray, v: np.ndarray) -> None:
         block._note_gaps(state.reading, state.velocity)
 
 
-def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, found: list[list[Stretch]]) -> StepError:
-    """Turn the sums of all stretches into biases and their standard errors."""
+def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[list[Stretch]]) -> StepError:
+    """Turn the sums of all stretches into biases and their standard errors.
+
+    Where nothing is random and the stretches are all steps of a run, of which there are `most`, nothing is sampled.
+    """
     stretches, labels = len(found[0]), model.connected()
     of_coarse = _joined(coarse, steps, [[item.coarse for item in block] for block in found])
     of_fine = _joined(fine, 2 * steps, [[item.fine for item in block] for block in found])
@@ -318,11 +323,15 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, found: list[li
     put_in = np.zeros(parts)
     if not coarse.time_varying:
         np.add.at(put_in, labels[coarse.white], np.pi * coarse.intensity / coarse.linear[0, coarse.white])
-    memory = _memory(kept.reshape(parts, stretches, lanes), steps * coarse.step)
+    length = steps * coarse.step
+    memory = _memory(kept.reshape(parts, stretches, lanes), length)
     with np.errstate(divide="ignore", invalid="ignore"):
-        memory = np.minimum(memory, size / np.maximum(taken, put_in))
-        gained = energy.reshape(parts, -1) * (memory / (steps * coarse.step) / size)[:, None]
+        memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
+        if not coarse.steady:  # to the end
+            memory = np.minimum(memory, length * np.arange(stretches)[::-1, None])
+        gained = (energy * memory / (length * size[:, None, None])).reshape(parts, -1)
     gained = np.where(np.isfinite(gained), gained, 0.0)
+    sampled = bool(coarse.random.any()) or stretches * steps < most
     bias, error = {}, {}
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
@@ -338,8 +347,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, found: list[li
         known = np.isfinite(relative).all(axis=-1)
         relative = np.where(known[:, None], relative, 0.0)
         bias[name] = relative.mean(axis=-1)
-        spread = relative.std(axis=-1, ddof=1) if relative.shape[-1] > 1 else np.zeros(len(relative))
-        error[name] = spread / math.sqrt(relative.shape[-1])
+        error[name] = relative.std(axis=-1) / math.sqrt(relative.shape[-1]) if sampled else np.zeros(len(relative))
     return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})
 
 
