@@ -33,18 +33,28 @@ class Heating:
         The first body of that part.
     parts : int
         Connected parts that were looked at.
+    conservative : bool
+        Whether no force but friction depends on velocities.
     """
 
     share: float = math.nan
     error: float = math.nan
     body: str = ""
     parts: int = 1
+    conservative: bool = True
+
+    @property
+    def significance(self) -> float:
+        """How many standard errors it is off 0, or above 0 where forces take heat."""
+        size = abs(self.share) if self.conservative else self.share
+        return size / max(self.error, 1e-300)
 
     @property
     def warning(self) -> str:
         """A sentence that says it, where it is too much."""
         certain = math.sqrt(CERTAIN**2 + 2.0 * math.log(self.parts))  # as the largest of so many normal numbers grows
-        if not abs(self.share) > MOST_HEATING + certain * self.error:
+        size = abs(self.share) if self.conservative else self.share
+        if not size > MOST_HEATING + certain * self.error:
             return ""
         return (
             f"Friction takes {100.0 * abs(self.share):.2g} ± {100.0 * self.error:.1g} % "
@@ -87,9 +97,9 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
         slots = np.flatnonzero(labels == part)
         controls = slots[usable[slots]][: len(weights) // 8]
         value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
-        found = Heating(value[0] / given[part] - 1.0, error[0] / given[part], plan.bodies[slots[0]], len(parts))
-        size = found.share if plan.dissipative else abs(found.share)
-        if not size / found.error <= abs(worst.share) / worst.error:
+        share, scatter = float(value[0] / given[part]) - 1.0, float(error[0] / given[part])
+        found = Heating(share, scatter, plan.bodies[slots[0]], len(parts), not plan.dissipative)
+        if math.isnan(worst.share) or found.significance > worst.significance:
             worst = found
     return worst
 

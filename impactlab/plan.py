@@ -28,7 +28,7 @@ from impactlab.linear import (
 )
 from impactlab.model import Model, connected_parts
 from impactlab.network import Network
-from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
+from impactlab.relaxation import Relaxation, closing_rates, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
@@ -51,6 +51,9 @@ from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
+
+NEVER = 1e-3
+"""Closings of a contact expected in a run, below which it is taken for one that cannot close."""
 
 WINDOW = 0.2
 """Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
@@ -83,8 +86,10 @@ class Plan:
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
+    likely : (contact,) ndarray of bool
+        Whether each contact may close in the run.
     kicked : (body,) ndarray of bool
-        Whether contacts, couplings that do not flow or a residual force act on each body.
+        Whether these, couplings that do not flow or a residual force act on each body.
     dissipative, time_varying : bool
         Whether forces depend on velocities, and white noise on time.
     white : (white,) ndarray of int
@@ -158,6 +163,7 @@ class Plan:
     window: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
+    likely: np.ndarray
     kicked: np.ndarray
     dissipative: bool
     time_varying: bool
@@ -326,6 +332,9 @@ def make_plan(
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
     window = WINDOW * gap_scale(model, stiffening.penetration)
+    with np.errstate(over="ignore"):
+        closings = closing_rates(model, stiffening) * duration * realizations
+    likely = ~(closings < NEVER)  # also where it is not known
     deviations = _start_deviations(model, stiffening, relaxed.temperature)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
@@ -376,7 +385,8 @@ def make_plan(
         window=window,
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
-        kicked=model.nonlinear_bodies,
+        likely=likely,
+        kicked=_kicked(model, likely),
         dissipative=model.dissipative,
         time_varying=model.time_varying,
         white=white,
@@ -438,6 +448,15 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
+
+
+def _kicked(model: Model, likely: np.ndarray) -> np.ndarray:
+    """Whether forces of kicks may act on each body, (body,) of bool."""
+    acting = model.kicking.copy()
+    acting[: len(likely)] &= likely
+    result = np.append(model.residual, False)
+    result[model.links[acting].ravel()] = True
+    return result[:-1]
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:
