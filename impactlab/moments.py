@@ -196,7 +196,8 @@ def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
     slowed = friction > SPLIT_FRICTION
     if not slowed.any():
         return at_kicks
-    theta = (1.0 / friction[slowed] - 1.0 / np.expm1(friction[slowed]))[:, None]
+    friction = friction[slowed, None]
+    theta = 1.0 / friction + np.exp(-friction) / np.expm1(-friction)
     increment = _increment(plan)[slowed]
     vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
     result = at_kicks.copy()
