@@ -75,6 +75,7 @@ class Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
+        self.given_start = isinstance(plan.start, np.ndarray)
         self.single = plan.lanes == 1 and plan.jumps is None
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
@@ -197,11 +198,19 @@ class Block:
         return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
 
     def _half_kick(self) -> None:
-        """Bring the velocity from the time of the displacement to the end of the kick there."""
+        """Bring the velocity from the time of the displacement to the end of the kick there.
+
+        A displacement that is given is where the kick is read.
+        """
         plan, state = self.plan, self.state
         half = 0.5 * plan.step / plan.linear[0][:, None]
         self._evaluate(state.x, state.rest)
-        state.reading[:-1] = state.x[:-1] + plan.step / 6.0 * half * state.total[:-1]
+        shift = plan.step / 6.0 * half * state.total[:-1]
+        if self.given_start:
+            state.reading[:] = state.x
+            state.x[:-1] -= shift
+        else:
+            state.reading[:-1] = state.x[:-1] + shift
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
@@ -338,7 +347,8 @@ class Block:
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
                 self.state.velocity[:] = self.state.v
-            if not plan.integrator.kicks or plan.spin_up_steps == 0:  # the state itself, not where a kick is read
+            own = plan.spin_up_steps == 0 and not self.given_start
+            if not plan.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
