@@ -318,8 +318,10 @@ def _increment(plan: Plan) -> np.ndarray:
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:
-    """Bodies between whose kicks there is nothing but white noise."""
+    """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
     result = np.ones(len(plan.bodies), dtype=bool)
     result[[lines.body for lines in plan.lines]] = False
     result[plan.forced] = False
+    for group in plan.flows.groups if plan.flows is not None else ():
+        result[group.slots] = result[group.slots].all()
     return result
