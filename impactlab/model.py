@@ -279,6 +279,10 @@ class Model:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         return self._labels
 
+    def touching(self) -> np.ndarray:
+        """Label of the part of each body that contacts alone connect, (body,) of int."""
+        return _parts(len(self.bodies), self.ends)
+
     @cached_property
     def _labels(self) -> np.ndarray:
         return _parts(len(self.bodies), self.links)
