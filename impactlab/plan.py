@@ -373,6 +373,8 @@ def make_plan(
         chosen = min(chosen, TRANSIENT * integrator.recommended_step(model, stiffening.links, stiffening.bodies))
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
+    if given is None and not model.nonlinear_bodies.any():
+        chosen = min([chosen, *(record.longest_step(model) for record in records)])
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
