@@ -314,7 +314,7 @@ class Model:
 
     def touching(self) -> np.ndarray:
         """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return _parts(len(self.bodies), self.ends)
+        return connected_parts(len(self.bodies), self.ends)
 
     @cached_property
     def _labels(self) -> np.ndarray:
