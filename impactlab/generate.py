@@ -90,7 +90,7 @@ def {name}_over_kick({place}, speed, response{fields}):
     """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
     force = {speed}
     if response > 0.0 and force != 0.0:
-        middle = {name}_slowed({place}, speed, response, 0.01{fields})
+        middle = {name}_slowed({place}, speed, response, 1e-6{fields})
         near = 0.001 * (speed - middle)
         if near != 0.0:
             steepness = 0.5 * ({above} - {below}) / near
