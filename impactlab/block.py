@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged
+from impactlab.forces import LARGEST
 from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.integrators.jumps import jumping_loop, work_space
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import (
@@ -73,17 +75,28 @@ class Edge(NamedTuple):
     products: np.ndarray  # (row, pair, lane)
 
 
+def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
+    """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
+    evaluator(_single(plan))
+    module = build(plan.text)
+    return module, plan.integrator.loop(_single(plan)) if plan.jumps is None else jumping_loop()
+
+
+def _single(plan: Plan) -> bool:
+    """Whether blocks have one lane, in arrays without an axis of lanes."""
+    return plan.lanes == 1 and plan.jumps is None
+
+
 class Block:
     """The arrays of one block while it runs."""
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
         self.given_start = isinstance(plan.start, np.ndarray)
-        self.single = plan.lanes == 1 and plan.jumps is None
+        self.single = _single(plan)
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
-        self.module = build(plan.text)
-        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
+        self.module, self.loop = compiled(plan)
         self.realizations = plan.realizations_of(index)
         self.now = 0
         self.intensity = np.zeros((plan.integrator.phases, len(plan.white)))  # of each phase, by that of the plan
@@ -91,7 +104,7 @@ class Block:
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
         normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
-        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
+        work = [np.zeros((bodies + 1, lanes)) for _ in range(4)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
         past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
@@ -109,6 +122,9 @@ class Block:
             np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
+            np.full((2, plan.own_contacts * plan.counted, lanes), np.nan),
+            plan.jitter,
+            plan.step,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
@@ -140,8 +156,12 @@ class Block:
                 if not redraw.size:
                     break
             resting = np.concatenate([resting, redraw])
-            state.x[:-1, resting] = plan.rest[:, None]
-            state.v[:, resting] = 0.0
+            if resting.size:
+                cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
+                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
+                state.x[:-1, resting] = plan.rest[:, None]
+                state.v[:, resting] = 0.0
+                state.v[cold[:, None], resting] = velocity
         else:
             state.x[:-1, lanes] = plan.rest[:, None]
         return attempt
@@ -217,7 +237,7 @@ class Block:
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
-        state.slope_x[:] = state.total
+        state.slope_x[:], state.middle[:] = state.total, state.velocity
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
@@ -258,7 +278,7 @@ class Block:
         """Call the compiled loop."""
         plan = self.plan
         network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-        how = plan.dissipative, summing, self.now, count, every, phase
+        how = plan.passes, summing, self.now, count, every, phase
         if plan.jumps is None:
             series = self.series._replace(near=self._seen(self.series.near))
             self.loop(
@@ -274,7 +294,7 @@ class Block:
     def _blocks(self) -> tuple[State, History, Sums]:
         """What the loop takes."""
         sums = self.sums._asdict()
-        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products", "before"):
             sums[name] = self._seen(sums[name])
         return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
@@ -340,7 +360,8 @@ class Block:
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
-        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
+        x, v, reading = self.state.x, self.state.v, self.state.reading
+        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if not finite.all():
             body, lane = np.argwhere(~finite)[0]
             time = (self.now - self.plan.spin_up_steps) * self.plan.step
@@ -364,6 +385,9 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
+        if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.spin_up_steps or self.given_start else self.state.x
+            self._note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
@@ -388,6 +412,14 @@ class Block:
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
+    def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
+        begin, first = self.now - self.plan.spin_up_steps, self._edge()
+        self._clear_sums()
+        self.advance(steps, lambda snapshots: None)
+        self._collect_sums()
+        return self._over_time(begin, begin + steps, first, self._edge())
+
     def _edge(self) -> Edge:
         """Return what the state, of which a kick has just been made, adds to the sums."""
         plan, state = self.plan, self.state
@@ -395,8 +427,8 @@ class Block:
             state.reading[:], state.velocity[:] = state.x, state.v
             self._evaluate(state.reading, state.velocity)
         mass = plan.linear[0][:, None]
-        x, v = state.x[:-1], state.velocity[:-1]
-        f = (state.v[:-1] - v) * (2.0 * mass / plan.step)
+        x, f = state.x[:-1], state.total[:-1]
+        v = state.v[:-1] - 0.5 * plan.step / mass * f if plan.integrator.kicks else state.v[:-1]
         bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
         one, other = plan.ends.T
         contacts = np.zeros_like(self.sums.contacts)
@@ -429,6 +461,12 @@ class Block:
                 bodies[:, INTENSITY, plan.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
         return bodies, sums.contacts + half[1], products
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted."""
+        first, second = self.plan.ends[: self.plan.own_contacts].T
+        self.sums.before[0] = x[first] - x[second] - self.plan.clearance[: self.plan.own_contacts, None]
+        self.sums.before[1] = v[first] - v[second]
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.integrator.phases, len(self.plan.white)))

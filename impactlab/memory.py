@@ -15,6 +15,9 @@ COPIES = 6
 RECORD_COPIES = 3
 """The same of what records keep."""
 
+COUNT_COPIES = 4
+"""The same of what is summed over the blocks, beside that of the blocks that run."""
+
 
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
@@ -51,9 +54,11 @@ def needed(plan: Plan, workers: int) -> int:
     """Return the bytes that a run with its results takes, without trajectories."""
     running, of_sums = sizes(plan)
     kept: int = plan.realizations * sum(record.bytes_per_realization(plan) for record, _ in plan.records)
+    counts: int = sum(record.bytes_per_block(plan) for record, _ in plan.records)
     run: int = min(plan.realizations, workers * plan.lanes) * running + (
         COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )
+    run += (min(plan.blocks, workers) + COUNT_COPIES) * counts
     return run
 
 

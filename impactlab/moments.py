@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Flows
+from impactlab.integrators.exact_flow import SPLIT_FRICTION
 from impactlab.joint import LOAD, joint_statistics, mean_load, weighted_sum
 from impactlab.kernels.sums import (
     BEGUN,
@@ -88,10 +89,11 @@ def statistics_of(
                 target = balances if name in balances else processed
                 sure = complete | (plan.transient and name not in balances)
                 target[name][group.slots] = np.where(sure, values, target[name][group.slots])
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None]
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None],
+        "contact_rate": contacts[FLUX] / plan.step if plan.counted else flux,
         "mean_contact_force": contacts[FORCE],
         **balances,
     }
@@ -119,6 +121,7 @@ def _processed(
     if of_xx is not None:
         xx, xv, vv = xx - of_xx, xv - of_xv, vv - of_vv
     closed = (closed & ~plan.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
+    at_kicks = at_kicks | {"mean_square_velocity": _slowed(plan, s, at_kicks["mean_square_velocity"])}
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
@@ -181,6 +184,25 @@ def _open_flow(plan: Plan, s: np.ndarray, processed: Values, rows: np.ndarray) -
     processed["mean_displacement"][rows] = s[X] + shift * s[F]
     processed["mean_square_displacement"][rows] = s[XX] + 2.0 * shift * s[FX] + shift**2 * s[FF]
     processed["mean_square_velocity"][rows] = s[VV] + increment / 6.0 * (increment * s[FF] + s[TURN])
+
+
+def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
+    """Mean square velocities at kicks of bodies that friction slows within a step, (body, unit).
+
+    A constant force keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1) with γ = c/m, so
+    that θ = 1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
+    """
+    friction = plan.linear[1] / plan.linear[0] * plan.step
+    slowed = friction > SPLIT_FRICTION
+    if not slowed.any():
+        return at_kicks
+    theta = (1.0 / friction[slowed] - 1.0 / np.expm1(friction[slowed]))[:, None]
+    increment = _increment(plan)[slowed]
+    vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
+    result = at_kicks.copy()
+    result[slowed] = vv + increment * (2.0 * theta - 1.0) * (fv - 0.5 * increment * ff)
+    result[slowed] += increment**2 * (theta**2 - 0.25) * ff
+    return result
 
 
 def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.ndarray]:

@@ -12,13 +12,13 @@ import numpy as np
 
 from impactlab.component import call_each
 from impactlab.contact import ContactLaw, contact_forces
+from impactlab.damping import damped
 from impactlab.given import kinds_of, largest_energy, look
 from impactlab.linear import (
     coupled_systems,
     flexibility,
     hottest,
     line_variances,
-    linear_variances,
     spread,
     white_variances,
 )
@@ -36,7 +36,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
         excitation = model.network.excitations[model.bodies[slot]]
         if excitation in of_time:
             intensity[slot] = look(model, excitation, -spin_up, duration)[1].max()
-    heat = model.mass * white_variances(model, intensity)[1]
+    heat = model.mass * white_variances(damped(model)[0], intensity)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * line_variances(model)[1]
@@ -185,19 +185,20 @@ def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray
     return np.maximum(steepest, 0.0)
 
 
-def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+def start_factors(
+    model: Model, stiffening: Stiffening, temperature: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return the slots of bodies that linear couplings connect, and a root of the covariance of their (x, v).
 
-    Residual forces narrow the law. What only contacts can heat has the temperature of its
-    part. Without a stationary law the root is 0.
+    Residual forces narrow the law. What only contacts can heat has the `temperature` given for it (J), (body,).
+    Without a stationary law the root is 0.
     """
-    temperature = hottest(model, model.mass * linear_variances(model)[1])
     result = []
     for slots, system in coupled_systems(model):
         residual = stiffening.bodies[slots]
         stiffer = replace(system, stiffness=system.stiffness + np.diag(residual)) if residual.any() else system
         cold = not system.damping.any() and not model.excited[slots].any()
-        heat = float(temperature[slots[0]])
+        heat = float(np.median(temperature[slots]))
         covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
         squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
         result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))

@@ -69,6 +69,7 @@ class State(NamedTuple):
     external: np.ndarray  # given forces and noise [body, lane]
     slope_x: np.ndarray  # weighted sum of slopes [body, lane]
     slope_v: np.ndarray
+    middle: np.ndarray  # velocity in the middle of the last kick, where sums need it
     normals: np.ndarray  # (4, row, lane) of single precision
 
 
@@ -96,6 +97,9 @@ class Sums(NamedTuple):
     kick: np.ndarray  # [contact, lane] the same of closing velocities
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
+    before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where closings are not counted
+    jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    step: float
 
 
 def _array(dimensions: int, kind: Any = f8) -> Any:
@@ -123,12 +127,28 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
         _tuple(Series, slots, cube, blocks),
         _tuple(Forced, slots, table),
-        _tuple(State, *[block] * 11, _array(2 + lane, f4)),
+        _tuple(State, *[block] * 12, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        _tuple(
+            Sums,
+            _array(3 + lane),
+            blocks,
+            pairs,
+            slots,
+            numbers,
+            numbers,
+            blocks,
+            block,
+            block,
+            blocks,
+            pairs,
+            blocks,
+            numbers,
+            f8,
+        ),
         blocks,
         f8,
-        b1,
+        i8,
         b1,
         i8,
         i8,
@@ -139,12 +159,13 @@ def _signature(forces: Any, lane: int) -> Any:
 
 ADVANCE = _signature(FORCES, 1)
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, cross, noise, series,
-forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
+forced, state, history, sums, snapshots, step, passes, summing, first, count, every, phase).
 
-It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
-on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
-0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
-bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
+It makes `count` steps, of which `first` is the index of the first. `passes` is how often the forces
+of a kick are evaluated with the velocities that they give, 0 where they depend on none. If
+`summing`, every step adds to the sums. After every `every`-th step, if that is not 0, it writes a
+snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all bodies, force
+of all contacts; `phase` steps have gone since the last one when it begins."""
 
 
 _ADVANCE_OF_ONE = _signature(FORCES_OF_ONE, 0)

@@ -6,6 +6,8 @@ read and written once for four steps.
 
 from __future__ import annotations
 
+import math
+
 from impactlab.kernels.jit import kernel, scalar
 from impactlab.kernels.kick import copy, differences
 from impactlab.kernels.single import instead_of
@@ -20,7 +22,7 @@ between them adds to the velocity."""
 
 CLOSED, FORCE, FLUX, PEAK = range(4)
 """Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
-point of contact, largest force."""
+point of contact or the number of closings, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
 
@@ -34,6 +36,11 @@ PAIR_ROWS = 9
 
 SLOTS = 8
 """Steps that are added together."""
+
+GRAZING, HIDDEN, SLOWEST = 0.5, 0.037, 0.1
+"""How near to contact a turning point must be for its number to tell what noise hides (in what noise moves the gap in a
+step), what noise hides there, and the least change of the closing velocity in a step that is told from none (both in
+what noise changes it); see `closings`."""
 
 
 @kernel
@@ -63,6 +70,8 @@ def keep(history, slot, x, v, indentation, contact_force):  # type: ignore[no-un
 @kernel
 def close_slot(history, slot, last, sums):  # type: ignore[no-untyped-def]
     """Add the history to the sums if the slot is its last one, or the last one of a call."""
+    if sums.before.shape[1]:
+        count_closings(history.indentation[slot], history.v[slot], sums)
     if last or slot == SLOTS - 1:
         empty_slots(history, slot + 1, SLOTS)
         add_history(history, sums)
@@ -162,7 +171,54 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             f2, f3 = force[c, contact, lane], force[d, contact, lane]
             sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
-    add_flux(history, slots, target)
+    if target.before.shape[1] == 0:
+        add_flux(history, slots, target)
+
+
+@scalar
+def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: ignore[no-untyped-def]
+    """Closings in a step, from the indentations and their rates at its ends.
+
+    Between them the indentation is taken as Hermite's cubic, which is also the mean path of a body under white
+    noise that has these ends. It shows excursions that begin and end within the step. What noise adds to them
+    is to first order ``HIDDEN σ² h p(0, 0)`` closings, whatever the mean acceleration; p is the density of
+    (δ, δ') and σ√h the `jitter`. The density at (0, 0) is estimated from turning points just beyond contact, of
+    which a step that changes the closing velocity by Δ has ``|Δ|`` in each unit of p.
+    """
+    count = 1.0 if depth <= 0.0 < next_depth else 0.0
+    if closing * next_closing >= 0.0:
+        return count
+    by, next_by = step * closing, step * next_closing
+    grazing = step * jitter * GRAZING
+    if min(abs(depth), abs(next_depth)) > abs(by) + abs(next_by) + grazing:
+        return count
+    rise = next_depth - depth
+    bend, twist = 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    # the one root of by + 2 bend s + 3 twist s² in (0, 1)
+    root = math.sqrt(bend * bend - 3.0 * twist * by)
+    place = by / (root - bend) if by > 0.0 else by / (-root - bend)
+    turning = depth + place * (by + place * (bend + place * twist))
+    if (depth > 0.0) == (next_depth > 0.0) and (turning > 0.0) != (depth > 0.0):
+        count += 1.0
+    if 0.0 < (turning if closing > 0.0 else -turning) < grazing:
+        count += HIDDEN / GRAZING * jitter / max(abs(next_closing - closing), SLOWEST * jitter)
+    return count
+
+
+@kernel
+def count_closings(indentation, v, target):  # type: ignore[no-untyped-def]
+    """Add the closings since the step before, whose indentations and rates are in `target.before`."""
+    before, sums = target.before, target.contacts
+    for contact in range(sums.shape[1]):
+        first, second = target.ends[contact, 0], target.ends[contact, 1]
+        jitter = target.jitter[contact]
+        for lane in range(sums.shape[2]):
+            depth, closing = indentation[contact, lane], v[first, lane] - v[second, lane]
+            number = closings(
+                before[0, contact, lane], before[1, contact, lane], depth, closing, target.step, jitter
+            )  # fmt: skip
+            sums[FLUX, contact, lane] += number
+            before[0, contact, lane], before[1, contact, lane] = depth, closing
 
 
 @scalar
