@@ -386,7 +386,7 @@ class Block:
             for keeper in keepers:
                 keeper.start(first)
         if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
-            place = self.state.reading if plan.spin_up_steps else self.state.x
+            place = self.state.reading if plan.spin_up_steps or self.given_start else self.state.x
             self._note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0

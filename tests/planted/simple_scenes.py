@@ -131,13 +131,16 @@ class Driven(Scene):
     """A body without noise from a given start: swinging under a fast force, and pressed on a wall by a slow one."""
 
     name = "driven"
-    runs: ClassVar = {"swinging": (4.0, 2.0 * math.pi, math.inf, 10.0), "pressed": (3.0, 0.05, 0.1, 126.0)}
-    """Amplitude and frequency of the force, clearance of the wall if there is one, duration."""
+    runs: ClassVar = {
+        "swinging": (4.0, 2.0 * math.pi, math.inf, 10.0, None),
+        "pressed": (3.0, 0.05, 0.1, 126.0, 0.02),
+    }
+    """Amplitude and frequency of the force, clearance of the wall if there is one, duration, step."""
 
     @cache  # noqa: B019
     def law(self) -> Any:
         result = {}
-        for name, (amplitude, frequency, clearance, duration) in self.runs.items():
+        for name, (amplitude, frequency, clearance, duration, _) in self.runs.items():
 
             def rate(time: float, z: Any, amplitude=amplitude, frequency=frequency, clearance=clearance) -> Any:  # type: ignore[no-untyped-def]
                 contact = 1e3 * max(z[0] - clearance, 0.0) ** 1.5
@@ -153,13 +156,13 @@ class Driven(Scene):
 
     def evidence(self) -> Any:
         body, found = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0), {}
-        for name, (amplitude, frequency, clearance, duration) in self.runs.items():
+        for name, (amplitude, frequency, clearance, duration, step) in self.runs.items():
             wall = {}
             if clearance < math.inf:
                 wall["w"] = il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=clearance)
             push = {"a": Push(amplitude, frequency=frequency)}
             start = {"displacement": {"a": 0.1}}
-            found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start)
+            found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start, step=step)
         return found
 
     def distances(self, found: Any, law: Any) -> Distances:
