@@ -1,14 +1,16 @@
-"""What openings and closings of contacts within a step do to the energy, and the step that keeps it small."""
+"""What kinks and jumps of forces within a step do to the energy, and the step that keeps it small."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.contact import contact_forces
+from impactlab.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.errors import warn
 from impactlab.model import Model
+from impactlab.profiles import Profiles, of_powers
 from impactlab.scene import Stiffening
 
 KINK_HEATING = 5e-4
@@ -19,24 +21,51 @@ WANDERING = 0.1
 
 
 def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = None) -> float:
-    """Return the step at which the kinks of contact forces heat no body by more than `KINK_HEATING` (s).
+    """Return the step at which what it does not resolve of forces heats no body by more than `KINK_HEATING` (s).
 
     A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
-    little whenever it opens or closes: measured, by ``0.016 r² (h Ω)⁴`` of their temperature or less, Ω
-    being the frequency of the closed contact and r the part of its stiffness that is there at a
-    tenth of the thermal penetration (1 for a linear law, 0.2 for Hertz contact). Friction takes
-    it away; a body with little of it, or a contact that closes often, needs a smaller step. `decay`
-    is the rate at which something takes the heat of each contact away (s-1), friction by default.
+    little whenever it opens or closes, and so do kinks and jumps elsewhere. Friction takes it away; a body with little
+    of it, or a contact that closes often, needs a smaller step. `decay` is the rate at which something takes
+    the heat of each contact, coupling and residual force away (s-1), friction by default.
     """
-    inverse_mass = np.append(1.0 / model.mass, 0.0)
-    friction = np.append(model.damping / model.mass**2, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse_stiffness = np.append(1.0 / model.stiffness, 0.0)
-        mobility, compliance, friction = (
-            item[model.ends].sum(axis=1) for item in (inverse_mass, inverse_stiffness, friction)
-        )
-        decay = friction / mobility if decay is None else decay
-    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0))
+    given, total = _decays(model)
+    own = given if decay is None else decay
+    step = _closing_step(model, stiffening, own[: len(model.ends)])
+    passes = _passes(model, stiffening, own, None if decay is not None else total)
+    return min(step, passes.largest_step()) if len(passes.rate) else step
+
+
+def _decays(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return at which rate friction cools the bodies of each item, and all bodies of its part together (s-1).
+
+    Items are contacts, couplings, and bodies. A part is counted only if nothing cools the bodies of some item of it,
+    which then warm those that something cools; otherwise it is 0.
+    """
+    mass = np.append(model.mass, np.inf)
+    friction, damping = np.append(model.damping, 0.0), model.coupling[1]
+    bodies = np.append(friction[:-1] / model.mass, 0.0)
+    items = np.concatenate([model.links, np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)])
+    with np.errstate(invalid="ignore"):
+        own = (friction / mass**2)[items].sum(axis=1) / (1.0 / mass)[items].sum(axis=1)
+    labels = np.append(model.connected(), 0)
+    of_item = labels[items.min(axis=1)]
+    total = np.bincount(labels[:-1], bodies[:-1])
+    np.add.at(total, labels[model.coupled.min(axis=1)], damping * (1.0 / mass)[model.coupled].sum(axis=1))
+    kicked = np.concatenate([np.ones(len(model.ends), dtype=bool), ~model.coupling.any(axis=0), model.residual])
+    uncooled = np.zeros(len(total), dtype=bool)
+    uncooled[of_item[kicked & (own == 0.0)]] = True
+    return own, np.where(uncooled, total, 0.0)[of_item]
+
+
+def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> float:
+    """Return the step for kinks of powers where they begin, measured: ``0.016 r² (h Ω)⁴`` of T in a contact, or less.
+
+    Ω is the frequency of the closed contact and r the part of its stiffness that is there at a tenth of the
+    thermal penetration (1 for a linear law, 0.2 for Hertz contact).
+    """
+    mobility, compliance = _mobility(model, model.ends), _compliance(model, model.ends)
+    smooth = np.array([power_of(contact.law)[1] >= 1.0 for contact in model.network.contacts.values()], dtype=bool)
+    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0) & smooth)
     depth, tangent, clearance = (
         item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
     )
@@ -45,11 +74,7 @@ def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = N
     early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
     # how often the gap crosses the point of contact, by Rice's formula
     spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
-    with np.errstate(invalid="ignore"):
-        spread = stiffening.energy[model.ends[heated].min(axis=1)] * compliance
-    known = (spread > 0.0) & (spread < np.inf)
-    exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
-    often = np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
+    often = _often(clearance, stiffening.energy[model.ends[heated].min(axis=1)], compliance)
     rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
     counted = (rate > 0.0) & (early > 0.0)
     with np.errstate(over="ignore", divide="ignore"):  # a contact that closes once in 10^300 s heats nothing
@@ -58,12 +83,153 @@ def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = N
     return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 
 
+def power_of(law: ContactLaw) -> tuple[float, float]:
+    """Return stiffness and exponent of a law that is known to be a power, NaN of others."""
+    if type(law) is PowerLawContact:
+        return law.stiffness, law.exponent
+    if type(law) in (LinearContact, HertzContact):
+        return law.stiffness, 1.0 if type(law) is LinearContact else 1.5  # type: ignore[attr-defined]
+    return math.nan, math.nan
+
+
+def _mobility(model: Model, ends: np.ndarray) -> np.ndarray:
+    """Return the sum of the inverse masses at both ends (kg-1); a wall does not move."""
+    return np.asarray(np.append(1.0 / model.mass, 0.0)[ends].sum(axis=1))
+
+
+def _compliance(model: Model, ends: np.ndarray) -> np.ndarray:
+    """Return the sum of the compliances of the bodies' own springs at both ends (m N-1)."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.append(1.0 / model.stiffness, 0.0)[ends].sum(axis=1))
+
+
+def _often(clearance: np.ndarray, energy: np.ndarray, compliance: np.ndarray) -> np.ndarray:
+    """Return the density of gaps at the point of contact, over its peak, of bodies on their own springs."""
+    with np.errstate(invalid="ignore"):
+        spread = energy * compliance
+    known = (spread > 0.0) & (spread < np.inf)
+    exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
+    return np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
+
+
+class _Passes(NamedTuple):
+    """Points that pass through forces: how often, what they get, and what takes it away."""
+
+    profiles: Profiles
+    rate: np.ndarray  # passes per time where the potential is least (s-1)
+    temperature: np.ndarray  # (J)
+    speed: np.ndarray  # sqrt(2T/m) (m s-1)
+    decay: np.ndarray  # rate of cooling of their own, 0 where it does not count (s-1)
+    total: np.ndarray  # and of their part
+    part: np.ndarray  # label
+
+    def largest_step(self) -> float:
+        """Return the step at which they heat no body, and no part, by more than `KINK_HEATING`.
+
+        Or half of that at which it is ten times as much: heat of jumps decreases like h² only.
+        """
+        numbers = np.column_stack([*(getattr(self.profiles, name) for name in ("distance", "variance")), *self[1:]])
+        found, counts = np.unique(numbers, axis=0, return_counts=True)
+        blank = np.full(len(found), np.nan)
+        profiles = Profiles(blank, blank, blank, found[:, 0], found[:, 1:-6])
+        rate, temperature, speed, decay, total, part = found[:, -6:].T
+        groups = part.astype(int)
+        share = np.divide(counts, total, out=np.zeros_like(total), where=total > 0.0)
+        with np.errstate(divide="ignore"):
+            alone = np.where(decay > 0.0, 1.0 / decay, 0.0)
+
+        def heating(logarithm: float) -> float:
+            power = rate / temperature * profiles.heat(10.0**logarithm * speed, temperature)
+            return max((power * alone).max(), np.bincount(groups, power * share).max())
+
+        low, high = (math.log10(item) for item in ((found[:, 0] / speed).min(), (found[:, 0] / speed).max()))
+        low, high = low - 6.0, high + 3.0
+
+        def largest(allowed: float) -> float:
+            if heating(high) <= allowed:
+                return math.inf
+            below, above = low, high
+            for _ in range(50):
+                middle = 0.5 * (below + above)
+                below, above = (below, middle) if heating(middle) > allowed else (middle, above)
+            return float(10.0**below)
+
+        step = max(largest(KINK_HEATING), 0.5 * largest(10.0 * KINK_HEATING))
+        return float(f"{step:.3g}")  # on any processor
+
+
+def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray | None) -> _Passes:
+    """Return the passes through forces that are no smooth powers, and through all where a part has a `total`."""
+    contacts = len(model.ends)
+    energy = np.append(stiffening.energy, np.inf)
+    bodies = np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)
+    items = np.concatenate([model.links, bodies])
+    temperature = energy[items.min(axis=1)]
+    mobility = _mobility(model, items)
+    total = np.zeros(len(items)) if total is None else total
+    profiles = Profiles(*(np.concatenate(item) for item in zip(*stiffening.profiles, strict=True)))
+    powers = np.array([power_of(contact.law) for contact in model.network.contacts.values()]).reshape(-1, 2)
+    counted = (temperature > 0.0) & (temperature < np.inf)
+    taken = counted[:contacts] & (powers[:, 0] > 0.0) & ((powers[:, 1] < 1.0) | (total[:contacts] > 0.0))
+    rows = np.flatnonzero(taken & (stiffening.penetration > 0.0))
+    if len(rows):
+        eta, exponent = powers[rows].T
+        length = ((exponent + 1.0) * temperature[rows] / eta) ** (1.0 / (exponent + 1.0))
+        for item, numbers in zip(profiles, Profiles.of(of_powers(eta, exponent, length)), strict=True):
+            item[rows] = numbers
+        decay = decay.copy()
+        decay[rows[exponent >= 1.0]] = 0.0  # which `_closing_step` counts
+    chosen = np.flatnonzero(counted & ((decay > 0.0) | (total > 0.0)) & (profiles.room > 0.0))
+    thermal = np.sqrt(temperature[chosen] * mobility[chosen])
+    with np.errstate(divide="ignore"):
+        density = 1.0 / profiles.room[chosen]  # of places where the potential is least
+    touching = chosen < contacts
+    slots = chosen[touching]
+    density[touching] = _density(model, profiles.rows(slots), temperature[slots], slots, total[slots] > 0.0)
+    rate = 2.0 * density * thermal / math.sqrt(2.0 * math.pi)
+    return _Passes(
+        profiles.rows(chosen),
+        rate,
+        temperature[chosen],
+        math.sqrt(2.0) * thermal,
+        decay[chosen],
+        total[chosen],
+        model.connected()[items[chosen].min(axis=1)].astype(float),
+    )
+
+
+def _density(
+    model: Model, profiles: Profiles, temperature: np.ndarray, slots: np.ndarray, crowd: np.ndarray
+) -> np.ndarray:
+    """Return the density of the gaps of some contacts where their potential is least (m-1).
+
+    Bodies that meet nothing else have that of their own springs. Others are kept together by their
+    neighbours: at most as if the gap could have no more than its clearance and what thermal motion adds at both sides.
+    """
+    from scipy.special import log_ndtr  # loaded only where kinks count
+
+    ends, clearance = model.ends[slots], model.clearance[slots]
+    compliance = _compliance(model, ends)
+    often = _often(clearance, temperature, compliance)
+    wide = np.maximum(clearance, 0.0)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        scaled = clearance / np.sqrt(temperature * compliance)
+        log_open = 0.5 * scaled**2 + 0.5 * np.log(2.0 * math.pi * temperature * compliance) + log_ndtr(scaled)
+        open_ = np.where(compliance < np.inf, np.exp(log_open - profiles.begin), wide)
+        alone = 1.0 / (profiles.room + open_)
+    number = np.bincount(model.ends.ravel(), minlength=model.wall + 1)
+    number[-1] = 0  # of a wall
+    crowd = crowd | (number[ends] > 1).any(axis=1)
+    return np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone)
+
+
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:
     """Warn of a step at which the energy of bodies that no friction cools may change by more than `WANDERING`."""
     labels = model.connected()
     slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.min(axis=1)[model.coupling[1] > 0.0]])
-    free = ~np.isin(labels[model.ends.min(axis=1)], labels[slowed]) & (not model.dissipative)
-    largest = kink_step(model, stiffening, np.where(free, WANDERING**2 / (KINK_HEATING * duration), 0.0))
+    free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
+    slots = np.concatenate([model.links.min(axis=1), np.arange(model.wall)])
+    largest = kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(
             f"Without friction the energy may change by more than {100.0 * WANDERING:g} % in {duration:g} s at the "
