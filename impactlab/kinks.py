@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.errors import warn
 from impactlab.model import Model
-from impactlab.profiles import Profiles, of_powers
+from impactlab.profiles import COLUMNS, Profiles, of_powers
 from impactlab.scene import Stiffening
 
 KINK_HEATING = 5e-4
@@ -31,7 +31,7 @@ def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = N
     given, total = _decays(model)
     own = given if decay is None else decay
     step = _closing_step(model, stiffening, own[: len(model.ends)])
-    passes = _passes(model, stiffening, own, None if decay is not None else total)
+    passes = _passes(model, stiffening, own, total if decay is None else np.zeros_like(total))
     return min(step, passes.largest_step()) if len(passes.rate) else step
 
 
@@ -64,8 +64,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     thermal penetration (1 for a linear law, 0.2 for Hertz contact).
     """
     mobility, compliance = _mobility(model, model.ends), _compliance(model, model.ends)
-    smooth = np.array([power_of(contact.law)[1] >= 1.0 for contact in model.network.contacts.values()], dtype=bool)
-    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0) & smooth)
+    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0) & (powers_of(model)[1] >= 1.0))
     depth, tangent, clearance = (
         item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
     )
@@ -83,13 +82,19 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 
 
-def power_of(law: ContactLaw) -> tuple[float, float]:
-    """Return stiffness and exponent of a law that is known to be a power, NaN of others."""
+def powers_of(model: Model) -> np.ndarray:
+    """Return stiffness and exponent of the laws that are known to be powers, NaN of others, (2, contact)."""
+    laws = [contact.law for contact in model.network.contacts.values()]
+    known = {id(law): _power_of(law) for law in {id(law): law for law in laws}.values()}
+    return np.array([known[id(law)] for law in laws]).reshape(-1, 2).T
+
+
+def _power_of(law: ContactLaw) -> tuple[float, float]:
     if type(law) is PowerLawContact:
         return law.stiffness, law.exponent
-    if type(law) in (LinearContact, HertzContact):
-        return law.stiffness, 1.0 if type(law) is LinearContact else 1.5  # type: ignore[attr-defined]
-    return math.nan, math.nan
+    if type(law) is HertzContact:
+        return law.stiffness, 1.5
+    return (law.stiffness, 1.0) if type(law) is LinearContact else (math.nan, math.nan)
 
 
 def _mobility(model: Model, ends: np.ndarray) -> np.ndarray:
@@ -128,11 +133,11 @@ class _Passes(NamedTuple):
 
         Or half of that at which it is ten times as much: heat of jumps decreases like h² only.
         """
-        numbers = np.column_stack([*(getattr(self.profiles, name) for name in ("distance", "variance")), *self[1:]])
-        found, counts = np.unique(numbers, axis=0, return_counts=True)
-        blank = np.full(len(found), np.nan)
-        profiles = Profiles(blank, blank, blank, found[:, 0], found[:, 1:-6])
-        rate, temperature, speed, decay, total, part = found[:, -6:].T
+        distance, variance = self.profiles.distance, self.profiles.variance
+        numbers = np.column_stack([distance, variance[:, ::8], *self[1:]])  # enough to tell which are equal
+        _, first, counts = np.unique(numbers, axis=0, return_index=True, return_counts=True)
+        profiles = self.profiles.rows(first)
+        rate, temperature, speed, decay, total, part = (item[first] for item in self[1:])
         groups = part.astype(int)
         share = np.divide(counts, total, out=np.zeros_like(total), where=total > 0.0)
         with np.errstate(divide="ignore"):
@@ -140,10 +145,10 @@ class _Passes(NamedTuple):
 
         def heating(logarithm: float) -> float:
             power = rate / temperature * profiles.heat(10.0**logarithm * speed, temperature)
-            return max((power * alone).max(), np.bincount(groups, power * share).max())
+            return float(max((power * alone).max(), np.bincount(groups, power * share).max()))
 
-        low, high = (math.log10(item) for item in ((found[:, 0] / speed).min(), (found[:, 0] / speed).max()))
-        low, high = low - 6.0, high + 3.0
+        times = profiles.distance / speed
+        low, high = math.log10(times.min()) - 6.0, math.log10(times.max()) + 3.0
 
         def largest(allowed: float) -> float:
             if heating(high) <= allowed:
@@ -158,43 +163,51 @@ class _Passes(NamedTuple):
         return float(f"{step:.3g}")  # on any processor
 
 
-def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray | None) -> _Passes:
-    """Return the passes through forces that are no smooth powers, and through all where a part has a `total`."""
+def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray) -> _Passes:
+    """Return the passes through forces that are no smooth powers, and through all where a part has a `total`.
+
+    And through all contacts of free bodies, of which Rice's formula knows nothing.
+    """
     contacts = len(model.ends)
-    energy = np.append(stiffening.energy, np.inf)
     bodies = np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)
     items = np.concatenate([model.links, bodies])
-    temperature = energy[items.min(axis=1)]
-    mobility = _mobility(model, items)
-    total = np.zeros(len(items)) if total is None else total
-    profiles = Profiles(*(np.concatenate(item) for item in zip(*stiffening.profiles, strict=True)))
-    powers = np.array([power_of(contact.law) for contact in model.network.contacts.values()]).reshape(-1, 2)
-    counted = (temperature > 0.0) & (temperature < np.inf)
-    taken = counted[:contacts] & (powers[:, 0] > 0.0) & ((powers[:, 1] < 1.0) | (total[:contacts] > 0.0))
-    rows = np.flatnonzero(taken & (stiffening.penetration > 0.0))
-    if len(rows):
-        eta, exponent = powers[rows].T
-        length = ((exponent + 1.0) * temperature[rows] / eta) ** (1.0 / (exponent + 1.0))
-        for item, numbers in zip(profiles, Profiles.of(of_powers(eta, exponent, length)), strict=True):
-            item[rows] = numbers
+    temperature = np.append(stiffening.energy, np.inf)[items.min(axis=1)]
+    counted = (temperature > 0.0) & (temperature < np.inf) & ((decay > 0.0) | (total > 0.0))
+    stiffness, exponent = powers_of(model)
+    smooth, free = exponent >= 1.0, np.isinf(_compliance(model, model.ends))
+    powers = counted[:contacts] & (stiffness > 0.0) & (~smooth | free | (total[:contacts] > 0.0))
+    powers = np.flatnonzero(powers & (stiffening.penetration > 0.0))
+    chosen, found = [powers], [Profiles.of(np.zeros((COLUMNS, 0)))]
+    if len(powers):
+        eta, p = stiffness[powers], exponent[powers]
+        length = ((p + 1.0) * temperature[powers] / eta) ** (1.0 / (p + 1.0))
+        found[0] = Profiles.of(of_powers(eta, p, length))
         decay = decay.copy()
-        decay[rows[exponent >= 1.0]] = 0.0  # which `_closing_step` counts
-    chosen = np.flatnonzero(counted & ((decay > 0.0) | (total > 0.0)) & (profiles.room > 0.0))
-    thermal = np.sqrt(temperature[chosen] * mobility[chosen])
-    with np.errstate(divide="ignore"):
-        density = 1.0 / profiles.room[chosen]  # of places where the potential is least
-    touching = chosen < contacts
-    slots = chosen[touching]
-    density[touching] = _density(model, profiles.rows(slots), temperature[slots], slots, total[slots] > 0.0)
-    rate = 2.0 * density * thermal / math.sqrt(2.0 * math.pi)
+        decay[powers[smooth[powers] & ~free[powers]]] = 0.0  # which `_closing_step` counts
+    first = 0
+    for profiles in stiffening.profiles:
+        rows = np.flatnonzero(counted[first : first + len(profiles.room)] & (profiles.room > 0.0))
+        chosen.append(first + rows)
+        found.append(profiles.rows(rows))
+        first += len(profiles.room)
+    slots = np.concatenate(chosen)
+    profiles = Profiles(*(np.concatenate(item) for item in zip(*found, strict=True)))
+    thermal = np.sqrt(temperature[slots] * _mobility(model, items[slots]))
+    density = 1.0 / profiles.room  # of places where the potential is least
+    touching = slots < contacts
+    if touching.any():
+        of_contacts = slots[touching]
+        density[touching] = _density(
+            model, profiles.rows(touching), temperature[of_contacts], of_contacts, total[of_contacts] > 0.0
+        )
     return _Passes(
-        profiles.rows(chosen),
-        rate,
-        temperature[chosen],
+        profiles,
+        2.0 * density * thermal / math.sqrt(2.0 * math.pi),
+        temperature[slots],
         math.sqrt(2.0) * thermal,
-        decay[chosen],
-        total[chosen],
-        model.connected()[items[chosen].min(axis=1)].astype(float),
+        decay[slots],
+        total[slots],
+        model.connected()[items[slots].min(axis=1)].astype(float),
     )
 
 
@@ -220,7 +233,7 @@ def _density(
     number = np.bincount(model.ends.ravel(), minlength=model.wall + 1)
     number[-1] = 0  # of a wall
     crowd = crowd | (number[ends] > 1).any(axis=1)
-    return np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone)
+    return np.asarray(np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone))
 
 
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:

@@ -14,13 +14,13 @@ REACH = 20.0
 STABLE_REACH = 10.0
 """Energy in temperatures up to which steps must be stable."""
 
-LEAST_WEIGHT = 1.0 / 16.0
-"""Weight of a stiffness met at such energies: a step of a half over its frequency is stable up to two over it."""
+LEAST_WEIGHT = 1.0 / 12.0
+"""Weight of a stiffness met at such energies: a step of a half over its frequency is stable up to 1.7 over it."""
 
 RISE = 0.125
 """Largest change of the potential over a cell in temperatures, so that a stop behind a wide gap is resolved."""
 
-CELLS, PARTS, ROUNDS = 96, 8, 12
+CELLS, PARTS, ROUNDS = 64, 4, 20
 """Cells at first, parts into which a cell is divided that is too coarse, and how often."""
 
 FINEST = 64
@@ -29,10 +29,10 @@ FINEST = 64
 FEWEST, MOST = 256, 1 << 15
 """Least and largest number of these points."""
 
-FIRST, OCTAVES = 8, 9
-"""Points in the shortest distance at which a profile is sampled, and number of distances, each twice the last."""
+APART = np.round(8.0 * 2.0 ** (np.arange(25) / 3.0)).astype(int)
+"""Points in the distances at which a profile is sampled: three in an octave, since what two kinks do interferes."""
 
-COLUMNS = 4 + OCTAVES
+COLUMNS = 4 + len(APART)
 """Numbers of a row of `Profiles`."""
 
 _HEAT_NODES, _HEAT_WEIGHTS = np.polynomial.laguerre.laggauss(10)
@@ -51,12 +51,13 @@ class Profiles(NamedTuple):
     room: np.ndarray  # integral of e^(-(U - least U)/T) (m)
     begin: np.ndarray  # U - least U at the origin, in T
     distance: np.ndarray  # the shortest distance at which the variance is known (m)
-    variance: np.ndarray  # (row, octave) V at this distance times 1, 2, 4, … (J2)
+    variance: np.ndarray  # (row, distance) V at this distance, times `APART` over the first of these (J2)
 
     @classmethod
     def of(cls, columns: np.ndarray) -> Profiles:
         """Arrange (`COLUMNS`, row)."""
-        return cls(*columns[:4], columns[4:].T)
+        stiffness, room, begin, distance, *variances = columns
+        return cls(stiffness, room, begin, distance, np.array(variances).T)
 
     def rows(self, chosen: np.ndarray) -> Profiles:
         """Return some of the rows."""
@@ -71,11 +72,13 @@ class Profiles(NamedTuple):
         """
         places = np.log2(distance / self.distance)[:, None] + 0.5 * np.log2(_HEAT_NODES)
         logs = np.log2(np.maximum(np.maximum.accumulate(self.variance, axis=1), 1e-300))
-        left = np.clip(np.floor(places), 0, OCTAVES - 2).astype(int)
+        known = np.log2(APART / APART[0])
+        left = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 2)
         row = np.arange(len(logs))[:, None]
-        slope = np.diff(logs, axis=1)[row, left]
-        slope = np.where(places < 0.0, np.maximum(slope, 2.0), slope)  # a jump has 2, nothing has less
-        value = np.exp2(logs[row, left] + slope * (places - left))
+        slope = (np.diff(logs, axis=1) / np.diff(known))[row, left]
+        beyond = (logs[:, 3] - logs[:, 0]) / known[3]  # a jump has 2, nothing has less
+        slope = np.where(places < 0.0, np.maximum(beyond, 2.0)[:, None], slope)
+        value = np.exp2(logs[row, left] + slope * (places - known[left]))
         return np.asarray((value * _HEAT_WEIGHTS).sum(axis=1) / (2.0 * temperature))
 
 
@@ -86,7 +89,7 @@ def of_powers(stiffness: np.ndarray, exponent: np.ndarray, length: np.ndarray) -
     """
     from scipy.special import gamma, zeta  # loaded only where kinks count
 
-    distances = length / 8.0 * 2.0 ** np.arange(OCTAVES)[:, None]
+    distances = length / 64.0 * APART[:, None]
     order = 2.0 * exponent + 2.0
     variance = 2.0 * (stiffness * gamma(1.0 + exponent)) ** 2 * zeta(order) * (distances / (2.0 * math.pi)) ** order
     room = length * gamma(1.0 + 1.0 / (exponent + 1.0))
@@ -123,35 +126,35 @@ def of_force(
     def potential(x: np.ndarray, work: np.ndarray) -> np.ndarray:
         return (work + 0.5 * spring * (x - rest) ** 2) / temperature
 
-    x = np.linspace(low, high, CELLS + 1)
-    found = at(x)
-    for _ in range(ROUNDS):
+    def levels(x: np.ndarray, found: np.ndarray) -> np.ndarray:
         work = np.concatenate([[0.0], np.cumsum(0.5 * (found[1:] + found[:-1]) * np.diff(x))])
         energy = potential(x, work)
-        energy -= energy.min()
+        return np.asarray(energy - energy.min())
+
+    x = np.linspace(low, high, CELLS + 1)
+    found = at(x)
+    energy = levels(x, found)
+    inner = np.arange(1, PARTS) / PARTS
+    for _ in range(ROUNDS):
         coarse = np.flatnonzero((np.abs(np.diff(energy)) > RISE) & (np.minimum(energy[1:], energy[:-1]) < REACH))
         if not len(coarse):
             break
-        inner = np.arange(1, PARTS) / PARTS
         more = (x[coarse, None] + np.diff(x)[coarse, None] * inner).ravel()
         order = np.argsort(np.append(x, more), kind="stable")
         x, found = np.append(x, more)[order], np.append(found, at(more))[order]
-    else:
-        work = np.concatenate([[0.0], np.cumsum(0.5 * (found[1:] + found[:-1]) * np.diff(x))])
-        energy = potential(x, work)
-        energy -= energy.min()
+        energy = levels(x, found)
     inside = np.flatnonzero(energy <= REACH)
-    low, high = x[max(inside[0] - 1, 0)], x[min(inside[-1] + 1, len(x) - 1)]
+    low, high = float(x[max(inside[0] - 1, 0)]), float(x[min(inside[-1] + 1, len(x) - 1)])
     stiffness = _stiffness(x, found, energy, temperature)
     length = min(math.sqrt(2.0 * temperature / stiffness), high - low) if stiffness > 0.0 else high - low
     points = int(min(max(FINEST * (high - low) / length, FEWEST), MOST))
     spacing = (high - low) / points
-    x = low + spacing * (np.arange(points) + 0.5)
-    found = at(x)
-    energy = potential(x, spacing * (np.cumsum(found) - 0.5 * found))
-    least = energy.min()
+    places = low + spacing * (np.arange(points) + 0.5)
+    found = at(places)
+    energy = potential(places, spacing * (np.cumsum(found) - 0.5 * found))
+    least = float(energy.min())
     weight = np.exp(-(energy - least))
-    distance = FIRST * spacing
+    distance = APART[0] * spacing
     variances = _variances(found * np.sqrt(weight), spacing)
     begin = float(potential(np.array(low), np.array(0.0))) - least
     return np.array([stiffness, spacing * weight.sum(), begin, distance, *variances])
@@ -173,10 +176,10 @@ def _stiffness(x: np.ndarray, force: np.ndarray, energy: np.ndarray, temperature
 
 
 def _variances(force: np.ndarray, spacing: float) -> np.ndarray:
-    """Variances of ``distance × sum`` of samples of a force over the place of the first, (octave,)."""
+    """Variances of ``distance × sum`` of samples of a force over the place of the first, (distance,)."""
     result = []
-    for octave in range(OCTAVES):
-        apart = FIRST << octave
+    for apart in APART.tolist():
         padded = np.append(force, np.zeros(-len(force) % apart))
-        result.append((padded.reshape(-1, apart).sum(axis=0) * (apart * spacing)).var())
+        sums = padded.reshape(-1, apart).sum(axis=0) * (apart * spacing)
+        result.append(sums.dot(sums) / apart - sums.mean() ** 2)
     return np.array(result)

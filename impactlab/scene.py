@@ -97,7 +97,7 @@ class Stiffening:
         The same of the residual forces (N m-1).
     rest : (body,) ndarray
         Displacements under the static forces of contacts with negative clearance (m).
-    profiles : tuple of Profiles
+    profiles : tuple of three Profiles
         Forces of contacts, couplings and bodies over all energies; NaN where they are linear or powers.
     """
 
@@ -147,8 +147,8 @@ class Stiffening:
         bodies[residual], *found = _of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
         body_profiles = np.full((COLUMNS, len(bodies)), np.nan)
         body_profiles[:, residual] = found
-        profiles = (Profiles.of(np.array(item)) for item in (contact_profiles, coupling_profiles, body_profiles))
-        return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
+        profiles = Profiles.of(np.array(contact_profiles)), Profiles.of(coupling_profiles), Profiles.of(body_profiles)
+        return cls(energy, penetration, tangent, couplings, bodies, rest, profiles)
 
 
 class _Forces:
@@ -159,6 +159,10 @@ class _Forces:
 
     def __call__(self, place: np.ndarray) -> np.ndarray:
         return call_each(self.members, "force", place, np.zeros_like(place))
+
+    def along(self, places: np.ndarray) -> np.ndarray:
+        """Return the forces of a single member."""
+        return np.asarray(self(places[None])[0])
 
     def of(self, rows: np.ndarray) -> Self:
         """Return those of some of the members."""
@@ -206,7 +210,7 @@ def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray
         return _work(outward, sign * amplitude)
 
     def on_both_sides(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return np.minimum(stored(1.0, amplitude, rows), stored(-1.0, amplitude, rows))
+        return np.asarray(np.minimum(stored(1.0, amplitude, rows), stored(-1.0, amplitude, rows)))
 
     amplitude = _solve(on_both_sides, energy)
     x = np.linspace(-amplitude, amplitude, 65, axis=1)
@@ -237,9 +241,8 @@ def _with_profiles(
     """
     profiles = np.full((COLUMNS, len(energy)), np.nan)
     for row in np.flatnonzero(low < high).tolist():
-        force = forces.of(np.array([row]))
         columns = (float(item[row]) for item in (low, high, energy, spring, rest))
-        profiles[:, row] = of_force(lambda x, force=force: force(x[None])[0], *columns)
+        profiles[:, row] = of_force(forces.of(np.array([row])).along, *columns)
     larger = profiles[0] > LARGER * known[0]
     known[0, larger] = [float(f"{item:.3g}") for item in profiles[0, larger].tolist()]  # on any processor
     return np.concatenate([known, profiles])
