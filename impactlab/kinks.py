@@ -185,11 +185,12 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
         decay = decay.copy()
         decay[powers[smooth[powers] & ~free[powers]]] = 0.0  # which `_closing_step` counts
     first = 0
-    for profiles in stiffening.profiles:
-        rows = np.flatnonzero(counted[first : first + len(profiles.room)] & (profiles.room > 0.0))
-        chosen.append(first + rows)
-        found.append(profiles.rows(rows))
-        first += len(profiles.room)
+    for known, row in stiffening.profiles:
+        useful = np.append(known.room > 0.0, False)  # the last for those without a row
+        members = np.flatnonzero(counted[first : first + len(row)] & useful[row])
+        chosen.append(first + members)
+        found.append(known.rows(row[members]))
+        first += len(row)
     slots = np.concatenate(chosen)
     profiles = Profiles(*(np.concatenate(item) for item in zip(*found, strict=True)))
     thermal = np.sqrt(temperature[slots] * _mobility(model, items[slots]))
@@ -219,21 +220,31 @@ def _density(
     Bodies that meet nothing else have that of their own springs. Others are kept together by their
     neighbours: at most as if the gap could have no more than its clearance and what thermal motion adds at both sides.
     """
-    from scipy.special import log_ndtr  # loaded only where kinks count
-
     ends, clearance = model.ends[slots], model.clearance[slots]
     compliance = _compliance(model, ends)
     often = _often(clearance, temperature, compliance)
     wide = np.maximum(clearance, 0.0)
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        scaled = clearance / np.sqrt(temperature * compliance)
-        log_open = 0.5 * scaled**2 + 0.5 * np.log(2.0 * math.pi * temperature * compliance) + log_ndtr(scaled)
-        open_ = np.where(compliance < np.inf, np.exp(log_open - profiles.begin), wide)
-        alone = 1.0 / (profiles.room + open_)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.sqrt(temperature * compliance)
+        scaled = np.where(spread < np.inf, clearance / spread, 0.0)
+        open_ = math.sqrt(2.0 * math.pi) * spread * np.array([_tail(item) for item in scaled.tolist()])
+    open_ = np.where(spread < np.inf, open_, wide) * np.exp(-profiles.begin)
+    alone = often / (often * profiles.room + open_)
     number = np.bincount(model.ends.ravel(), minlength=model.wall + 1)
     number[-1] = 0  # of a wall
     crowd = crowd | (number[ends] > 1).any(axis=1)
     return np.asarray(np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone))
+
+
+def _tail(x: float) -> float:
+    """Normal law's probability below x, times e^(x²/2) where x is negative."""
+    if x >= 0.0:
+        return 0.5 * math.erfc(-x / math.sqrt(2.0))
+    return (
+        0.5 * math.exp(0.5 * x * x) * math.erfc(-x / math.sqrt(2.0))
+        if x > -10.0
+        else -1.0 / (x * math.sqrt(2.0 * math.pi))
+    )
 
 
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:

@@ -87,13 +87,21 @@ def of_powers(stiffness: np.ndarray, exponent: np.ndarray, length: np.ndarray) -
 
     Their variance is ``2 Γ(1 + p)² ζ(2p + 2) (distance/2π)^(2p + 2)`` times the square of the stiffness.
     """
-    from scipy.special import gamma, zeta  # loaded only where kinks count
-
     distances = length / 64.0 * APART[:, None]
     order = 2.0 * exponent + 2.0
-    variance = 2.0 * (stiffness * gamma(1.0 + exponent)) ** 2 * zeta(order) * (distances / (2.0 * math.pi)) ** order
-    room = length * gamma(1.0 + 1.0 / (exponent + 1.0))
+    variance = 2.0 * (stiffness * _gamma(1.0 + exponent)) ** 2 * _zeta(order) * (distances / (2.0 * math.pi)) ** order
+    room = length * _gamma(1.0 + 1.0 / (exponent + 1.0))
     return np.stack([np.full_like(room, np.nan), room, np.zeros_like(room), distances[0], *variance])
+
+
+def _gamma(x: np.ndarray) -> np.ndarray:
+    return np.array([math.gamma(item) for item in x.tolist()])
+
+
+def _zeta(x: np.ndarray) -> np.ndarray:
+    """Riemann's zeta function from 2 on, by Euler and Maclaurin's sum."""
+    head = (np.arange(1.0, 20.0)[:, None] ** -x).sum(axis=0)
+    return np.asarray(head + 20.0**-x * (20.0 / (x - 1.0) + 0.5 + x / 240.0))
 
 
 def of_force(

@@ -97,8 +97,9 @@ class Stiffening:
         The same of the residual forces (N m-1).
     rest : (body,) ndarray
         Displacements under the static forces of contacts with negative clearance (m).
-    profiles : tuple of three Profiles
-        Forces of contacts, couplings and bodies over all energies; NaN where they are linear or powers.
+    profiles : tuple of (Profiles, ndarray of int)
+        Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row
+        of each item, -1 where it has none.
     """
 
     energy: np.ndarray
@@ -107,7 +108,7 @@ class Stiffening:
     couplings: np.ndarray
     bodies: np.ndarray
     rest: np.ndarray
-    profiles: tuple[Profiles, Profiles, Profiles]
+    profiles: tuple[tuple[Profiles, np.ndarray], ...]
 
     @property
     def links(self) -> np.ndarray:
@@ -126,8 +127,9 @@ class Stiffening:
         compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
         laws = [contact.law for contact in model.network.contacts.values()]
         columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
-        of_contacts = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
-        penetration, tangent, force, *contact_profiles = of_contacts
+        found, places = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
+        penetration, tangent, force = found[:3, places]
+        profiles = [(Profiles.of(found[3:]), places)]
         rest = np.zeros(len(model.mass) + 1)
         np.add.at(rest, model.ends[:, 0], -force)
         np.add.at(rest, model.ends[:, 1], force)
@@ -137,18 +139,24 @@ class Stiffening:
         forces = [coupling.law for coupling in model.network.couplings.values()]
         heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
         rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
-        couplings[nonlinear], *found = _of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
-        coupling_profiles = np.full((COLUMNS, len(couplings)), np.nan)
-        coupling_profiles[:, nonlinear] = found
+        found, places = _of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
+        couplings[nonlinear] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(nonlinear, places, len(couplings))))
         bodies = np.zeros(len(model.mass))
         oscillators = list(model.network.oscillators.values())
         residual = np.flatnonzero(model.residual)
         stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
-        bodies[residual], *found = _of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
-        body_profiles = np.full((COLUMNS, len(bodies)), np.nan)
-        body_profiles[:, residual] = found
-        profiles = Profiles.of(np.array(contact_profiles)), Profiles.of(coupling_profiles), Profiles.of(body_profiles)
-        return cls(energy, penetration, tangent, couplings, bodies, rest, profiles)
+        found, places = _of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
+        bodies[residual] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(residual, places, len(bodies))))
+        return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
+
+
+def _at(slots: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
+    """Return the places of some of `count` items, -1 for the others."""
+    result = np.full(count, -1)
+    result[slots] = places
+    return result
 
 
 class _Forces:
@@ -183,14 +191,16 @@ class _Residuals(_Forces):
         return call_each(self.members, "residual", place, np.zeros_like(place))
 
 
-def _of_unique(function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int) -> np.ndarray:
-    """Return ``function(members, *arrays)``, (count, row), worked out once for rows that are equal."""
+def _of_unique(
+    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``function(members, *arrays)``, (count, place), for rows that differ, and the place of each row."""
     places = {row: index for index, row in enumerate(dict.fromkeys(rows))}
     if not rows:
-        return np.zeros((count, 0))
+        return np.zeros((count, 0)), np.zeros(0, dtype=int)
     members, *columns = zip(*places, strict=True)
     found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
-    return found[:, [places[row] for row in rows]]
+    return found, np.array([places[row] for row in rows])
 
 
 def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ LAYERS = [
     {"network"},
     {"items", "model", "dataset", "plot"},
     {"linear"},
-    {"generate", "integrators", "reference"},
+    {"generate", "integrators", "reference", "profiles"},
     {"scene", "series"},
     {"linearized", "joint", "kinks", "intervals"},
     {"rules"},
