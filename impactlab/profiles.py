@@ -119,7 +119,7 @@ def of_force(
     force : callable
         Forces (N) at an array of places (m).
     low, high : float
-        Where to look (m); nothing is known where they are not in this order.
+        Where to look (m); nothing is known where they are not in this order, or forces there are not finite.
     temperature : float
         Temperature T (J).
     spring, rest : float
@@ -129,7 +129,7 @@ def of_force(
         return np.full(COLUMNS, np.nan)
 
     def at(x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.clip(np.nan_to_num(force(x), nan=1e150), -1e150, 1e150))
+        return np.asarray(np.fmin(np.fmax(force(x), -1e150), 1e150))  # also of NaN
 
     def potential(x: np.ndarray, work: np.ndarray) -> np.ndarray:
         return (work + 0.5 * spring * (x - rest) ** 2) / temperature
@@ -140,6 +140,8 @@ def of_force(
         return np.asarray(energy - energy.min())
 
     x = np.linspace(low, high, CELLS + 1)
+    if not np.isfinite(force(x)).all():  # a run will say so
+        return np.full(COLUMNS, np.nan)
     found = at(x)
     energy = levels(x, found)
     inner = np.arange(1, PARTS) / PARTS
@@ -185,9 +187,10 @@ def _stiffness(x: np.ndarray, force: np.ndarray, energy: np.ndarray, temperature
 
 def _variances(force: np.ndarray, spacing: float) -> np.ndarray:
     """Variances of ``distance × sum`` of samples of a force over the place of the first, (distance,)."""
+    padded = np.append(force, np.zeros(APART[-1]))
     result = []
     for apart in APART.tolist():
-        padded = np.append(force, np.zeros(-len(force) % apart))
-        sums = padded.reshape(-1, apart).sum(axis=0) * (apart * spacing)
-        result.append(sums.dot(sums) / apart - sums.mean() ** 2)
+        rows = -(-len(force) // apart)
+        sums = np.add.reduce(padded[: rows * apart].reshape(rows, apart), axis=0) * (apart * spacing)
+        result.append(sums.dot(sums) / apart - (np.add.reduce(sums) / apart) ** 2)
     return np.array(result)
