@@ -36,8 +36,8 @@ class NetworkCheck:
     dataset : xarray.Dataset
         ``natural_frequency`` (oscillator): each body alone. ``thermal_penetration``,
         ``static_penetration``, ``tangent_stiffness``, ``shortest_contact`` (contact): where
-        the contact has stored the energy that a body brings, on top of the preload; half a
-        period of the pair on the stiffness there, ``π sqrt(μ/K)``. ``largest_step``,
+        the contact has stored the energy that a body brings, on top of the preload; the stiffness there, or
+        the largest that counts at other energies; half a period of the pair on it, ``π sqrt(μ/K)``. ``largest_step``,
         ``recommended_step``, ``refusal`` (integrator): NaN and the reason where a method
         cannot be used. ``closed_frequency``, ``bias_mean_square_displacement``,
         ``bias_mean_square_velocity`` (mode): of the network with all contacts closed on

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from impactlab.component import call_each
-from impactlab.contact import ContactLaw, contact_forces
+from impactlab.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.damping import damped
 from impactlab.given import kinds_of, largest_energy, look
 from impactlab.linear import (
@@ -23,6 +23,14 @@ from impactlab.linear import (
     white_variances,
 )
 from impactlab.model import Model
+from impactlab.oscillator import DuffingOscillator
+from impactlab.profiles import COLUMNS, REACH, Profiles, of_force
+
+PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
+"""Laws that have no kinks but where they begin, and a stiffness that is a power of the energy."""
+
+LARGER = 1.1
+"""Factor from which on another stiffness of a law takes the place of the tangent at the thermal energy."""
 
 
 def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: float = 0.0) -> np.ndarray:
@@ -76,13 +84,16 @@ class Stiffening:
     penetration : (contact,) ndarray
         Thermal plus static penetration (m).
     contacts : (contact,) ndarray
-        Tangent stiffness of the contacts there (N m-1).
+        Tangent stiffness of the contacts there, or the largest weighted one of their profile (N m-1).
     couplings : (coupling,) ndarray
-        Tangent stiffness of the couplings (N m-1).
+        The same of the couplings (N m-1).
     bodies : (body,) ndarray
-        Tangent stiffness of the residual forces (N m-1).
+        The same of the residual forces (N m-1).
     rest : (body,) ndarray
         Displacements under the static forces of contacts with negative clearance (m).
+    profiles : tuple of (Profiles, ndarray of int)
+        Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row
+        of each item, -1 where it has none.
     """
 
     energy: np.ndarray
@@ -91,6 +102,7 @@ class Stiffening:
     couplings: np.ndarray
     bodies: np.ndarray
     rest: np.ndarray
+    profiles: tuple[tuple[Profiles, np.ndarray], ...]
 
     @property
     def links(self) -> np.ndarray:
@@ -109,8 +121,9 @@ class Stiffening:
         compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
         laws = [contact.law for contact in model.network.contacts.values()]
         columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
-        of_contacts = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3)
-        penetration, tangent, force = of_contacts
+        found, places = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
+        penetration, tangent, force = found[:3, places]
+        profiles = [(Profiles.of(found[3:]), places)]
         rest = np.zeros(len(model.mass) + 1)
         np.add.at(rest, model.ends[:, 0], -force)
         np.add.at(rest, model.ends[:, 1], force)
@@ -120,13 +133,24 @@ class Stiffening:
         forces = [coupling.law for coupling in model.network.couplings.values()]
         heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
         rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
-        couplings[nonlinear] = _of_unique(partial(_tangents, _Couplings), rows, 1)[0]
+        found, places = _of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
+        couplings[nonlinear] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(nonlinear, places, len(couplings))))
         bodies = np.zeros(len(model.mass))
         oscillators = list(model.network.oscillators.values())
         residual = np.flatnonzero(model.residual)
         stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
-        bodies[residual] = _of_unique(partial(_tangents, _Residuals), stiff, 1)[0]
-        return cls(energy, penetration, tangent, couplings, bodies, rest)
+        found, places = _of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
+        bodies[residual] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(residual, places, len(bodies))))
+        return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
+
+
+def _at(slots: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
+    """Return the places of some of `count` items, -1 for the others."""
+    result = np.full(count, -1)
+    result[slots] = places
+    return result
 
 
 class _Forces:
@@ -137,6 +161,10 @@ class _Forces:
 
     def __call__(self, place: np.ndarray) -> np.ndarray:
         return call_each(self.members, "force", place, np.zeros_like(place))
+
+    def along(self, places: np.ndarray) -> np.ndarray:
+        """Return the forces of a single member."""
+        return np.asarray(self(places[None])[0])
 
     def of(self, rows: np.ndarray) -> Self:
         """Return those of some of the members."""
@@ -157,32 +185,71 @@ class _Residuals(_Forces):
         return call_each(self.members, "residual", place, np.zeros_like(place))
 
 
-def _of_unique(function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int) -> np.ndarray:
-    """Return ``function(members, *arrays)``, (count, row), worked out once for rows that are equal."""
+def _of_unique(
+    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``function(members, *arrays)``, (count, place), for rows that differ, and the place of each row."""
     places = {row: index for index, row in enumerate(dict.fromkeys(rows))}
     if not rows:
-        return np.zeros((count, 0))
+        return np.zeros((count, 0)), np.zeros(0, dtype=int)
     members, *columns = zip(*places, strict=True)
     found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
-    return found[:, [places[row] for row in rows]]
+    return found, np.array([places[row] for row in rows])
 
 
 def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:
-    """Largest tangent stiffness of forces within the amplitudes where they and a spring have stored the energy."""
+    """Stiffness of forces that act on both sides, beside a spring, and their profiles, (1 + COLUMNS, row).
+
+    It is the largest tangent within the amplitudes where they and the spring have stored the energy, or that
+    of the profile.
+    """
     forces = kind(members)
 
-    def stored(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def stored(sign: float, amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
         force, spring = forces.of(rows), stiffness[rows, None]
 
         def outward(x: np.ndarray) -> np.ndarray:
             return np.asarray(spring * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
 
-        return np.asarray(np.minimum(_work(outward, amplitude), _work(outward, -amplitude)))
+        return _work(outward, sign * amplitude)
 
-    amplitude = _solve(stored, energy)
+    def on_both_sides(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.minimum(stored(1.0, amplitude, rows), stored(-1.0, amplitude, rows)))
+
+    amplitude = _solve(on_both_sides, energy)
     x = np.linspace(-amplitude, amplitude, 65, axis=1)
     steepest = [np.gradient(*pair).max() if pair[1][-1] else 0.0 for pair in zip(forces(x), x, strict=True)]
-    return np.maximum(steepest, 0.0)
+    right, left = (_solve(partial(stored, sign), _far(members, energy)) for sign in (1.0, -1.0))
+    right, left = np.where(right > 0.0, right, left), np.where(left > 0.0, left, right)
+    spring = stiffness, np.zeros_like(stiffness)
+    return _with_profiles(np.maximum(steepest, 0.0)[None], forces, -left, right, energy, *spring)
+
+
+def _far(members: Sequence[Any], energy: np.ndarray) -> np.ndarray:
+    """Energies up to which profiles are made (J); 0 for laws of which a number is known to be enough."""
+    return np.where([type(item) in PLAIN for item in members], 0.0, REACH * energy)
+
+
+def _with_profiles(
+    known: np.ndarray,
+    forces: _Forces,
+    low: np.ndarray,
+    high: np.ndarray,
+    energy: np.ndarray,
+    spring: np.ndarray,
+    rest: np.ndarray,
+) -> np.ndarray:
+    """Return rows of known numbers, the first of them a stiffness, with those of profiles below.
+
+    A stiffness of a profile that is little larger is none: so it stays what it is for powers.
+    """
+    profiles = np.full((COLUMNS, len(energy)), np.nan)
+    for row in np.flatnonzero(low < high).tolist():
+        columns = (float(item[row]) for item in (low, high, energy, spring, rest))
+        profiles[:, row] = of_force(forces.of(np.array([row])).along, *columns)
+    larger = profiles[0] > LARGER * known[0]
+    known[0, larger] = [float(f"{item:.3g}") for item in profiles[0, larger].tolist()]  # on any processor
+    return np.concatenate([known, profiles])
 
 
 def start_factors(
@@ -236,7 +303,7 @@ def _work(force: Callable[[np.ndarray], np.ndarray], length: np.ndarray) -> np.n
 def _penetrations(
     laws: Sequence[ContactLaw], energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
 ) -> np.ndarray:
-    """Penetrations, tangent stiffnesses there, and static forces of contacts, (3, contact)."""
+    """Penetrations, stiffnesses, static forces and profiles of contacts, (3 + COLUMNS, contact)."""
     forces = _Contacts(laws)
 
     def stored(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -249,10 +316,19 @@ def _penetrations(
     static = _solve(pressed, np.where(compliance < np.inf, overlap, 0.0))
     depth = thermal + static
     width = 1e-3 * depth
-    low, high, at_rest = forces(np.stack([depth - width, depth + width, static], axis=1)).T
+    low, middle, high, at_rest = forces(np.stack([depth - width, depth, depth + width, static], axis=1)).T
     closed = depth > 0.0
     tangent = np.divide(high - low, 2.0 * width, out=np.zeros_like(depth), where=closed)
-    return np.stack([depth, np.maximum(tangent, 0.0), at_rest])
+    secant = np.divide(middle, depth, out=np.zeros_like(depth), where=closed)
+    stiffness = np.where(secant > LARGER * tangent, secant, np.maximum(tangent, 0.0))
+    far = _far(laws, energy)
+    reach = _solve(stored, far)
+    reach = np.where((reach == 0.0) & (far > 0.0), 4.0 * thermal, reach)  # of a law that stores no more
+    with np.errstate(divide="ignore"):
+        spring = np.where((overlap > 0.0) & (compliance < np.inf), 1.0 / compliance, 0.0)
+    end = np.where(reach > 0.0, static + reach, 0.0)
+    found = _with_profiles(stiffness[None], forces, np.zeros_like(end), end, energy, spring, overlap)
+    return np.concatenate([depth[None], found[:1], at_rest[None], found[1:]])
 
 
 _LOWEST, _HIGHEST = -60.0, 40.0  # logarithms between which roots are looked for

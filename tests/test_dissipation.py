@@ -97,7 +97,7 @@ def test_a_linear_damper_slows_a_kick_down_exactly(rate):
     assert 3.0 - 2.0 * response * force(3.0, response) == pytest.approx(3.0 * math.exp(-rate), rel=2e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("response", [0.3, 1.0, 30.0])
+@pytest.mark.parametrize("response", [0.3, 1.0, 3.0])
 def test_dry_friction_brings_a_body_to_rest(response):
     """In a few kicks, each of which would throw it back and forth if its force were that of its velocity before."""
     force = force_over_kick(DryFriction(2.0), 2.0)
