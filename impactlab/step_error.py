@@ -47,7 +47,7 @@ SPIN_UP = 3.0
 CERTAIN = 2.5
 """Standard errors within which a bias is not known, with some ten statistics looked at."""
 
-TRIALS = 4
+TRIALS = 6
 """Steps that are tried before the best is taken as it is."""
 
 SEED = 7, 2023
