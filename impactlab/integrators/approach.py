@@ -28,7 +28,7 @@ from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, count_closings, 
 
 @kernel
 def approach(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
     interval, near, x, v, after_x, after_v,
 ):  # fmt: skip
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
@@ -83,7 +83,7 @@ def approach(  # type: ignore[no-untyped-def]
             level = part
             continue
         step_by_step(
-            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
+            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
             summing, begin[0], number,
         )  # fmt: skip
         put(dense(work.x[0, 1], number), work.chosen[0], new_x)
@@ -138,7 +138,7 @@ def halve_level(jumps, level, number, interval, node, work):  # type: ignore[no-
 
 @kernel
 def step_by_step(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
     first, number,
 ):  # fmt: skip
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
@@ -171,9 +171,9 @@ def step_by_step(  # type: ignore[no-untyped-def]
     before = np.empty((2, counted, number))
     if counted:  # where the kick before was read; its half makes no difference that counts
         total, contact_force = past.force[0], past.contact_force[0]
-        forces(x, rest, parameters, indices, before[0], contact_force, total)
+        forces(x, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
         scaled_sum(x, coefficients, _SHIFT, total, y)
-        forces(y, rest, parameters, indices, before[0], contact_force, total)
+        forces(y, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
         differences(indices, v, before[1])
     for step in range(jumps.leaf):
         hold_wall(past.x[step])
@@ -183,7 +183,7 @@ def step_by_step(  # type: ignore[no-untyped-def]
         correct(jumps.terms[step], of_x, of_v, after, v)
         x = after
         kick(
-            forces, parameters, indices, coefficients, dissipative, rest, x, v, y, past.v[step], past.force[step],
+            forces, parameters, indices, coefficients, passes, rest, x, v, y, past.v[step], past.force[step],
             past.indentation[step], past.contact_force[step],
         )  # fmt: skip
     if summing:

@@ -84,7 +84,7 @@ ADVANCE_JUMPS = void(
         )
     ),
     _typeof(Noise(_INTEGERS, _PLACES, 1, _CUBE, _WORDS, _LANES[0], _MATRIX, True)),
-    _typeof(_STATE(*[_MATRIX] * 11, _CUBE_32)),
+    _typeof(_STATE(*[_MATRIX] * 12, _CUBE_32)),
     _typeof(History(*[_CUBE] * 5)),
     _typeof(
         Work(
@@ -99,7 +99,7 @@ ADVANCE_JUMPS = void(
         )
     ),
     f8[:, :, ::1],
-    b1,
+    i8,
     b1,
     i8,
     i8,
@@ -107,7 +107,7 @@ ADVANCE_JUMPS = void(
     i8,
 )  # fmt: skip
 """Signature of the loop that jumps: (forces, parameters, indices, coefficients, jumps, noise, state, history,
-work, sums, snapshots, dissipative, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
+work, sums, snapshots, passes, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
 `every` are multiples of the longest interval."""
 
 
@@ -162,7 +162,7 @@ def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, dissipative,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, passes,
     summing, first, count, every, phase,
 ):  # fmt: skip
     jumps, noise, state, history = borrow(jumps), borrow(noise), borrow(state), borrow(history)
@@ -182,7 +182,7 @@ def _advance(  # type: ignore[no-untyped-def]
         last = 0
         if near:
             last = approach(
-                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
+                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
                 summing, interval, near, x, v, after_x, after_v,
             )  # fmt: skip
         if summing:

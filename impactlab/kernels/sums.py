@@ -16,11 +16,20 @@ X, V, XX, XV, VV, F, FF, FX, FV = range(9)
 """Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
 kick applied; the last four are there for methods that kick."""
 
+TURN = 9
+"""Row of the sums over bodies, where series or given forces push some: the force of kicks times what the flow
+between them adds to the velocity."""
+
 CLOSED, FORCE, FLUX, PEAK = range(4)
 """Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
 point of contact or the number of closings, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
+
+BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
+"""In sums of transients the first rows are over [0, T], with half of the states at both ends. Then come those over the
+kicks after which the flows of a phase begin, from the row `BEGUN` on, and the sum of the intensity of the white noise
+in these flows, by that which the flow is made with. And how many rows these are."""
 
 PAIR_ROWS = 9
 """Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
@@ -113,6 +122,36 @@ def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
             sums[phase, FF, body, lane] += (f0 * f0 + f1 * f1) + (f2 * f2 + f3 * f3)
             sums[phase, FX, body, lane] += (f0 * x0 + f1 * x1) + (f2 * x2 + f3 * x3)
             sums[phase, FV, body, lane] += (f0 * v0 + f1 * v1) + (f2 * v2 + f3 * v3)
+
+
+@kernel
+def add_turns(force, middle, coefficients, column, last_force, last_middle, summing, phase, target):  # type: ignore[no-untyped-def]
+    """Add the mean force of two kicks times what the flow between them gave to the velocity.
+
+    Parameters
+    ----------
+    force, middle : [body, lane]
+        Force of the later kick, and velocity in its middle.
+    coefficients : (phase, column, body) ndarray
+        Half the velocity that a unit force of a kick gives is a `column` of it.
+    last_force, last_middle : [body, lane]
+        Those of the earlier kick; replaced by those of the later.
+    summing : bool
+        Whether to add anything.
+    phase : int
+        Which step of the method's cycle it is.
+    target : Sums
+        Where to add.
+    """
+    sums = target.bodies
+    for body in range(sums.shape[2]):
+        half = coefficients[0, column, body]
+        for lane in range(sums.shape[3]):
+            both = last_force[body, lane] + force[body, lane]
+            turn = 0.5 * both * (middle[body, lane] - last_middle[body, lane] - half * both)
+            sums[phase, TURN, body, lane] += turn if summing else 0.0
+            last_force[body, lane] = force[body, lane]
+            last_middle[body, lane] = middle[body, lane]
 
 
 @kernel
