@@ -304,10 +304,6 @@ class Model:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         return self._labels
 
-    def touching(self) -> np.ndarray:
-        """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return connected_parts(len(self.bodies), self.ends)
-
     @property
     def random(self) -> np.ndarray:
         """Whether a noise acts on the connected part of each body, (body,) of bool."""
@@ -315,6 +311,10 @@ class Model:
         noisy[list(self.lines)] = True
         labels = self.connected()
         return np.isin(labels, labels[noisy])
+
+    def touching(self) -> np.ndarray:
+        """Label of the part of each body that contacts alone connect, (body,) of int."""
+        return connected_parts(len(self.bodies), self.ends)
 
     @cached_property
     def _labels(self) -> np.ndarray:
