@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
+from impactlab.integrators.exact_flow import kick_share
 from impactlab.linear import LinearSystem, stationary
 from impactlab.model import Model
 from impactlab.scene import Stiffening
@@ -101,8 +102,13 @@ class LinearizedNetwork:
         second_pass = unit - 0.5 * step * inverse * self.damping  # with the velocity in the middle of the kick
         by_x = -step * second_pass @ (inverse * self.added) @ (unit - step**2 / 12.0 * inverse * self.added)
         by_v = -step * second_pass @ (inverse * self.damping)
-        kick, half_kick = (np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, 0.5))
         flows = integrator.flows(self.model, step)
+        share = kick_share(self.model.damping / self.model.mass * step)
+        for group in flows.groups:
+            share[group.slots] = 0.5
+        kick, half_kick = (
+            np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, share[:, None])
+        )
         joints = zip(*(group[2:] for group in flows.groups), strict=True) if flows.groups else [()] * 4
         slots = [group.slots for group in flows.groups]
         a, q, middle_a, middle_q = (_joined(*parts, slots) for parts in zip(flows[:4], joints, strict=True))
