@@ -188,7 +188,7 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
 def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Return how often each contact closes by Rice's formula if its bodies have the highest temperature (s-1).
 
-    NaN where it is not known. Residual forces and couplings that push a body to the contact are not known of: infinite.
+    Infinite where it is not known: nothing holds a body, or a residual force or a coupling may push it to the contact.
     """
     mass, flexible = np.append(model.mass, np.inf), np.append(flexibility(model), 0.0)
     warmth = np.append(stiffening.energy, 0.0)[model.ends].max(axis=1, initial=0.0)
@@ -199,7 +199,7 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
         velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
         often = np.exp(-0.5 * np.maximum(model.clearance, 0.0) ** 2 / variance)
         rate = velocity / (2.0 * np.pi * np.sqrt(variance)) * often
-    return np.where(pushed[model.ends].any(axis=1), np.inf, rate)
+    return np.where(pushed[model.ends].any(axis=1) | ~np.isfinite(variance), np.inf, rate)
 
 
 def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:

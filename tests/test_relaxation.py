@@ -239,3 +239,4 @@ def test_friction_within_a_step_does_not_count_kicks_twice(damping):
     ds = il.simulate(network, 200.0, realizations=64, rng=1)
     error = float(ds.mean_square_velocity_standard_error[0])
     assert abs(float(ds.mean_square_velocity[0]) - 1.0) < 5e-4 + 3.0 * error
+    assert abs(ds.attrs["step_heating"]) < 1e-3
