@@ -16,6 +16,9 @@ MOST_HEATING = 0.005
 """Heat that a step may make beside what noise puts in, and largest difference from a known temperature: one is the
 other, where what is lost is proportional to the temperature."""
 
+MOST_PARTS = 1000
+"""Connected parts that are looked at, the first ones: each takes a regression."""
+
 CERTAIN, VERY_CERTAIN = 4.0, 5.0
 """Standard errors beside it, of one number and of the largest of many."""
 
@@ -87,9 +90,11 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
     usable = np.isfinite(balances).all(axis=1) & (np.ptp(balances, axis=1) > 0.0) & (damping > 0.0) & ~seldom
     dampers = _damped_couplings(plan)
     worst = Heating()
-    parts = [part for part in np.unique(labels[plan.kicked]) if given[part] > 0.0 and not dampers]
-    for part in parts:
-        slots = np.flatnonzero(labels == part)
+    kicked = np.bincount(labels, plan.kicked) > 0.0
+    parts = np.flatnonzero(kicked & (given > 0.0) & (not dampers))
+    members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
+    for part in parts[:MOST_PARTS]:
+        slots = members[part]
         controls = slots[usable[slots]][: len(weights) // 8]
         value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
         share, scatter = float(value[0] / given[part]) - 1.0, float(error[0] / given[part])

@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.integrators.base import ExplicitIntegrator
+from impactlab.integrators.exact_flow import kick_share
 from impactlab.linear import LinearSystem, stationary
 from impactlab.model import Model
 from impactlab.scene import Stiffening
@@ -105,11 +106,14 @@ class LinearizedNetwork:
                 -shifted - self.damping @ (0.5 * step * inverse * by_x),
                 -self.damping @ (unit + 0.5 * step * inverse * by_v),
             )
+        flows = integrator.flows(self.model, step)
+        share = kick_share(self.model.damping / self.model.mass * step)
+        for group in flows.groups:
+            share[group.slots] = 0.5
         kick, half_kick = (
             np.block([[unit, 0.0 * unit], [part * inverse * by_x, unit + part * inverse * by_v]])
-            for part in (step, 0.5 * step)
+            for part in (step, step * share[:, None])
         )
-        flows = integrator.flows(self.model, step)
         joints = zip(*(group[2:] for group in flows.groups), strict=True) if flows.groups else [()] * 4
         slots = [group.slots for group in flows.groups]
         a, q, middle_a, middle_q = (_joined(*parts, slots) for parts in zip(flows[:4], joints, strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Flows
-from impactlab.integrators.exact_flow import SPLIT_FRICTION
+from impactlab.integrators.exact_flow import kick_share
 from impactlab.joint import LOAD, joint_statistics, mean_load, weighted_sum
 from impactlab.kernels.sums import (
     BEGUN,
@@ -187,22 +187,16 @@ def _open_flow(plan: Plan, s: np.ndarray, processed: Values, rows: np.ndarray) -
 
 
 def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
-    """Mean square velocities at kicks of bodies that friction slows within a step, (body, unit).
-
-    A constant force keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1) with γ = c/m, so
-    that θ = 1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
-    """
-    friction = plan.linear[1] / plan.linear[0] * plan.step
-    slowed = friction > SPLIT_FRICTION
+    """Mean square velocities with the `kick_share` of bodies that friction slows within a step, (body, unit)."""
+    share = kick_share(plan.linear[1] / plan.linear[0] * plan.step)
+    slowed = share < 0.5
     if not slowed.any():
         return at_kicks
-    friction = friction[slowed, None]
-    theta = 1.0 / friction + np.exp(-friction) / np.expm1(-friction)
-    increment = _increment(plan)[slowed]
+    share, increment = share[slowed, None], _increment(plan)[slowed]
     vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
     result = at_kicks.copy()
-    result[slowed] = vv + increment * (2.0 * theta - 1.0) * (fv - 0.5 * increment * ff)
-    result[slowed] += increment**2 * (theta**2 - 0.25) * ff
+    result[slowed] = vv + increment * (2.0 * share - 1.0) * (fv - 0.5 * increment * ff)
+    result[slowed] += increment**2 * (share**2 - 0.25) * ff
     return result
 
 

@@ -144,23 +144,30 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
         return result, 0.0, False, -1
     own = np.where(cold, 0.0, own)
     loss = damped(model)[0].damping / model.mass
-    longest, unequal, slowest = 0.0, False, -1
     crowded = _crowded(model, labels, own)
-    for part in parts:
-        slots = np.flatnonzero(labels == part)
-        theirs = own[slots[~cold[slots]]]
-        if not np.isfinite(theirs).all():
-            continue
-        differ = bool(np.ptp(theirs) > SAME * theirs.max())
-        result[slots] = np.where(cold[slots], theirs.max(), own[slots])
-        for _ in range(ITERATIONS if differ else 1):  # how often bodies collide depends on their temperatures
-            conductance = _conductances(model, stiffening, result)
-            temperatures, time, place = _settled(slots, model.links, conductance, loss, own)
-            if differ:
+    members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
+    bathed = {int(part): own[members[part][~cold[members[part]]]] for part in parts}
+    bathed = {part: theirs for part, theirs in bathed.items() if np.isfinite(theirs).all()}
+    differ = {part: bool(np.ptp(theirs) > SAME * theirs.max()) for part, theirs in bathed.items()}
+    for part, theirs in bathed.items():
+        result[members[part]] = np.where(cold[members[part]], theirs.max(), own[members[part]])
+    inside = np.flatnonzero((model.links < model.wall).all(axis=1))  # a wall takes nothing
+    inside = inside[np.argsort(labels[model.links[inside, 0]], kind="stable")]
+    ends = np.searchsorted(labels[model.links[inside, 0]], np.arange(len(members) + 1))
+    longest, slowest = 0.0, -1
+    for round_ in range(ITERATIONS if any(differ.values()) else 1):  # how often bodies collide depends on these
+        conductance = _conductances(model, stiffening, result)
+        for part, theirs in bathed.items():
+            if round_ and not differ[part]:
+                continue
+            slots, links = members[part], inside[ends[part] : ends[part + 1]]
+            first, second = np.searchsorted(slots, model.links[links]).T
+            temperatures, time, place = _settled(first, second, conductance[links], loss[slots], own[slots])
+            if differ[part]:
                 result[slots] = [_rounded(max(item, theirs.min())) for item in temperatures.tolist()]
-        if time > longest:
-            longest, slowest = time, int(slots[place])
-        unequal |= differ or bool(crowded[part])
+            if time > longest:
+                longest, slowest = time, int(slots[place])
+    unequal = any(different or bool(crowded[part]) for part, different in differ.items())
     return np.where(cold, result, np.nan), longest, unequal, slowest
 
 
@@ -181,7 +188,7 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
 def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Return how often each contact closes by Rice's formula if its bodies have the highest temperature (s-1).
 
-    NaN where it is not known. Residual forces and couplings that push a body to the contact are not known of: infinite.
+    Infinite where it is not known: nothing holds a body, or a residual force or a coupling may push it to the contact.
     """
     mass, flexible = np.append(model.mass, np.inf), np.append(flexibility(model), 0.0)
     warmth = np.append(stiffening.energy, 0.0)[model.ends].max(axis=1, initial=0.0)
@@ -192,7 +199,7 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
         velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
         often = np.exp(-0.5 * np.maximum(model.clearance, 0.0) ** 2 / variance)
         rate = velocity / (2.0 * np.pi * np.sqrt(variance)) * often
-    return np.where(pushed[model.ends].any(axis=1), np.inf, rate)
+    return np.where(pushed[model.ends].any(axis=1) | ~np.isfinite(variance), np.inf, rate)
 
 
 def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
@@ -214,15 +221,13 @@ def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray)
 
 
 def _settled(
-    slots: np.ndarray, links: np.ndarray, conductance: np.ndarray, loss: np.ndarray, own: np.ndarray
+    first: np.ndarray, second: np.ndarray, between: np.ndarray, loss: np.ndarray, own: np.ndarray
 ) -> tuple[np.ndarray, float, int]:
     """Return the stationary temperatures of one part, the time in which its slowest energy relaxes, and whose it is."""
-    inside = np.isin(links, slots).all(axis=1)
-    first, second = np.searchsorted(slots, links[inside]).T
-    between, count = conductance[inside], len(slots)
-    diagonal = loss[slots] + np.bincount(first, between, count) + np.bincount(second, between, count)
+    count = len(own)
+    diagonal = loss + np.bincount(first, between, count) + np.bincount(second, between, count)
     floor = 1e-12 * diagonal.max()  # a body that nothing reaches
-    heat = loss[slots] * own[slots]
+    heat = loss * own
     if count <= DENSE:
         matrix = np.diag(diagonal + floor)
         np.add.at(matrix, (np.append(first, second), np.append(second, first)), -np.append(between, between))

@@ -88,8 +88,9 @@ def simulate(
     integrator : Integrator, optional
         Method; `ExactFlow` by default.
     spin_up : float, optional
-        Time before the statistics begin (s). By default twelve relaxation times of the
-        slowest body, or 0 if the initial state is given.
+        Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
+        collisions and changes between wells take, if that is not much longer than the run; 0 if the initial state
+        is given.
     initial : str or mapping, optional
         "stationary" (default: the law without contacts, drawn again while a contact is
         closed; "rest" where there is none), "rest", or ``{"displacement": {name: value},

@@ -247,6 +247,7 @@ def test_energy_of_a_start_counts_the_couplings():
     np.testing.assert_allclose(found, (own + stored).max())
 
 
+@pytest.mark.filterwarnings("ignore:Friction takes:impactlab.AccuracyWarning")  # the steps are meant to be too large
 @pytest.mark.parametrize(
     ("method", "part"), [(il.ExactFlow(), 1.0), (il.RungeKutta4(), 0.7), (il.EulerMaruyama(), 0.7)], ids=repr
 )

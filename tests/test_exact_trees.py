@@ -300,3 +300,39 @@ def test_refusals():
         "differ: 'body_0' 6.28319 J, 'body_7' 18.8496 J; with S = 1 N2 s rad-1 on 'body_7' they would be equal."
         in message
     )
+
+
+class TwoWells(il.Oscillator):
+    """A body with two wells, in which its spring alone would not hold it."""
+
+    well: float = il.parameter(units="N m-1")
+    wall: float = il.parameter(units="N m-3")
+
+    @staticmethod
+    def residual(displacement, well, wall):
+        return -well * displacement + wall * displacement**3
+
+    @staticmethod
+    def residual_potential(displacement, well, wall):
+        return -0.5 * well * displacement**2 + 0.25 * wall * displacement**4
+
+
+@pytest.mark.parametrize("clearance", [-0.4, 0.3])
+@pytest.mark.parametrize("well", [2.0, 6.0, 40.0])
+def test_a_pair_with_two_wells_each(well, clearance):
+    """Against a sum; the curvature is negative between the wells, where the way to the least energy begins."""
+    temperature = 0.7
+    body = TwoWells(well, wall=3.0, mass=1.0, damping=0.5, stiffness=1.0)
+    gap = il.Contact("b", "a", il.LinearContact(20.0), clearance=clearance)
+    noise = il.WhiteNoise(0.5 * temperature / np.pi)
+    exact = il.exact(il.Network({"a": body, "b": body}, {"gap": gap}, {"a": noise, "b": noise})).statistics()
+    x = np.linspace(-4.5, 4.5, 1801)
+    own = 0.5 * x**2 + TwoWells.residual_potential(x, well, 3.0)
+    indentation = np.maximum(x[None, :] - x[:, None] - clearance, 0.0)
+    energy = own[:, None] + own[None, :] + 10.0 * indentation**2
+    density = np.exp(-(energy - energy.min()) / temperature)
+    density /= density.sum()
+    of_a = density.sum(axis=1)
+    assert float(exact.mean_displacement[0]) == pytest.approx(of_a @ x, abs=1e-5)
+    assert float(exact.mean_square_displacement[0]) == pytest.approx(of_a @ x**2, rel=1e-5)
+    assert float(exact.mean_contact_force[0]) == pytest.approx((density * 20.0 * indentation).sum(), rel=2e-3)

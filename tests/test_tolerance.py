@@ -5,6 +5,7 @@ import pytest
 from scenes import base
 
 import impactlab as il
+from impactlab.tolerance import _sees_other_forces
 
 BODY = il.LinearOscillator(damping=1.0, stiffness=10.0)
 
@@ -101,3 +102,17 @@ def test_what_cannot_be_asked_for(network, tolerance, message):
 def test_duration_or_tolerance():
     with pytest.raises(il.InvalidInput, match="needs a duration"):
         il.simulate(base())
+
+
+def test_runs_that_do_not_see_a_force_are_not_compared():
+    """Two runs without the force of a wall had the same result, and a bias of 0 was accepted, 850 tolerances off."""
+    wall = {"wall": il.Contact("a", il.WALL, il.LinearContact(100.0), clearance=0.5)}
+    body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
+    network = il.Network({"a": body}, wall, {"a": il.WhiteNoise(0.2 / np.pi)})
+    ds = il.simulate(network, 50.0, realizations=64, rng=1)
+    name = "mean_contact_force"
+    assert not _sees_other_forces(ds, ds)
+    assert _sees_other_forces(ds, ds.assign({name: 1.5 * ds[name]}))
+    without = ds.assign({name: 0.0 * ds[name]})
+    with pytest.raises(il.InvalidInput, match=r"'wall' was closed in \d.* % of the time without any force"):
+        _sees_other_forces(without, without)

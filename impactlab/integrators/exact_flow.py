@@ -42,6 +42,17 @@ STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
 """A coupling kicks up to ``h² k (1/m₁ + 1/m₂)`` and ``h c (1/m₁ + 1/m₂)``, and in groups of more bodies."""
 
 
+def kick_share(friction: np.ndarray) -> np.ndarray:
+    """Return the share of kicks that counts in velocities at their own time, by friction over a step, ``γh = c h/m``.
+
+    A constant force F keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1), so that
+    1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
+    """
+    slowed = friction > SPLIT_FRICTION
+    strong = np.where(slowed, friction, 1.0)
+    return np.where(slowed, 1.0 / strong + np.exp(-strong) / np.expm1(-strong), 0.5)
+
+
 class ExactFlow(Integrator):
     """Exact flow with a shifted kick; the default.
 
