@@ -77,7 +77,8 @@ class Edge(NamedTuple):
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
     """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
-    evaluator(_single(plan))
+    if plan.integrator.kicks:
+        evaluator(_single(plan))
     module = build(plan.text)
     return module, plan.integrator.loop(_single(plan)) if plan.jumps is None else jumping_loop()
 

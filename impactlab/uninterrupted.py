@@ -50,7 +50,9 @@ class UninterruptedLock:
     def _put_off(self) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             handler = signal.getsignal(number)
-            if callable(handler) and handler != self._note:
+            if not callable(handler):
+                self._handlers.pop(number, None)
+            elif handler != self._note:
                 self._handlers[number] = handler  # before it is replaced: a signal may come in between
                 signal.signal(number, self._note)
 
@@ -65,8 +67,10 @@ class UninterruptedLock:
         self._depth -= 1
         if self._depth:
             return
-        for number, handler in self._handlers.items():
+        handlers = dict(self._handlers)
+        for number, handler in handlers.items():
             signal.signal(number, handler)
+            self._handlers.pop(number, None)
         waiting, self._waiting = self._waiting, []
         for number, frame in waiting[:1]:  # as pressing Ctrl-C twice does while Python is at work
-            self._handlers[number](number, frame)
+            handlers[number](number, frame)

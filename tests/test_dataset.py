@@ -275,6 +275,18 @@ def test_an_interrupt_waits_until_the_file_is_written(number, result, tmp_path, 
         signal.signal(signal.SIGTERM, before[1])
 
 
+def test_handlers_of_signals_are_left_as_they_are_found():
+    lock, before = UninterruptedLock(), signal.getsignal(signal.SIGTERM)
+    try:
+        for handler in (lambda number, frame: None, signal.SIG_DFL, signal.SIG_IGN, signal.default_int_handler):
+            signal.signal(signal.SIGTERM, handler)
+            with lock:
+                pass
+            assert signal.getsignal(signal.SIGTERM) == handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def test_an_interrupt_between_is_answered_at_once():
     lock = UninterruptedLock()
     with lock, lock:
