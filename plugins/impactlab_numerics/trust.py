@@ -35,8 +35,8 @@ class TrustStudy(Study):
     kept_in: str = il.parameter("")
 
     def quick(self) -> Self:
-        """The smoke form: one network of some classes, and fewer realizations."""
-        return self.replace(networks=4, first_network=11, share=0.1, reference_body_steps=2e7)
+        """The smoke form: one network of each class, and fewer realizations."""
+        return self.replace(networks=16, first_network=16, share=0.1, reference_body_steps=2e7)
 
     @property
     def seeds(self) -> range:

@@ -12,6 +12,7 @@ from impactlab_numerics.trust_collect import found_of
 from impactlab_numerics.trust_judge import ALLOWED, ERRORS
 from impactlab_numerics.trust_tables import (
     NEEDLESS,
+    RESOLVED,
     SILENT,
     by_class,
     class_rows,
@@ -59,7 +60,9 @@ def _claims(found: list[dict[str, Any]]) -> Iterator[Claim]:
     yield Claim(
         section,
         f"95 % intervals hold what is right in {100.0 * low:g} to {100.0 * high:g} % of cases.",
-        f"{100.0 * covered:.1f} % of {count}." if count else "there are none.",
+        f"{100.0 * covered:.1f} % of {count} of standard errors of {100.0 * RESOLVED:g} % or more."
+        if count
+        else "there are none.",
         _covered(covered, (low, high), len(found)) if count else "not testable",
     )
     low, high = COVERED_IN_CLASS

@@ -14,7 +14,7 @@ from impactlab_numerics.trust_claims import judge as verdicts_of
 from impactlab_numerics.trust_claims import tables
 from impactlab_numerics.trust_collect import collect, found_of, tree_of
 from impactlab_numerics.trust_figures import draw
-from impactlab_numerics.trust_judge import compared, judge, outcome, reduced
+from impactlab_numerics.trust_judge import OUTCOMES, compared, judge, outcome, reduced
 from impactlab_numerics.trust_laws import Harmonic
 from impactlab_numerics.trust_networks import CLASSES, Scene, class_of, scene_of
 from impactlab_numerics.trust_path import PathMeans, path_statistics
@@ -40,6 +40,10 @@ def test_the_study_is_described_without_heavy_imports():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_the_quick_form_has_one_network_of_each_class():
+    assert {class_of(seed) for seed in TrustStudy().quick().seeds} == set(CLASSES)
 
 
 @pytest.mark.parametrize("seed", range(2 * len(CLASSES)))
@@ -188,6 +192,16 @@ def test_intervals_know_the_error_of_the_reference():
     assert [row["held"] for row in rows.values()] == [False, True]
 
 
+SMALL = (16, 17, 19, 21, 24, 25, 30, 31, 32)
+"""Networks of the small campaign: conservative and lossy contacts, bases, temperatures, weak and strong damping."""
+
+
+@pytest.mark.parametrize("seed", SMALL)
+def test_the_small_campaign_is_right(seed):
+    found = judge(seed, share=0.1, body_steps=2e7)
+    assert found["outcome"] in ("right", "right, few data said"), wrong_rows([found], OUTCOMES)
+
+
 def test_what_is_off_by_chance_is_told_from_what_is_wrong(monkeypatch):
     import impactlab_numerics.trust_judge as module
 
@@ -261,6 +275,7 @@ def test_a_tree_holds_everything_that_was_found():
     again = found_of(tree_of(found))
     assert [{name: item[name] for name in made()} for item in again] == found
     assert coverage(again) == (19 / 21, 21)
+    assert coverage(again, 0.02)[1] == 0
     assert len(list(draw(tree_of(found)))) == 3
     assert dict(tables(tree_of(found))).keys() == {"Networks by class", "Warned or refused without need"}
     assert "refused" in text_of(class_rows(again))
