@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.dataset import CONFIGURATION, configuration_of, load
+from impactlab.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.errors import InvalidInput
 from impactlab.network import Network
 from impactlab.points import Point
@@ -40,11 +39,14 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     configuration = configuration_of(source)
     if "sweep" in configuration:
         dataset = source if isinstance(source, xr.Dataset) else load(source)
-        assert isinstance(dataset, xr.Dataset)
-        return _rerun_sweep(dataset, configuration["sweep"]["reference"], executor)
+        if not isinstance(dataset, xr.Dataset):
+            raise InvalidInput("A sweep is one dataset; this file has groups.")
+        sweep = configuration["sweep"]
+        return _rerun_sweep(dataset, isinstance(sweep, Mapping) and sweep.get("reference") is True, executor)
     if "simulate" not in configuration:
         study = configuration.get("study")
-        advice = f" It is a result of the study {study['name']!r}: use il.run_study." if study else ""
+        name = study.get("name") if isinstance(study, Mapping) else None
+        advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
         raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
     return repeat(configuration, executor)
 
@@ -56,7 +58,7 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
     stored = dataset[CONFIGURATION]
     points, jobs = [], {}
     for place in np.ndindex(stored.shape):
-        configuration = json.loads(str(stored.values[place]))
+        configuration = parsed(stored.values[place])
         status = str(dataset["status"].values[place])
         labels = {str(name): dataset[name].values[index].item() for name, index in zip(stored.dims, place, strict=True)}
         network = Network.from_dict(configuration["network"]) if "network" in configuration else None

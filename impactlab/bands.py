@@ -10,6 +10,9 @@ from scipy.special import ndtr, stdtrit
 DRAWS = 1000
 """Draws of the multipliers."""
 
+BINS = 4096
+"""Bins that are drawn for at a time, which bounds the memory."""
+
 SHARE = 0.95
 """Probability with which a band holds the whole curve."""
 
@@ -41,7 +44,10 @@ def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
     chosen = counted & (scatter > 0.0)
     if not chosen.any():
         return float("nan")
-    largest = np.abs(_multipliers(len(residuals)) @ (residuals[:, chosen] / scatter[chosen])).max(axis=1)
+    bins, largest = np.flatnonzero(chosen), np.zeros(DRAWS)
+    for some in np.array_split(bins, -(-len(bins) // BINS)):
+        sums = _multipliers(len(residuals)) @ (residuals[:, some] / scatter[some])
+        np.maximum(largest, np.abs(sums).max(axis=1), out=largest)
     normal = np.quantile(largest, SHARE)
     return float(-stdtrit(len(residuals) - 1.0, ndtr(-normal)))
 

@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from impactlab.build import build
 from impactlab.errors import Diverged
+from impactlab.forces import LARGEST
+from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
 from impactlab.integrators.jumps import jumping_loop, work_space
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS, F
+from impactlab.kernels.sums import (
+    BEGUN,
+    CLOSED,
+    CONTACT_ROWS,
+    FORCE,
+    INTENSITY,
+    KICK_ROWS,
+    PAIR_ROWS,
+    SLOTS,
+    TRANSIENT_ROWS,
+    F,
+)
 from impactlab.plan import Plan
 from impactlab.series import Cosines, sample_count
 
@@ -50,28 +64,48 @@ class BlockResult:
     records: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
+class Edge(NamedTuple):
+    """What the state at one moment is worth in the sums."""
+
+    bodies: np.ndarray  # (row, body, lane)
+    contacts: np.ndarray  # (row, contact, lane)
+    products: np.ndarray  # (row, pair, lane)
+
+
+def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
+    """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
+    evaluator(_single(plan))
+    module = build(plan.text)
+    return module, plan.integrator.loop(_single(plan)) if plan.jumps is None else jumping_loop()
+
+
+def _single(plan: Plan) -> bool:
+    """Whether blocks have one lane, in arrays without an axis of lanes."""
+    return plan.lanes == 1 and plan.jumps is None
+
+
 class Block:
     """The arrays of one block while it runs."""
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.single = plan.lanes == 1 and plan.jumps is None
+        self.single = _single(plan)
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
-        self.module = build(plan.text)
-        self.loop = plan.integrator.loop(self.single) if plan.jumps is None else jumping_loop()
+        self.module, self.loop = compiled(plan)
         self.realizations = plan.realizations_of(index)
         self.now = 0
+        self.intensity = np.zeros((plan.integrator.phases, len(plan.white)))  # of each phase, by that of the plan
         bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
         moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
         touching = [np.zeros((contacts, lanes)) for _ in range(2)]
         normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
-        work = [np.zeros((bodies + 1, lanes)) for _ in range(3)]
+        work = [np.zeros((bodies + 1, lanes)) for _ in range(4)]
         blocks: Any = (*moving, *touching, *work, normals)
         self.state = State(*blocks)
         past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
         self.history = History(*past)
-        shape = plan.integrator.phases, KICK_ROWS if plan.integrator.kicks else STATE_ROWS, plan.own_bodies, lanes
+        shape = plan.integrator.phases, plan.rows, plan.own_bodies, lanes
         self.sums = Sums(
             np.zeros(shape),
             np.zeros((CONTACT_ROWS, plan.own_contacts, lanes)),
@@ -84,6 +118,9 @@ class Block:
             np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,
+            np.full((2, plan.own_contacts * plan.counted, lanes), np.nan),
+            plan.jitter,
+            plan.step,
         )
         self.scale = np.ones((1, len(plan.noise_rows)))
         self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
@@ -115,8 +152,12 @@ class Block:
                 if not redraw.size:
                     break
             resting = np.concatenate([resting, redraw])
-            state.x[:-1, resting] = plan.rest[:, None]
-            state.v[:, resting] = 0.0
+            if resting.size:
+                cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
+                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
+                state.x[:-1, resting] = plan.rest[:, None]
+                state.v[:, resting] = 0.0
+                state.v[cold[:, None], resting] = velocity
         else:
             state.x[:-1, lanes] = plan.rest[:, None]
         return attempt
@@ -184,6 +225,7 @@ class Block:
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
+        state.slope_x[:], state.middle[:] = state.total, state.velocity
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
@@ -224,7 +266,7 @@ class Block:
         """Call the compiled loop."""
         plan = self.plan
         network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-        how = plan.dissipative, summing, self.now, count, every, phase
+        how = plan.passes, summing, self.now, count, every, phase
         if plan.jumps is None:
             series = self.series._replace(near=self._seen(self.series.near))
             self.loop(
@@ -240,7 +282,7 @@ class Block:
     def _blocks(self) -> tuple[State, History, Sums]:
         """What the loop takes."""
         sums = self.sums._asdict()
-        for name in ("bodies", "contacts", "closing", "push", "kick", "products"):
+        for name in ("bodies", "contacts", "closing", "push", "kick", "products", "before"):
             sums[name] = self._seen(sums[name])
         return State(*map(self._seen, self.state)), History(*map(self._seen, self.history)), Sums(**sums)
 
@@ -248,17 +290,19 @@ class Block:
         plan = self.plan
         scale = self.scale
         if plan.time_varying:
-            middles = self._times(count, 1, 0.5)[:count]
-            intensity = np.empty((count, len(plan.white)))
-            self.module.intensity(middles, plan.parameters, plan.indices, intensity)
-            wrong = np.flatnonzero(~(intensity >= 0.0).all(axis=1))
+            times, intensity = self._inside(count, self.module.intensity, len(plan.white))
+            wrong = np.argwhere(~(intensity >= 0.0))
             if wrong.size:
                 raise Diverged(
                     "The spectral density of a white noise is negative or not a number near "
-                    f"t = {middles[wrong[0]]:g} s."
+                    f"t = {times[tuple(wrong[0, [0, 2]])]:g} s."
                 )
+            mean = mean_and_slope(intensity)[0] / plan.intensity
+            phases = plan.integrator.phases
+            for phase in range(phases):
+                self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
             rows = np.searchsorted(plan.white, plan.noise_rows)
-            scale = np.ascontiguousarray(np.sqrt(intensity / plan.intensity)[:, rows])
+            scale = np.ascontiguousarray(np.sqrt(mean)[:, rows])
         return Noise(
             plan.noise_rows,
             plan.noise_runs,
@@ -274,20 +318,31 @@ class Block:
         plan = self.plan
         if not len(plan.forced):
             return Forced(plan.forced, np.zeros((0, 0)))
+        if plan.integrator.takes_response:
+            parts = mean_and_slope(self._inside(count, self.module.forcing, len(plan.forced))[1])
+            return Forced(plan.forced, np.stack(parts, axis=1).reshape(-1, len(plan.forced)))
         per_step = plan.integrator.samples_per_step
-        times = self._times(count, per_step, 0.5 if plan.integrator.takes_response else 0.0)
+        first = (self.now - plan.spin_up_steps) * per_step
+        times = (first + np.arange(count * per_step + 1)) * (plan.step / per_step)
         force = np.empty((len(times), len(plan.forced)))
         self.module.forcing(times, plan.parameters, plan.indices, force)
         return Forced(plan.forced, force)
 
-    def _times(self, count: int, per_step: int, offset: float) -> np.ndarray:
-        """Times of the samples of the next steps; the measurement begins at 0."""
-        first = (self.now - self.plan.spin_up_steps) * per_step
-        return (first + offset + np.arange(count * per_step + 1)) * (self.plan.step / per_step)
+    def _inside(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return times inside the next steps, and what a table has there, (step, node) and (step, row, node).
+
+        The measurement begins at 0.
+        """
+        plan = self.plan
+        times = (self.now - plan.spin_up_steps + np.arange(count)[:, None] + NODES) * plan.step
+        values = np.empty((times.size, rows))
+        table(times.ravel(), plan.parameters, plan.indices, values)
+        return times, values.reshape(count, len(NODES), rows).transpose(0, 2, 1)
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
-        finite = np.isfinite(self.state.x) & np.isfinite(self.state.v) & (np.abs(self.state.v) < 1e100)
+        x, v, reading = self.state.x, self.state.v, self.state.reading
+        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if not finite.all():
             body, lane = np.argwhere(~finite)[0]
             time = (self.now - self.plan.spin_up_steps) * self.plan.step
@@ -299,6 +354,7 @@ class Block:
     def measure(self) -> BlockResult:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
+        start = self._edge() if plan.transient else None
         keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
@@ -309,8 +365,10 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        totals = self.sums.bodies, self.sums.contacts, self.sums.products
-        kept = [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
+        if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.spin_up_steps else self.state.x
+            self._note_gaps(place, self.state.velocity)
+        kept: list[np.ndarray] = []
         begin = 0
         for batch, end in enumerate(plan.boundaries):
             self._clear_sums()
@@ -323,13 +381,67 @@ class Block:
             self._collect_sums()
             if plan.jumps is not None:
                 self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
+            totals = self.sums.bodies, self.sums.contacts, self.sums.products
+            if start is not None:
+                last = self._edge()
+                totals, start = self._over_time(begin, end, start, last), last
+            kept = kept or [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
             begin = end
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
+    def _edge(self) -> Edge:
+        """Return what the state, of which a kick has just been made, adds to the sums."""
+        plan, state = self.plan, self.state
+        if not plan.integrator.kicks:
+            state.reading[:], state.velocity[:] = state.x, state.v
+            self._evaluate(state.reading, state.velocity)
+        mass = plan.linear[0][:, None]
+        x, f = state.x[:-1], state.total[:-1]
+        v = state.v[:-1] - 0.5 * plan.step / mass * f if plan.integrator.kicks else state.v[:-1]
+        bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
+        one, other = plan.ends.T
+        contacts = np.zeros_like(self.sums.contacts)
+        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.clearance[:, None]
+        contacts[FORCE] = state.contact_force
+        i, j = plan.pairs.T
+        products = np.stack([one[i] * other[j] for one in (x, v, f) for other in (x, v, f)])
+        return Edge(bodies, contacts, products)
+
+    def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
+
+        Sums over kicks are of those that end the steps, other sums of the states that begin them.
+        """
+        plan, sums = self.plan, self.sums
+        kicks, phases = plan.integrator.kicks, plan.integrator.phases
+        half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
+        bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
+        bodies[:, : plan.rows] = sums.bodies
+        count = KICK_ROWS if kicks else plan.rows
+        bodies[0, :count] += half[0][:count]
+        products = sums.products + half[2]
+        if kicks:
+            # the flow of each step begins at the kick before, of the phase before
+            bodies[:, BEGUN:INTENSITY] = np.roll(sums.bodies[:, :count], 1, axis=0)
+            bodies[(plan.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
+            bodies[(plan.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
+            bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
+            if plan.time_varying:
+                bodies[:, INTENSITY, plan.white] = self.intensity[..., None]
+            products = np.concatenate([products, sums.products + first.products - last.products])
+        return bodies, sums.contacts + half[1], products
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted."""
+        first, second = self.plan.ends[: self.plan.own_contacts].T
+        self.sums.before[0] = x[first] - x[second] - self.plan.clearance[: self.plan.own_contacts, None]
+        self.sums.before[1] = v[first] - v[second]
+
     def _clear_sums(self) -> None:
+        self.intensity = np.zeros((self.plan.integrator.phases, len(self.plan.white)))
         for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
             total[:] = 0.0
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from impactlab.damping import damped
 from impactlab.errors import InvalidInput
+from impactlab.forces import stiffening_of
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import hottest, linear_variances, relaxation_time
 from impactlab.linearized import LinearizedNetwork
@@ -77,10 +79,10 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
     method = integrator or ExactFlow()
     check_integrator(method)
     model = Model.of(network)
-    energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(model))
-    growing = np.isinf(hottest(model, linear_variances(model)[1]))  # excited and not damped
+    energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(damped(model)[1]))
+    growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
     energy = np.where(growing, np.inf, energy)
-    stiffening = Stiffening.of(model, energy)
+    stiffening = stiffening_of(model, energy)
     known = np.isfinite(energy) | ~model.nonlinear_bodies
     methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
     rows = {name: _steps(model, item, stiffening) for name, item in sorted(methods.items())}

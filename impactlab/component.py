@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import dis
 import functools
 import inspect
 import itertools
 import math
+import reprlib
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
@@ -163,8 +165,10 @@ class Component:
         InvalidInput
             If the class is not defined, is defined twice, or belongs to another family.
         """
-        fields = dict(data)
-        name = fields.pop("type", cls.__name__)
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"A {cls.__name__} is given as data by a mapping, {reprlib.repr(data)} was given.")
+        fields = {str(key): value for key, value in data.items()}
+        name = str(fields.pop("type", cls.__name__))
         found = list(_REGISTRY.get(name, {}).values())
         if not found:
             raise InvalidInput(
@@ -209,17 +213,22 @@ class Component:
         values = dict(zip(self.kernels[name], kinematic, strict=True))
         filled = [getattr(self, field) for field in fields]
         shape = np.broadcast_shapes(*(np.shape(value) for value in kinematic))
-        scalar = np.vectorize(lambda *arguments: function(*arguments, *filled), otypes=[float])
         arguments = [np.asarray(values[item], dtype=float) for item in used]
-        try:
-            with np.errstate(over="ignore"):
-                result = scalar(*arguments) if arguments else np.float64(function(*filled))
-        except OverflowError:
-            raise  # infinite in compiled code; whoever asks for values far out decides what that means
-        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError) as error:
-            raise InvalidInput(
-                f"The kernel {type(self).__name__}.{name} failed for {self!r}: {type(error).__name__}: {error}."
-            ) from error
+
+        def scalar(*point: float) -> float:
+            try:
+                return _number(function(*point, *filled))
+            except OverflowError:
+                raise  # infinite in compiled code; whoever asks for values far out decides what that means
+            except (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
+                place = ", ".join(f"{item} = {value:g}" for item, value in zip(used, point, strict=True))
+                raise InvalidInput(
+                    f"The kernel {type(self).__name__}.{name} failed for {self!r}{' at ' if place else ''}{place}: "
+                    f"{type(error).__name__}: {error}."
+                ) from error
+
+        with np.errstate(over="ignore"):
+            result = np.vectorize(scalar, otypes=[float])(*arguments) if arguments else np.float64(scalar())
         return np.broadcast_to(result, shape)
 
 
@@ -238,7 +247,7 @@ def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray
     Returns
     -------
     (component, point) ndarray
-        NaN where a function of Python overflows, which compiled ones do not.
+        NaN where a function of Python overflows or is not defined, which compiled ones do not tell.
     """
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     by_class: dict[type[Component], list[int]] = {}
@@ -269,11 +278,21 @@ _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
     def guarded(*arguments: Any) -> float:
         try:
-            return function(*arguments)
-        except OverflowError:
+            value = function(*arguments)
+        except (OverflowError, ValueError):  # as of math.sqrt
             return math.nan
+        return value if type(value) is float else _number(value)
 
     return guarded
+
+
+def _number(value: Any) -> float:
+    """Return what a kernel returned as a float."""
+    if value is None:
+        raise TypeError("it returned nothing; is there a return in every branch?")
+    if not isinstance(value, (*_NUMBERS, np.bool_)):
+        raise TypeError(f"it returned {value!r}, not a number")
+    return float(value)
 
 
 @functools.cache
@@ -341,7 +360,16 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
         raise InvalidInput(
             f"{place} takes ({', '.join(names)}); the kinematic arguments come first and in order: {form}."
         )
+    if _may_end_without_value(function):
+        raise InvalidInput(f"{place} may end without a value: every branch must return a number.")
     setattr(cls, name, staticmethod(function))
+
+
+def _may_end_without_value(function: types.FunctionType) -> bool:
+    """Whether a function has a way to its end, or to a bare return, on which it returns None."""
+    steps = [(step.opname, step.argval) for step in dis.get_instructions(function)]
+    ways = [("LOAD_CONST", None), ("RETURN_VALUE", None)], [("RETURN_CONST", None)]  # by version of Python
+    return any(steps[at : at + len(way)] == way for way in ways for at in range(len(steps)))
 
 
 class _Declared(NamedTuple):
@@ -432,9 +460,13 @@ def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidInput(f"{place} must be a number, {value!r} was given.")
-    if not math.isfinite(value):
-        raise InvalidInput(f"{place} must be a finite number, {value!r} was given.")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        number = math.inf
+    if not math.isfinite(number):
+        raise InvalidInput(f"{place} must be a finite number, {reprlib.repr(value)} was given.")
+    return number
 
 
 def _plain(value: Any) -> Any:

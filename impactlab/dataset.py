@@ -6,8 +6,9 @@ import contextlib
 import hashlib
 import json
 import os
+import reprlib
+import shutil
 import tempfile
-import threading
 from collections.abc import Collection, Hashable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,8 +18,9 @@ import numpy as np
 import xarray as xr
 
 import impactlab
-from impactlab.errors import InvalidInput
+from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.network import Network
+from impactlab.uninterrupted import UninterruptedLock
 
 CONFIGURATION = "impactlab_configuration"
 
@@ -55,8 +57,11 @@ BALANCES: dict[str, tuple[str, str, str]] = {
 VARIABLES = {**STATISTICS, **DIRECT, **BALANCES}
 """Everything that is estimated: name to dimension, units and long name."""
 
-LOCK = threading.RLock()
-"""Held around every call of the netCDF library, which is not thread-safe."""
+LOCK = UninterruptedLock()
+"""Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
+
+FULL = 1_000_000
+"""Free space (bytes) below which a disk counts as full when a file could not be written."""
 
 
 def statistics(
@@ -153,7 +158,17 @@ def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) 
         raise InvalidInput(
             f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
         )
-    configuration: dict[str, Any] = json.loads(stored)
+    return parsed(stored)
+
+
+def parsed(stored: Any) -> dict[str, Any]:
+    """Return the configuration that a text holds, or refuse what is none."""
+    try:
+        configuration = json.loads(str(stored))
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"The configuration that is stored cannot be read: {error}.") from error
+    if not isinstance(configuration, dict):
+        raise InvalidInput(f"The configuration that is stored is not a mapping: {reprlib.repr(configuration)}.")
     return configuration
 
 
@@ -199,11 +214,13 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
     InvalidInput
         If the folder does not exist or cannot be written to, the path is a folder, or
         `dataset` is not one.
+    ImpactLabError
+        If the file cannot be written, for want of space, say.
     """
     if not isinstance(dataset, xr.Dataset | xr.DataTree):
         raise InvalidInput(f"save takes a Dataset or a DataTree, {dataset!r} was given.")
     path = Path(path)
-    with LOCK, replacing(path) as temporary:
+    with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
             encoding = {
                 node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
@@ -212,6 +229,19 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
         else:
             write(dataset, temporary)
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextlib.contextmanager
+def told(what: str, file: Path) -> Iterator[None]:
+    """Say in words what goes wrong while a file is written."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # the netCDF library raises both, and does not say that a disk is full
+        free = shutil.disk_usage(file.parent).free if file.parent.is_dir() else 0
+        reason = (
+            f"no space is left in {file.parent}" if free < FULL else "the disk, a limit or the folder may be the cause"
+        )
+        raise ImpactLabError(f"{what} cannot be written: {reason} ({error}).") from error
 
 
 def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
@@ -246,7 +276,7 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
     try:
         with LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
             loaded = tree.load()
-    except (OSError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
         raise InvalidInput(f"{path} cannot be read: {error}") from error
     return loaded if loaded.children else loaded.to_dataset()
 
@@ -277,8 +307,11 @@ def replacing(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
-    finally:
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.truncate(temporary, 0)  # the library may not have closed it, and would keep its space
         temporary.unlink(missing_ok=True)
+        raise
 
 
 def _umask() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,6 +41,8 @@ class Density(Record):
         deviations of the linear law at the highest temperature that is connected.
     """
 
+    summed: ClassVar[tuple[str, ...]] = ("counts",)
+
     quantity: str = parameter("displacement")
     oscillators: tuple[str, ...] | None = parameter(None, kw_only=True)
     bins: int = parameter(200, minimum=1)
@@ -63,11 +65,14 @@ class Density(Record):
     def stride(self, model: Model, step: float) -> int:
         return _stride(self.oscillators, model, step)
 
+    def bytes_per_block(self, plan: Plan) -> int:
+        return 8 * len(self.limits) * group_count(plan) * (self.bins + 2)
+
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Counts(self, plan, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        counts = _total(results)
+        counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
         q, n = self.quantity, len(plan.bodies)
         edges = np.full((n, self.bins + 1), np.nan)
@@ -106,6 +111,8 @@ class JointDensity(Record):
         Lower and upper limit by name; by default as for `Density`.
     """
 
+    summed: ClassVar[tuple[str, ...]] = ("counts",)
+
     first: str = parameter(kw_only=False)
     second: str = parameter(kw_only=False)
     bins: int = parameter(60, minimum=1)
@@ -124,11 +131,14 @@ class JointDensity(Record):
     def stride(self, model: Model, step: float) -> int:
         return _stride((self.first, self.second), model, step)
 
+    def bytes_per_block(self, plan: Plan) -> int:
+        return 8 * group_count(plan) * (self.bins + 2) ** 2
+
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Pairs(self, plan, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        counts = _total(results)
+        counts = results[0]["counts"]
         groups = counts.shape[0]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
         share, spread_, factor = mean_of_groups(
@@ -202,12 +212,6 @@ class _Pairs(Keeper):
         return {"counts": self.counts}
 
 
-def _total(results: list[dict[str, np.ndarray]]) -> np.ndarray:
-    """Add the counts of all blocks."""
-    total: np.ndarray = np.sum([result["counts"] for result in results], axis=0)
-    return total
-
-
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     """Sample about three times per period of the fastest body that is recorded."""
     slots = [model.bodies.index(name) for name in names or model.bodies]
@@ -216,7 +220,7 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
 
 
 def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
-    if isinstance(names, str):
+    if not isinstance(names, tuple | None):
         raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), {names!r} was given.")
     for name in names or ():
         if name not in model.bodies:
@@ -231,6 +235,8 @@ def _plain_limits(limits: Any) -> Any:
     items = limits
     if isinstance(limits, Mapping):
         items = [(name, *(pair if isinstance(pair, list | tuple) else (pair,))) for name, pair in limits.items()]
+    if not isinstance(items, list | tuple):
+        raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
     plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in items)
     by_name = plain and all(isinstance(item, tuple) for item in plain)
     pairs: list[Any] = [item[1:] for item in plain] if by_name else [plain]

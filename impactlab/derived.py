@@ -9,7 +9,8 @@ import xarray as xr
 
 from impactlab.dataset import BALANCES, STATISTICS
 from impactlab.errors import InvalidInput
-from impactlab.estimate import UNITS_PER_CONTROL, Regression
+from impactlab.estimate import UNITS_PER_CONTROL
+from impactlab.regression import Regression
 from impactlab.rules import BATCHES
 
 _SUFFIX = "_by_realization"

@@ -7,11 +7,12 @@ import contextlib
 import os
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from impactlab.block import Block, BlockResult, Tick
-from impactlab.errors import Interrupted
+from impactlab.block import Block, BlockResult, Tick, compiled
+from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
 from impactlab.plan import Plan
 from impactlab.tiles import Tile, restricted
 
@@ -33,6 +34,8 @@ def run(
     ------
     Diverged
         If a realization left the range of finite numbers.
+    ImpactLabError
+        If a worker of the executor died.
     """
     total = plan.realizations * (plan.spin_up_steps + plan.steps)
     done, stop, lock = [0], threading.Event(), threading.Lock()
@@ -46,22 +49,55 @@ def run(
     with contextlib.ExitStack() as stack:
         pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
         shared_memory = shares_memory(pool)
+        if shared_memory:
+            compiled(plan)  # in this thread, where Ctrl-C is answered at once
         threads = max(1, workers_of(executor) // plan.blocks)
         report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
-        futures = [pool.submit(run_block, plan, k, *report) for k in range(plan.blocks)]
+        futures = [begin(pool, run_block, plan, k, *report) for k in range(plan.blocks)]
+        kept: list[dict[str, np.ndarray]] = [{} for _ in plan.records]
         try:
             pending = set(futures)
             while pending:
                 finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
                 for future in finished:
-                    future.result()
+                    _add(kept, future.result().records, plan)
                 progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
+        except concurrent.futures.BrokenExecutor as error:
+            raise ImpactLabError(f"A worker of the executor died, for want of memory perhaps: {error}") from error
         except BaseException:
             stop.set()
             for future in futures:
                 future.cancel()
             raise
-    return [future.result() for future in futures]
+    results = [future.result() for future in futures]
+    for sums, of_first in zip(kept, results[0].records, strict=True):
+        of_first.update(sums)
+    return results
+
+
+def _add(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
+    """Add what the records of a finished block have in common with those of others, and take it from them."""
+    for sums, of_block, (record, _) in zip(kept, records, plan.records, strict=True):
+        for name in record.summed:
+            array = of_block.pop(name)
+            if name in sums:
+                sums[name] += array
+            else:
+                sums[name] = array
+
+
+def begin(executor: concurrent.futures.Executor, function: Callable[..., Any] = int, *arguments: Any) -> Any:
+    """Submit a function and return its future, or say that the executor takes nothing any more.
+
+    Raises
+    ------
+    InvalidInput
+        If the executor was shut down, or its workers died.
+    """
+    try:
+        return executor.submit(function, *arguments)
+    except RuntimeError as error:  # a broken executor's error is one as well
+        raise InvalidInput(f"The executor takes no more work ({error}); give one that is running.") from error
 
 
 class SharedThreads(concurrent.futures.ThreadPoolExecutor):
@@ -126,13 +162,18 @@ class _TiledBlock(Block):
         snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
         for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
             mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
-            for name in ("x", "v", "reading", "velocity"):
+            for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
             state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
             if len(snapshots):
                 for at, block in zip((0, bodies), np.split(kept[:, : 2 * tile.own_bodies], 2, axis=1), strict=True):
                     snapshots[:, at + mine.start : at + mine.stop] = block
                 snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+            places = np.append(tile.bodies, len(self.plan.bodies))
+            part._note_gaps(x[places], v[places])
 
     def _clear_sums(self) -> None:
         for part in self.parts:

@@ -1,7 +1,10 @@
 """Every error that impactlab raises, and every warning that it gives."""
 
+import contextlib
+import contextvars
 import sys
 import warnings
+from collections.abc import Callable, Iterator
 
 
 class ImpactLabError(Exception):
@@ -32,8 +35,27 @@ class AccuracyWarning(ImpactLabWarning):
     """A result is complete, but less is known of its accuracy than was asked for."""
 
 
+Listener = Callable[[str, type[Warning]], None]
+
+_listener: contextvars.ContextVar[Listener | None] = contextvars.ContextVar("impactlab_listener", default=None)
+
+
+@contextlib.contextmanager
+def heard_by(listener: Listener) -> Iterator[None]:
+    """Hand the warnings of impactlab that are given in here, by this thread, to a function instead."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
 def warn(message: str, category: type[Warning] = AccuracyWarning) -> None:
     """Give a warning at the line outside of impactlab that led to it."""
+    listener = _listener.get()
+    if listener is not None:
+        listener(message, category)
+        return
     level = 2
     while sys._getframe(level - 1).f_globals.get("__name__", "").startswith("impactlab."):
         level += 1

@@ -15,20 +15,24 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.errors import warn
-from impactlab.kernels.sums import FORCE, PEAK, VV, XX, X
+from impactlab.heating import Heating, heating_of
+from impactlab.joint import LOAD
+from impactlab.kernels.sums import FF, FORCE, PEAK, VV, XX, X
+from impactlab.model import connected_parts
 from impactlab.moments import Values, statistics_of
-from impactlab.plan import Plan
+from impactlab.plan import WINDOW, Plan
+from impactlab.regression import ROUNDING, Regression
 from impactlab.rules import BATCH_TIMES, BATCHES, batches_wanted
 
 UNITS_PER_CONTROL = 8
 """Least number of units for each control of a regression."""
 
-ROUNDING = 1e-15
-"""Relative error of a sum, below which no standard error goes."""
-
 CLOSINGS = 30
 """Closings of a contact, in all units together, below which its standard errors are too small: intervals of
 95 % held the mean force in 90 % of cases with 16 to 32 of them, in 83 % with 8 to 16 (random networks, 64 units)."""
+
+ACTED = 0.01
+"""Part of the mean square of the forces of kicks from which on a unit counts as one in which they acted."""
 
 BROKEN = 5.0
 """Balance, in standard errors, from which one of a few counts as not closed."""
@@ -49,11 +53,14 @@ class Estimates:
         The direct statistics of each realization.
     drift : float
         Largest difference between the first and the second half of the run, in standard
-        errors; NaN with fewer than 8 realizations.
+        errors; with fewer than 8 realizations also between its first quarter and the rest, and NaN without
+        enough batches.
     unbalanced : str
         Which balance does not close; empty if all do.
     contacts_per_sample : (contact,) ndarray
         How often each contact closed in a unit, on average.
+    heating : Heating
+        Heat that the step made.
     """
 
     values: Values
@@ -62,6 +69,7 @@ class Estimates:
     drift: float
     unbalanced: str
     contacts_per_sample: np.ndarray
+    heating: Heating
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
@@ -100,22 +108,40 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         )
         whole = {name: item[:, :realizations] for name, item in both.items()}
         units = {name: item[:, realizations:] for name, item in both.items()}
-    random = bool(len(plan.white) or plan.lines)
-    if not plan.trusted and random:
+    of_load = whole[LOAD]
+    loads = units.pop(LOAD)
+    whole.pop(LOAD, None)  # the same dictionary, maybe
+    pushes = _pushes(bodies, steps, enough_alone) if plan.integrator.kicks else np.zeros((0, len(weights)))
+    random = bool(plan.random.any())
+    trusted = plan.trusted and random
+    if random and not trusted:
         _warn(plan)
-    values, errors, unbalanced = _combined(plan, units, weights, plan.trusted)
+    events = _events(units["contact_ratio"] > 0.0)
+    seldom = _seldom(plan, events, pushes)
+    values, errors, unbalanced = _combined(plan, units, weights, trusted, loads, seldom)
+    for name in {"contact_rate", "direct_contact_rate"} & set(values):  # a flux and a regression may be below 0
+        values[name] = np.maximum(values[name], 0.0)
     peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
-    closings = np.maximum(values["contact_rate"], 0.0) * plan.step * plan.steps * realizations
+    closings = values["contact_rate"] * plan.step * plan.steps * realizations
+    _forget(plan, values, errors)
     if random:
+        moved = plan.cold if len(pushes) else np.zeros(0, dtype=np.int64)
+        pushed = _pushed(pushes)
+        moved = moved[pushed[moved] < CLOSINGS]
+        _widen(plan, units, events, values, errors)
+        _widen_bodies(plan, moved, pushed[moved], values, errors)
         scattered = {name: units[name] for name in units if "contact" in name} | {"peak_contact_force": peak}
         for name, item in scattered.items():  # what was the same in all units is not known exactly
             for key in {name, f"direct_{name}"} & set(errors):
-                errors[key][np.ptp(item, axis=-1) == 0.0] = np.nan
+                errors[key][(np.ptp(item, axis=-1) == 0.0) | (events == 0.0)] = np.nan
         if plan.trusted:
-            _warn_of_rare(plan, closings)
-    variance = whole["mean_square_displacement"] - whole["mean_displacement"] ** 2
+            _warn_of_rare(
+                plan, np.where((closings < 1.0) & np.isfinite(events), np.maximum(closings, events), closings)
+            )
+            _warn_of_still(plan, moved, pushed[moved])
+    variance = np.maximum(whole["mean_square_displacement"] + of_load - whole["mean_displacement"] ** 2, 0.0)
     by_realization = {**whole, "variance_displacement": variance, "peak_contact_force": peak}
     return Estimates(
         values,
@@ -124,7 +150,17 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         _drift(plan, bodies.sum(axis=1), contacts, steps),
         unbalanced,
         closings / len(weights),
+        heating_of(plan, units, weights, seldom),
     )
+
+
+def _forget(plan: Plan, values: Values, errors: Values) -> None:
+    """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
+    of_bodies = ~plan.random
+    of_contacts = ~np.append(plan.random, False)[plan.ends].any(axis=1)
+    for name, error in errors.items():
+        still = of_contacts if "contact" in name else of_bodies
+        error[still] = np.where(values[name][still] != 0.0, np.nan, 0.0)
 
 
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
@@ -133,44 +169,102 @@ def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
     return units.reshape(*whole.shape[:-1], units.shape[-2] * units.shape[-1])
 
 
-def _combined(plan: Plan, units: Values, weights: np.ndarray, trusted: bool) -> tuple[Values, Values, str]:
-    """Return values and standard errors, combined with the balances where these can be used, and which is off."""
+def _pushes(bodies: np.ndarray, steps: np.ndarray, enough_alone: bool) -> np.ndarray:
+    """Return the mean square of the forces of kicks in each unit, (body, unit)."""
+    squares = bodies[:, :, FF].sum(axis=1)
+    if enough_alone:
+        return np.asarray(squares.sum(axis=0) / steps.sum())
+    return np.asarray((squares / steps[:, None, None]).swapaxes(0, 1).reshape(squares.shape[1], -1))
+
+
+def _events(seen: np.ndarray) -> np.ndarray:
+    """Return how often something independent happened in all units together, from the units that saw it.
+
+    Of independent events, of which a unit sees n on average, it sees none with the probability exp(−n).
+    Infinite where each unit saw it.
+    """
+    count = seen.shape[-1]
+    with np.errstate(divide="ignore"):
+        return np.asarray(count * -np.log1p(-np.count_nonzero(seen, axis=-1) / count)) + 0.0
+
+
+def _pushed(pushes: np.ndarray) -> np.ndarray:
+    """Return how often kicks acted on each body, from their mean squares by unit, (body,)."""
+    return _events((pushes > 0.0) & (pushes >= ACTED * pushes.mean(axis=-1, keepdims=True)))
+
+
+def _seldom(plan: Plan, events: np.ndarray, pushes: np.ndarray) -> np.ndarray:
+    """Whether a contact of each body closed, or its kicks acted, too seldom for balances, (body,) of bool.
+
+    Parameters
+    ----------
+    plan : Plan
+    events : (contact,) ndarray
+        How often each contact closed, see `_events`.
+    pushes : (body, unit) ndarray
+        Mean square of the forces of kicks; without rows if the method does not kick.
+    """
+    seldom = np.zeros(len(plan.bodies) + 1, dtype=bool)
+    seldom[plan.ends[events < CLOSINGS]] = True
+    if len(pushes):
+        seldom[:-1] |= plan.kicked & (_pushed(pushes) < CLOSINGS)
+    return seldom[:-1]
+
+
+def _combined(
+    plan: Plan, units: Values, weights: np.ndarray, trusted: bool, loads: np.ndarray, seldom: np.ndarray
+) -> tuple[Values, Values, str]:
+    """Return values and standard errors, combined with the balances where these can be used, and which is off.
+
+    A balance takes all scatter from a value but that which contacts and other forces of kicks make. Where these acted
+    too seldom the rest says nothing: balances of bodies on which such a force acts are no controls, and a
+    regression whose residuals rest on a few units, or are nothing but rounding, gives way to the plain mean.
+    """
     balances = [name for name in units if name.startswith("balance_")]
     values, errors = {}, {}
     for name in balances:
         values[name], errors[name] = _mean(units[name], weights, trusted)
     unbalanced = _unbalanced(plan, values, errors)
-    controls = None if unbalanced or not (trusted and plan.settled) else _controls(units, values, errors)
+    controls = None if unbalanced or not (trusted and plan.settled) else _controls(units, values, errors, seldom)
     prefix = "" if controls is None else "direct_"
     for name in units:
         if name not in balances:
             values[f"{prefix}{name}"], errors[f"{prefix}{name}"] = _mean(units[name], weights, trusted)
-    influence, square = _influence(units, values[f"{prefix}mean_displacement"])
+    influence, square = _influence(units, values[f"{prefix}mean_displacement"], loads)
     mean, errors[f"{prefix}variance_displacement"] = _mean(influence, weights, trusted)
-    values[f"{prefix}variance_displacement"] = mean + square
+    values[f"{prefix}variance_displacement"] = np.maximum(mean + square, 0.0)
     if controls is None:
         return values, errors, unbalanced
+    kicked = _kicked(plan)
     for of_contacts, near in ((False, _neighbours(plan)), (True, _touching(plan))):
         names = [name for name in units if name not in balances and ("contact" in name) == of_contacts]
         own = [*names] if of_contacts else [*names, "variance_displacement"]
         count = len(plan.ends) if of_contacts else len(plan.bodies)
         for name in own:
             values[name], errors[name] = np.empty(count), np.empty(count)
+        doubtful = np.ones(count, dtype=bool) if of_contacts else kicked
         for rows, chosen in _choices(near, controls[0], len(weights) // UNITS_PER_CONTROL, count):
             regression = Regression(controls[1][chosen], weights)
             for name in names:
-                values[name][rows], errors[name][rows] = regression.at_zero(units[name][rows])
+                item = units[name][rows]
+                values[name][rows], errors[name][rows] = regression.at_zero(item)
+                few = rows[doubtful[rows] & regression.rests_on_few(item)]
+                values[name][few], errors[name][few] = values[f"direct_{name}"][few], errors[f"direct_{name}"][few]
             if not of_contacts:
                 mean = values["mean_displacement"][rows]
-                influence, square = _influence({name: units[name][rows] for name in names}, mean)
-                value, errors["variance_displacement"][rows] = regression.at_zero(influence)
-                values["variance_displacement"][rows] = value + square
+                influence, square = _influence({name: units[name][rows] for name in names}, mean, loads[rows])
+                value, error = regression.at_zero(influence)
+                few = doubtful[rows] & regression.rests_on_few(influence)
+                plain, of_plain = _mean(influence, weights, trusted)
+                values["variance_displacement"][rows] = np.maximum(np.where(few, plain, value) + square, 0.0)
+                errors["variance_displacement"][rows] = np.where(few, of_plain, error)
     return values, errors, unbalanced
 
 
-def _influence(units: Values, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _influence(units: Values, mean: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the influence of each unit on E[x²] − E[x]², which is that of x² − 2 E[x] x, and what is missing."""
-    return units["mean_square_displacement"] - 2.0 * mean[:, None] * units["mean_displacement"], mean**2
+    square = units["mean_square_displacement"] + loads
+    return square - 2.0 * mean[:, None] * units["mean_displacement"], mean**2
 
 
 def _unbalanced(plan: Plan, values: Values, errors: Values) -> str:
@@ -194,13 +288,23 @@ def _unbalanced(plan: Plan, values: Values, errors: Values) -> str:
     return ""
 
 
-def _controls(units: Values, values: Values, errors: Values) -> tuple[np.ndarray, np.ndarray] | None:
+def _controls(
+    units: Values, values: Values, errors: Values, seldom: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return which balances of each body are controls, (body, balance), and all of them, (body, balance, unit)."""
     names = [name for name in units if name.startswith("balance_")]
-    usable = np.array([np.isfinite(errors[name]) & (errors[name] > 0.0) for name in names])
+    usable = np.array([np.isfinite(errors[name]) & (errors[name] > 0.0) & ~seldom for name in names])
     if not usable.any():
         return None
     return usable.T, np.stack([units[name] for name in names], axis=1)
+
+
+def _kicked(plan: Plan) -> np.ndarray:
+    """Whether other forces than linear ones may act on each body, or one in a group with it, (body,) of bool."""
+    kicked = plan.kicked.copy()
+    for group in plan.flows.groups if plan.flows is not None else ():
+        kicked[group.slots] = kicked[group.slots].any()
+    return kicked
 
 
 def _neighbours(plan: Plan) -> np.ndarray:
@@ -236,37 +340,6 @@ def _choices(
             yield some, (body[places], balance[places])
 
 
-class Regression:
-    """Weighted linear regressions on controls, row by row, at control 0.
-
-    The standard error is ``s² (1/n + ḡᵀ (Σ (g − ḡ)(g − ḡ)ᵀ)⁻¹ ḡ)``.
-    """
-
-    def __init__(self, controls: np.ndarray, weights: np.ndarray) -> None:
-        self.share = weights / weights.sum()
-        self.root = np.sqrt(self.share * len(weights))
-        offsets = (controls * self.share).sum(axis=-1)
-        centred = (controls - offsets[..., None]) * self.root
-        scale = np.sqrt((centred**2).sum(axis=-1))
-        scale = np.where(scale > 1e-12 * np.abs(offsets), scale, np.inf)  # a constant is none
-        u, s, vt = np.linalg.svd((centred / scale[..., None]).swapaxes(1, 2), full_matrices=False)
-        kept = s > 1e-7
-        self.u = u * kept[:, None]
-        self.shift = (vt @ (offsets / scale)[..., None])[..., 0] * kept / np.where(kept, s, 1.0)
-        self.freedom = len(weights) - 1 - kept.sum(axis=1)
-
-    def at_zero(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return values at control 0 and standard errors, from (row, unit)."""
-        mean = (values * self.share).sum(axis=1)
-        residual = (values - mean[:, None]) * self.root
-        slopes = (self.u.swapaxes(1, 2) @ residual[..., None])[..., 0]
-        residual = residual - (self.u @ slopes[..., None])[..., 0]
-        spread = 1.0 / len(self.share) + (self.shift**2).sum(axis=1)
-        error = np.sqrt((residual**2).sum(axis=1) / self.freedom * spread)
-        value = mean - (self.shift * slopes).sum(axis=1)
-        return value, np.maximum(error, ROUNDING * np.abs(values).max(axis=1))
-
-
 def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.ndarray, np.ndarray]:
     """Weighted mean over the last axis and its standard error; NaN if it cannot be trusted."""
     count = units.shape[-1]
@@ -278,19 +351,29 @@ def _mean(units: np.ndarray, weights: np.ndarray, trusted: bool) -> tuple[np.nda
 
 
 def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray) -> float:
-    """Compare the two halves of every realization."""
+    """Compare the two halves of every realization; of few realizations halves and quarters by their batches."""
     realizations = bodies.shape[-1]
     half = len(steps) // 2
-    if realizations < 8 or half == 0:
+    alone = realizations < 8
+    if half == 0 or (alone and not plan.trusted):
         return float("nan")
     sums = np.concatenate([bodies[:, [X, XX, VV]].reshape(len(steps), -1, realizations), contacts[:, FORCE]], axis=1)
-    difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
-    error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
+    if alone:
+        means = sums / steps[:, None, None]
+        cuts = half, len(steps) // 4
+        differences = np.array([means[:cut].mean(axis=(0, 2)) - means[cut:].mean(axis=(0, 2)) for cut in cuts])
+        spread = [[means[:cut].var(axis=(0, 2), ddof=1), means[cut:].var(axis=(0, 2), ddof=1)] for cut in cuts]
+        counts = realizations * np.array([[cut, len(steps) - cut] for cut in cuts])
+        error = np.sqrt((np.array(spread) / counts[..., None]).sum(axis=1))
+        freedom = counts.min() - 1.0
+    else:
+        difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
+        error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
+        differences, freedom = difference.mean(axis=-1), realizations - 1.0
     moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / plan.steps
-    largest = np.abs(difference.mean(axis=-1)[moving] / error[moving]).max(initial=0.0)
+    largest = np.abs(differences[moving] / error[moving]).max(initial=0.0)
     # as many standard errors of a normal law, since with few realizations the quotient has
     # wide tails (Wallace, Ann. Math. Statist. 30, 1959, 1121)
-    freedom = realizations - 1.0
     return float(np.sqrt(freedom * np.log1p(largest**2 / freedom)) * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0))
 
 
@@ -303,6 +386,59 @@ def _warn(plan: Plan) -> None:
     else:
         advice = f"use at least {BATCHES} realizations"
     warn(f"Too few independent samples for standard errors, which are NaN: {advice}.")
+
+
+def _widen(plan: Plan, units: Values, events: np.ndarray, values: Values, errors: Values) -> None:
+    """Add to the errors of contacts that closed n times, too seldom for them, those of ``n ± √n`` closings.
+
+    The few that were seen may have been light ones. One of bodies of the reduced mass μ whose velocities
+    approach each other by v, sqrt(2) times their root mean square, gives the impulse 2 μ v; and it takes about π δ/v,
+    δ being the length over which the density of the gap varies near contact.
+    """
+    rare = np.flatnonzero((events > 0.0) & (events < CLOSINGS))
+    inverse_mass, square = (np.append(item, 0.0) for item in (1.0 / plan.linear[0], values["mean_square_velocity"]))
+    inverse_mass, square = (item[plan.ends[rare]].sum(axis=1) for item in (inverse_mass, square))
+    approach = np.sqrt(2.0 * np.maximum(square, 0.0))
+    with np.errstate(divide="ignore"):
+        duration = np.pi * plan.window[rare] / WINDOW / approach
+    scatter = np.sqrt(events[rare]) / (plan.step * plan.steps * plan.realizations)
+    sizes = {"contact_ratio": duration, "contact_rate": 1.0, "mean_contact_force": 2.0 / inverse_mass * approach}
+    for name, size in sizes.items():
+        for key in {name, f"direct_{name}"} & set(errors):
+            errors[key][rare] = np.hypot(errors[key][rare], scatter * size)
+
+
+def _widen_bodies(plan: Plan, moved: np.ndarray, events: np.ndarray, values: Values, errors: Values) -> None:
+    """Do what `_widen` does for bodies that kicks alone move, and moved n times; NaN where they never did.
+
+    An event may bring the energy that the hottest body of the part has, for as long as it takes to be lost.
+    """
+    mass, _, stiffness = plan.linear
+    labels = connected_parts(len(mass), plan.links)
+    hottest = np.zeros(labels.max(initial=-1) + 1)
+    np.maximum.at(hottest, labels, mass * values["mean_square_velocity"])
+    share = np.sqrt(events) * 0.5 * plan.relaxation / (plan.step * plan.steps * plan.realizations)
+    with np.errstate(divide="ignore"):
+        velocity = hottest[labels[moved]] / mass[moved]
+        squares = {"velocity": velocity, "displacement": velocity * mass[moved] / stiffness[moved]}
+    for quantity, square in squares.items():
+        sizes = {f"mean_{quantity}": np.sqrt(share * square), f"mean_square_{quantity}": share * square}
+        sizes |= {"variance_displacement": share * square} if quantity == "displacement" else {}
+        for name, size in sizes.items():
+            for key in {name, f"direct_{name}"} & set(errors):
+                known = np.where(np.isfinite(size) & (events > 0.0), size, np.nan)
+                errors[key][moved] = np.hypot(errors[key][moved], known)
+
+
+def _warn_of_still(plan: Plan, moved: np.ndarray, events: np.ndarray) -> None:
+    """Warn of bodies that kicks alone move, and moved too seldom for their standard errors."""
+    if moved.size:
+        stillest = int(np.argmin(events))
+        warn(
+            f"{len(moved)} oscillator(s) that only contacts or couplings move were moved less than {CLOSINGS} times in "
+            f"all, too seldom for standard errors (NaN for none): {plan.bodies[moved[stillest]]!r} about "
+            f"{events[stillest]:.2g} times. Run for longer, or use more realizations."
+        )
 
 
 def _warn_of_rare(plan: Plan, closings: np.ndarray) -> None:

@@ -44,6 +44,8 @@ class Folder:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        if not isinstance(path, str | os.PathLike):
+            raise InvalidInput(f"A folder is given by its path, {path!r} was given.")
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:
@@ -102,11 +104,11 @@ class Folder:
 
     def write(self, name: str, content: bytes) -> str:
         """Write a file, whole or not at all; return its SHA-256."""
-        from impactlab.dataset import replacing
+        from impactlab.dataset import replacing, told
 
         path = self.path / name
         path.parent.mkdir(exist_ok=True)
-        with replacing(path) as temporary:
+        with replacing(path) as temporary, told(str(path), temporary):
             temporary.write_bytes(content)
         return hashlib.sha256(content).hexdigest()
 
@@ -130,7 +132,8 @@ class Folder:
             result = dataset.load(path)
         except InvalidInput:  # damaged: it is computed again
             return None
-        assert isinstance(result, xr.Dataset)
+        if not isinstance(result, xr.Dataset):
+            return None
         return result if result.attrs.pop(_ITEM, None) == _identity(item) else None
 
     def _item_path(self, item: Item) -> Path:

@@ -30,20 +30,24 @@ _MODULES = {math: "math", np: "np"}
 _TAKEN = frozenset({
     "at", "body", "clear", "clearance", "contact_force", "count", "differences", "extension", "first", "force",
     "forces_of", "forces_on", "gap", "gaps", "gather", "indentation", "index", "indices", "lane", "math", "max",
-    "member", "np", "parameters", "range", "rate", "result", "row", "run", "second", "slot", "some_v", "some_x",
-    "start", "times", "total", "v", "x",
+    "half_step", "member", "middle", "mobility", "np", "parameters", "range", "rate", "response", "result", "row",
+    "run", "second", "slot", "some_v", "some_x", "start", "times", "total", "v", "velocity", "x",
 })  # fmt: skip
 
 _FORCES = '''
 @pointer(FORCES)
-def forces(x, v, parameters, indices, indentation, contact_force, total):
+def forces(x, v, middle, half_step, parameters, indices, indentation, contact_force, total):
     """Write the force on every body, and the state of every contact, of a block.
 
     x, v: displacement and velocity [body, lane]; the last body is the wall.
+    middle, half_step: v and 0, or for a kick from v on the velocity in its middle, as contact_force
+        and total make it, and half its length; forces that depend on velocities are then solved.
     indentation, contact_force: of every contact [contact, lane]; positive when closed.
     total: force on every body [body, lane].
     """
 '''
+
+_DISTANCES = "    differences(indices, x, indentation)\n"
 
 _TIMETABLE = '''
 @timetable
@@ -55,6 +59,54 @@ _TIMETABLES = {
     "forcing": "the given force on every forced body",
     "intensity": "the two-sided spectral density of every white noise",
 }
+
+
+_SLOWING = '''
+@scalar
+def {name}_slowed({place}, speed, response, accuracy{fields}):
+    """Solve ``r + response force(r) = speed`` for r by secants, bracketed if they can be."""
+    given = response * {speed}
+    end, result, off_end, off = speed, speed, given, 0.0
+    if given != 0.0:
+        nudged = response * {nudged}
+        result = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
+        off = result - speed + response * {result}
+    enough = accuracy * abs(given)
+    for _ in range(50):
+        if abs(off) <= enough or abs(result - end) <= enough or off == off_end:
+            break
+        after = result - off * (result - end) / (off - off_end)
+        off_after = after - speed + response * {after}
+        if off * off_after < 0.0 or off * off_end > 0.0:
+            end, off_end = result, off
+        else:
+            off_end *= 0.5
+        result, off = after, off_after
+    return result
+
+
+@scalar
+def {name}_over_kick({place}, speed, response{fields}):
+    """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
+    force = {speed}
+    if response > 0.0 and force != 0.0:
+        middle = {name}_slowed({place}, speed, response, 0.01{fields})
+        drop = speed - middle
+        if drop != 0.0:
+            stretched = response * stretch(2.0 * (response * force - drop) / drop)
+            middle = {name}_slowed({place}, speed, stretched, 1e-6{fields})
+            force = (speed - middle) / stretched
+    return force
+'''
+
+
+def _slowing(kind: Kind, name: str) -> str:
+    """Text of the functions that solve a force for the velocity that it changes."""
+    place, speed = kind.component.kernels[kind.kernel]
+    at = {"speed": "speed", "nudged": "speed - 0.001 * given", "result": "result", "after": "after"}
+    calls = {item: _call(kind, name, {place: place, speed: value}) for item, value in at.items()}
+    fields = "".join(f", {_local(field)}" for field in kind.fields)
+    return _SLOWING.format(name=name, place=place, fields=fields, **calls)
 
 
 def generate(model: Model, single: bool = False) -> str:
@@ -84,9 +136,10 @@ def generate(model: Model, single: bool = False) -> str:
         _Inliner(name, kernels, taken).inline(kind.component.kernel(kind.kernel)[0], name)
     parts = [_header(model, kernels, single)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
+    parts += [f"\n{_slowing(kind, names[kind])}" for kind in model.kinds if kind.slows]
     parts.append("\n" + _FORCES)
     if single and len(model.ends):
-        parts.append(_distances(model))
+        parts.append(_DISTANCES)
     for role in _LOOPS:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(model))
@@ -131,6 +184,7 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
         f"from impactlab.kernels.kick import {kernels_of_contacts if len(model.ends) else 'clear'}",
+        *(["from impactlab.kernels.slowing import stretch"] if any(kind.slows for kind in model.kinds) else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -183,29 +237,41 @@ def _local(field: str) -> str:
 
 
 def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
-    call = _call(kind, name, {"indentation": "max(gap, 0.0)", "rate": "rate"})
+    """Write the loop over some contacts.
+
+    The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
+    value, which throws a body out of every contact, does not pass for an open one.
+    """
     place: tuple[str, ...] = ()
-    distance, rate = "gaps[member, lane]", "forces_of[member, lane]"
-    if not single:
+    distance = "gaps[member, lane]"
+    if not single or kind.slows:
         place = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
-        distance, rate = (f"{of}[first, lane] - {of}[second, lane]" for of in "xv")
+        distance = "x[first, lane] - x[second, lane]"
+    lines = [f"gap = {distance} - clearance"]
+    if kind.slows:  # each alone: the rate without what this contact did to it in the pass before
+        place = (*place, "response = half_step * mobility")
+        lines += [
+            "force = gap - gap",
+            "if not gap <= 0.0:",
+            "    rate = middle[first, lane] - middle[second, lane] + response * forces_of[member, lane]",
+            f"    force = {_over_kick(kind, name, 'gap', 'rate')}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = force",
+        ]
+    else:
+        lines += [
+            f"force = {_call(kind, name, {'indentation': 'max(gap, 0.0)'})}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
+        ]
     return (
         f"{_run(index, kind, *place, slices=('gaps = indentation[slot]', 'forces_of = contact_force[slot]'))}"
-        "            for lane in range(gaps.shape[1]):\n"
-        f"                gap = {distance} - clearance\n"
-        + (f"                rate = {rate}\n" if "rate" in kind.kinematic else "")
-        + f"                force = {call}\n"
-        "                gaps[member, lane] = gap\n"
-        "                forces_of[member, lane] = force if gap > 0.0 else 0.0\n"
+        "            for lane in range(gaps.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
     )
 
 
-def _distances(model: Model) -> str:
-    """Begin with the distances of the bodies in contacts, and where a law reads them their rates."""
-    rates = any("rate" in kind.kinematic for kind in model.of_role("force"))
-    return "    differences(indices, x, indentation)\n" + (
-        "    differences(indices, v, contact_force)  # until the force is there\n" if rates else ""
-    )
+def _over_kick(kind: Kind, name: str, place: str, speed: str) -> str:
+    return f"{name}_over_kick({', '.join([place, speed, 'response', *map(_local, kind.fields)])})"
 
 
 def _gathering(model: Model) -> str:
@@ -215,7 +281,7 @@ def _gathering(model: Model) -> str:
 
 def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     rate = (
-        "                rate = v[second + member, lane] - v[first + member, lane]\n"
+        "                rate = middle[second + member, lane] - middle[first + member, lane]\n"
         if "rate" in kind.kinematic
         else ""
     )
@@ -232,13 +298,17 @@ def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
 
 
 def _residual_loop(index: int, kind: Kind, name: str, single: bool) -> str:
-    slices = ["forces_on = total[body]", "some_x = x[body]", "some_v = v[body]"]
-    slices = [item for item in slices if item[5] != "v" or "velocity" in kind.kinematic]
-    call = _call(kind, name, {"displacement": "some_x[member, lane]", "velocity": "some_v[member, lane]"})
+    slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if kind.slows else [])]
+    if kind.slows:  # after all other forces
+        lines = [
+            "velocity = some_v[member, lane] + response * forces_on[member, lane]",
+            f"forces_on[member, lane] -= {_over_kick(kind, name, 'some_x[member, lane]', 'velocity')}",
+        ]
+    else:
+        lines = [f"forces_on[member, lane] -= {_call(kind, name, {'displacement': 'some_x[member, lane]'})}"]
     return (
-        f"{_run(index, kind, slices=tuple(slices))}"
-        "            for lane in range(forces_on.shape[1]):\n"
-        f"                forces_on[member, lane] -= {call}\n"
+        f"{_run(index, kind, *(['response = half_step * mobility'] if kind.slows else []), slices=tuple(slices))}"
+        "            for lane in range(forces_on.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
     )
 
 

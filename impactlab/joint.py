@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Group
-from impactlab.kernels.sums import FF, FV, FX, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import FF, FV, FX, KICK_ROWS, PAIR_ROWS, VV, XV, XX, F, V, X
+
+LOAD = "load"
+"""Name of what `mean_load` returns among statistics."""
 
 _OWN = np.array([[XX, XV, FX], [XV, VV, FV], [FX, FV, FF]])
 
@@ -16,7 +19,19 @@ def weighted_sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
     return total
 
 
-def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndarray) -> dict[str, np.ndarray]:
+def mean_load(over_time: np.ndarray, at_kicks: np.ndarray, at_middle: np.ndarray) -> np.ndarray:
+    """Return what Simpson's rule lacks of the square of a mean displacement, which is known otherwise over time.
+
+    Where a static load holds a body away from 0, friction over a step puts Simpson's mean square off by a small part
+    of the square of the mean, which may be many times the variance. The variance is that by Simpson's rule of
+    squares and squared means alike.
+    """
+    return np.asarray(over_time**2 - (at_kicks**2 + 2.0 * at_middle**2) / 3.0)
+
+
+def joint_statistics(
+    group: Group, step: float, s: np.ndarray, products: np.ndarray, begun: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
     """Return the moments over the time of a step of the bodies of a group, and their balances.
 
     Mean squares are (kick + 2 middle of the flow)/3, Simpson's rule; those in the middle follow
@@ -37,13 +52,24 @@ def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndar
         Means of the rows of sums of its bodies.
     products : (9, pair, unit) ndarray
         Means of the sums over its pairs, in the order of `numpy.triu_indices`.
+    begun : (9, body, unit) ndarray, optional
+        In a transient, the means over the kicks with which flows begin; the same of pairs follow in `products`.
     """
     count, system, increment = len(group.slots), group.system, step / group.system.mass[:, None]
-    after, kicks = _second_moments(increment, s, products)
+    after, kicks = _second_moments(increment, s, products[:PAIR_ROWS])
+    if begun is not None:
+        after, _ = _second_moments(increment, begun[:KICK_ROWS], products[PAIR_ROWS:])
     middle = np.array([np.outer(row, row).ravel() for row in group.middle_transition])
     at_middle = weighted_sum(middle.T, after) + np.diag(group.middle_covariance)[:, None]
     square = (np.concatenate([s[XX], s[VV]]) + 2.0 * at_middle) / 3.0
     result = {"mean_square_displacement": square[:count], "mean_square_velocity": square[count:]}
+    earlier = s if begun is None else begun
+    z = np.concatenate([earlier[X], earlier[V] + 0.5 * increment * earlier[F]])
+    at_middle = weighted_sum(group.middle_transition[:count].T, z[:, None])
+    if begun is not None:
+        result["mean_displacement"] = simpson = (s[X] + 2.0 * at_middle) / 3.0
+        result[LOAD] = mean_load(simpson, s[X], at_middle)
+        result["mean_velocity"] = 2.0 / step * (s[X] - begun[X])  # half of the states at both ends are in the others
     law = system.covariance
     if law is None or not system.rates.all():
         return result
@@ -62,10 +88,12 @@ def joint_statistics(group: Group, step: float, s: np.ndarray, products: np.ndar
     mean = np.concatenate([s[X], s[V]]) + weighted_sum((over_time - at_kicks).T, s[F, :, None])
     offset = s[X] - weighted_sum(at_kicks[:count].T, s[F, :, None])
     free = system.free[:, None]
+    if begun is None:
+        result[LOAD] = np.where(free, 0.0, mean_load(mean[:count], s[X], at_middle))
     return {
-        **result,
         "mean_displacement": np.where(free, s[X], mean[:count]),
         "mean_velocity": mean[count:],
+        **result,
         "balance_mean_displacement": np.where(free, np.nan, offset),
         "balance_mean_square_displacement": np.where(free, np.nan, off[:count]),
         "balance_mean_square_velocity": off[count:],

@@ -98,10 +98,17 @@ class LinearizedNetwork:
         """Covariance of flow and shifted kick, by Simpson's rule over kick and middle of the flow."""
         inverse = 1.0 / self.model.mass[:, None]
         unit = np.eye(len(inverse))
-        second_pass = unit - 0.5 * step * inverse * self.damping  # with the velocity in the middle of the kick
-        by_x = -step * second_pass @ (inverse * self.added) @ (unit - step**2 / 12.0 * inverse * self.added)
-        by_v = -step * second_pass @ (inverse * self.damping)
-        kick, half_kick = (np.block([[unit, 0.0 * unit], [part * by_x, unit + part * by_v]]) for part in (1.0, 0.5))
+        shifted = self.added @ (unit - step**2 / 12.0 * inverse * self.added)
+        by_x, by_v = -self.added if self.model.passes else -shifted, 0.0 * unit
+        for _ in range(self.model.passes):  # with the velocity in the middle of the kick, as the forces so far make it
+            by_x, by_v = (
+                -shifted - self.damping @ (0.5 * step * inverse * by_x),
+                -self.damping @ (unit + 0.5 * step * inverse * by_v),
+            )
+        kick, half_kick = (
+            np.block([[unit, 0.0 * unit], [part * inverse * by_x, unit + part * inverse * by_v]])
+            for part in (step, 0.5 * step)
+        )
         flows = integrator.flows(self.model, step)
         joints = zip(*(group[2:] for group in flows.groups), strict=True) if flows.groups else [()] * 4
         slots = [group.slots for group in flows.groups]

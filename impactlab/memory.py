@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from impactlab.errors import InvalidInput
-from impactlab.kernels.sums import CONTACT_ROWS, KICK_ROWS, PAIR_ROWS, SLOTS, STATE_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, PAIR_ROWS, SLOTS, TRANSIENT_ROWS
 from impactlab.plan import Plan
 from impactlab.series import sample_count
 
@@ -15,12 +15,16 @@ COPIES = 6
 RECORD_COPIES = 3
 """The same of what records keep."""
 
+COUNT_COPIES = 4
+"""The same of what is summed over the blocks, beside that of the blocks that run."""
+
 
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
     bodies, contacts, rows = len(plan.bodies), len(plan.contacts), len(plan.noise_rows)
-    of_sums = 8 * plan.integrator.phases * (KICK_ROWS if plan.integrator.kicks else STATE_ROWS) * bodies
-    of_sums += 8 * CONTACT_ROWS * contacts + 8 * PAIR_ROWS * len(plan.pairs)
+    whole = plan.transient and plan.integrator.kicks
+    of_sums = 8 * plan.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
+    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * len(plan.pairs)
     if plan.tiles:  # all of it for the tiles with their halos, and a state of the network
         state = 8 * (9 * bodies + 2 * contacts) + of_sums
         bodies, contacts = (sum(map(len, parts)) for parts in zip(*(tile[:2] for tile in plan.tiles), strict=True))
@@ -50,9 +54,11 @@ def needed(plan: Plan, workers: int) -> int:
     """Return the bytes that a run with its results takes, without trajectories."""
     running, of_sums = sizes(plan)
     kept: int = plan.realizations * sum(record.bytes_per_realization(plan) for record, _ in plan.records)
+    counts: int = sum(record.bytes_per_block(plan) for record, _ in plan.records)
     run: int = min(plan.realizations, workers * plan.lanes) * running + (
         COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )
+    run += (min(plan.blocks, workers) + COUNT_COPIES) * counts
     return run
 
 

@@ -61,7 +61,13 @@ class Kind:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters of a row."""
-        return ("clearance", *self.fields) if self.role == "force" else self.fields
+        leading = ("clearance",) if self.role == "force" else ()
+        return (*leading, "mobility", *self.fields) if self.slows else (*leading, *self.fields)
+
+    @property
+    def slows(self) -> bool:
+        """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
+        return not {"rate", "velocity"}.isdisjoint(self.kinematic) and self.role in ("force", "residual")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +147,13 @@ class Model:
             [(slot_of(item.first), slot_of(item.second)) for item in links.values()]
             for links in (network.contacts, network.couplings)
         )
+        inverse_mass = np.array([*(1.0 / body.mass for body in bodies), 0.0])  # a wall does not move
         members: dict[Kind, list[tuple[Component, tuple[int, ...], tuple[float, ...]]]] = {}
         for slot, contact in enumerate(network.contacts.values()):
             kind = Kind("force", type(contact.law), "force")
-            members.setdefault(kind, []).append((contact.law, (slot,), (contact.clearance,)))
+            mobility = float(inverse_mass[list(ends[slot])].sum())
+            extra = (contact.clearance, mobility) if kind.slows else (contact.clearance,)
+            members.setdefault(kind, []).append((contact.law, (slot,), extra))
         for (name, coupling), pair in zip(network.couplings.items(), coupled, strict=True):
             kind = Kind("coupling", type(coupling.law), "force")
             members.setdefault(kind, [])  # also without a row: the text does not depend on what flows
@@ -152,7 +161,8 @@ class Model:
                 members[kind].append((coupling.law, pair, ()))
         for slot, body in enumerate(bodies):
             if body.has_kernel("residual"):
-                members.setdefault(Kind("residual", type(body), "residual"), []).append((body, (slot,), ()))
+                kind = Kind("residual", type(body), "residual")
+                members.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
         for row, slot in enumerate(by_kind["force"]):
             item = excited[slot]
             members.setdefault(Kind("forcing", type(item), "force"), []).append((item, (row,), ()))
@@ -220,6 +230,21 @@ class Model:
         return tuple(kind for kind in self.kinds if kind.role in roles)
 
     @property
+    def passes(self) -> int:
+        """How often a kick evaluates forces with the velocities that they give; 0 where none depends on any.
+
+        Contacts and residuals are solved for their own velocity, so that once will do where no two of them meet.
+        """
+        slowed = [np.zeros(0, dtype=np.int64)]
+        for kind, (leading, _) in zip(self.kinds, self.tables, strict=True):
+            if kind.slows:
+                slowed.append(self.ends[leading[:, 0]].ravel() if kind.role == "force" else leading[:, 0])
+            elif kind.role == "coupling" and "rate" in kind.kinematic:
+                slowed.append(np.repeat(leading, 2))
+        numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
+        return 0 if not self.dissipative else min(int(numbers.max()), 2)
+
+    @property
     def dissipative(self) -> bool:
         """Whether a force of a contact, a coupling or a residual depends on velocities, except those that flow."""
         kinds = self.of_role("force", "residual")
@@ -279,15 +304,23 @@ class Model:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         return self._labels
 
+    @property
+    def random(self) -> np.ndarray:
+        """Whether a noise acts on the connected part of each body, (body,) of bool."""
+        noisy = self.reference_intensities() > 0.0
+        noisy[list(self.lines)] = True
+        labels = self.connected()
+        return np.isin(labels, labels[noisy])
+
     @cached_property
     def _labels(self) -> np.ndarray:
-        return _parts(len(self.bodies), self.links)
+        return connected_parts(len(self.bodies), self.links)
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
         linear = self.coupling.any(axis=0)
         pairs, (stiffness, damping) = self.coupled[linear], self.coupling[:, linear]
-        labels = _parts(len(self.bodies), pairs)
+        labels = connected_parts(len(self.bodies), pairs)
         part_of_pair = labels[pairs.min(axis=1)]  # the wall has the largest slot
         result = []
         for part in np.unique(part_of_pair):
@@ -311,7 +344,7 @@ def kept(function: Callable[..., Result]) -> Callable[..., Result]:
     return known
 
 
-def _parts(count: int, pairs: np.ndarray) -> np.ndarray:
+def connected_parts(count: int, pairs: np.ndarray) -> np.ndarray:
     """Label of the connected part of each of some bodies, (body,) of int; walls do not connect."""
     first, second = pairs[(pairs < count).all(axis=1)].T
     parts = np.arange(count)

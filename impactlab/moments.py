@@ -5,8 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import Flows
-from impactlab.joint import joint_statistics, weighted_sum
-from impactlab.kernels.sums import CLOSED, FF, FLUX, FORCE, FV, FX, VV, XV, XX, F, V, X
+from impactlab.integrators.exact_flow import SPLIT_FRICTION
+from impactlab.joint import LOAD, joint_statistics, mean_load, weighted_sum
+from impactlab.kernels.sums import (
+    BEGUN,
+    CLOSED,
+    FF,
+    FLUX,
+    FORCE,
+    FV,
+    FX,
+    INTENSITY,
+    TURN,
+    VV,
+    XV,
+    XX,
+    F,
+    V,
+    X,
+)
 from impactlab.plan import Plan
 
 Values = dict[str, np.ndarray]
@@ -23,7 +40,7 @@ def statistics_of(
     ----------
     plan : Plan
     sums : (phase, row, body, unit) ndarray
-        Sums over the steps of each phase.
+        Sums over the steps of each phase; see `impactlab.kernels.sums`.
     counts : (phase, unit) ndarray of int
         How many steps these are.
     contacts, products : (row, contact or pair, unit) ndarray
@@ -32,16 +49,19 @@ def statistics_of(
     Returns
     -------
     dict of str to (body or contact, unit) ndarray
+        Statistics and balances; under the name `LOAD` what the mean square of the displacement lacks for the variance.
     """
     seen = counts > 0
     complete = seen.all(axis=0)
     means = sums / np.where(seen, counts, 1)[:, None, None]
-    bodies = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
+    of_phases = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
+    bodies = sums.sum(axis=0) / counts.sum(axis=0) if plan.transient else of_phases
     processed = {
         "mean_displacement": bodies[X],
         "mean_square_displacement": bodies[XX],
         "mean_velocity": bodies[V],
         "mean_square_velocity": bodies[VV],
+        LOAD: np.zeros_like(bodies[X]),
     }
     balances: Values = {}
     if plan.flows is not None:
@@ -49,21 +69,31 @@ def statistics_of(
             means[..., ~complete] = np.nan
         closed = _closed_flow(plan)
         over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
-        balances, mixed = _balances(plan, plan.flows, means, closed, at_kicks)
+        steady = closed & ~np.isin(np.arange(len(closed)), plan.white if plan.time_varying else ())
+        balances, mixed = _balances(plan, plan.flows, means, steady, at_kicks)
         off = [balances["balance_mean_square_displacement"], mixed, balances["balance_mean_square_velocity"]]
         known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
-        processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
+        if plan.transient:
+            begun = sums[:, BEGUN:] / counts.sum(axis=0)
+            processed = _over_time(plan, plan.flows, begun, processed, closed)
+        else:
+            processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
+        _open_flow(plan, bodies, processed, ~closed)
         for group in plan.flows.groups:
             if not closed[group.slots].all():
                 continue
             of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
-            for name, values in joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs).items():
+            after = begun.sum(axis=0)[:, group.slots] if plan.transient else None
+            found = joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs, after)
+            for name, values in found.items():
                 target = balances if name in balances else processed
-                target[name][group.slots] = np.where(complete, values, target[name][group.slots])
+                sure = complete | (plan.transient and name not in balances)
+                target[name][group.slots] = np.where(sure, values, target[name][group.slots])
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None]
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None],
+        "contact_rate": contacts[FLUX] / plan.step if plan.counted else flux,
         "mean_contact_force": contacts[FORCE],
         **balances,
     }
@@ -77,21 +107,21 @@ def _processed(
 
     Means are shifted by what separates those at the kicks from the mean over time under the
     mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
-    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before.
-    Only the flow of white noise of constant intensity is closed in this way; other bodies keep
-    the moments at the kick, and those in groups are left to `joint_statistics`. Where states are
+    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before;
+    see also `mean_load`.
+    Only the flow of white noise is closed in this way; other bodies keep the moments at the kick
+    for `_open_flow`, and those in groups are left to `joint_statistics`. Where states are
     samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
     difference between kick and middle.
     """
     increment = _increment(plan)
-    xv = s[:, XV] + 0.5 * increment * s[:, FX]
-    vv = s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
-    xx, xv, vv = (np.roll(item, 1, axis=0) for item in (s[:, XX], xv, vv))  # after the kick before
+    x, v, xx, xv, vv = (np.roll(item, 1, axis=0) for item in _after_kicks(s, increment))  # after the kick before
     a, q = flows.middle_transition, flows.middle_covariance
     of_xx, of_xv, of_vv = off
     if of_xx is not None:
         xx, xv, vv = xx - of_xx, xv - of_xv, vv - of_vv
     closed = (closed & ~plan.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
+    at_kicks = at_kicks | {"mean_square_velocity": _slowed(plan, s, at_kicks["mean_square_velocity"])}
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
         name = f"mean_{quantity}"
@@ -102,6 +132,76 @@ def _processed(
         middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
         over_step = middle.mean(axis=0) if of_xx is None else middle.mean(axis=0) + (of_xx, of_vv)[row]
         result[name] = np.where(closed, (at_kicks[name] + 2.0 * over_step) / 3.0, at_kicks[name])
+    at_middle = (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).mean(axis=0)
+    loads = mean_load(result["mean_displacement"], at_kicks["mean_displacement"], at_middle)
+    result[LOAD] = np.where(closed, loads, 0.0)
+    return result
+
+
+def _over_time(plan: Plan, flows: Flows, begun: np.ndarray, at_kicks: Values, closed: np.ndarray) -> Values:
+    """Moments over the time of a transient by Simpson's rule, (kick + 2 middle of the flow)/3.
+
+    Those in the middle follow from those of the kicks with which the flows of each phase begin. The mean
+    velocity is the way from start to end.
+    """
+    x, v, xx, xv, vv = _after_kicks(begun, _increment(plan))
+    a, q = flows.middle_transition, flows.middle_covariance
+    intensity = begun[:, INTENSITY - BEGUN]
+    closed = (closed & ~plan.grouped)[:, None]
+    middle = {"mean_displacement": (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).sum(axis=0)}
+    for row, quantity in enumerate(("displacement", "velocity")):
+        of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
+        square = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None] * intensity
+        middle[f"mean_square_{quantity}"] = square.sum(axis=0)
+    over_time = {name: (at_kicks[name] + 2.0 * item) / 3.0 for name, item in middle.items()}
+    means = [item["mean_displacement"] for item in (over_time, at_kicks, middle)]
+    over_time[LOAD] = mean_load(*means)
+    # half of the states at both ends are in the others
+    way = {"mean_velocity": 2.0 / plan.step * (at_kicks["mean_displacement"] - begun[:, X].sum(axis=0))}
+    at_kicks = {**at_kicks, LOAD: np.zeros_like(way["mean_velocity"])}
+    return {**{name: np.where(closed, item, at_kicks[name]) for name, item in over_time.items()}, **way}
+
+
+def _after_kicks(s: np.ndarray, increment: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the means of x, v, x², x v and v² after kicks from those in their middle, (phase, body, unit) each."""
+    v = s[:, V] + 0.5 * increment * s[:, F]
+    xv = s[:, XV] + 0.5 * increment * s[:, FX]
+    return s[:, X], v, s[:, XX], xv, s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
+
+
+def _open_flow(plan: Plan, s: np.ndarray, processed: Values, rows: np.ndarray) -> None:
+    """Write the moments of bodies of which the middle of the flow is not known: cosines or given forces push them.
+
+    The mean displacement over a step under the force f of the kick is that of ``y = x + h² f/12m``. Where no time is
+    ahead of another, Simpson's rule adds ``(h/m)² E[f F]/6`` to the mean square of the velocity, F being all forces
+    on the body: what the flow adds between two kicks in the place of a part of the force counts as a force.
+    So a load that others balance, static or slow, adds nothing.
+    """
+    if not rows.any():
+        return
+    s, increment = s[:, rows], _increment(plan)[rows]
+    shift = plan.step / 12.0 * increment
+    processed["mean_displacement"][rows] = s[X] + shift * s[F]
+    processed["mean_square_displacement"][rows] = s[XX] + 2.0 * shift * s[FX] + shift**2 * s[FF]
+    processed["mean_square_velocity"][rows] = s[VV] + increment / 6.0 * (increment * s[FF] + s[TURN])
+
+
+def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
+    """Mean square velocities at kicks of bodies that friction slows within a step, (body, unit).
+
+    A constant force keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1) with γ = c/m, so
+    that θ = 1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
+    """
+    friction = plan.linear[1] / plan.linear[0] * plan.step
+    slowed = friction > SPLIT_FRICTION
+    if not slowed.any():
+        return at_kicks
+    theta = (1.0 / friction[slowed] - 1.0 / np.expm1(friction[slowed]))[:, None]
+    increment = _increment(plan)[slowed]
+    vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
+    result = at_kicks.copy()
+    result[slowed] = vv + increment * (2.0 * theta - 1.0) * (fv - 0.5 * increment * ff)
+    result[slowed] += increment**2 * (theta**2 - 0.25) * ff
     return result
 
 
@@ -217,10 +317,8 @@ def _increment(plan: Plan) -> np.ndarray:
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:
-    """Bodies between whose kicks there is nothing but white noise of constant intensity."""
+    """Bodies between whose kicks there is nothing but white noise."""
     result = np.ones(len(plan.bodies), dtype=bool)
     result[[lines.body for lines in plan.lines]] = False
     result[plan.forced] = False
-    if plan.time_varying:
-        result[plan.white] = False
     return result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -24,6 +26,9 @@ Member = TypeVar("Member", bound=Component)
 Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
 
 _SHOWN = 6
+
+_NOT_IN_FILES = ("Cc", "Cs")
+"""Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
 _FAMILIES: dict[str, type[Component]] = {
     "oscillators": Oscillator,
@@ -181,9 +186,13 @@ class Network:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Network:
         """Make a network from what :meth:`to_dict` returned."""
-        unknown = set(data) - set(_FAMILIES)
-        if unknown:
-            raise InvalidInput(f"A network has {', '.join(_FAMILIES)}; {min(unknown)!r} was given.")
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"A network is given as data by a mapping, {reprlib.repr(data)} was given.")
+        for title, family in data.items():
+            if title not in _FAMILIES:
+                raise InvalidInput(f"A network has {', '.join(_FAMILIES)}; {title!r} was given.")
+            if not isinstance(family, Mapping):
+                raise InvalidInput(f"{title} are given as data by a mapping, {reprlib.repr(family)} was given.")
         families: dict[str, Any] = {
             title: {name: kind.from_dict(item) for name, item in data.get(title, {}).items()}
             for title, kind in _FAMILIES.items()
@@ -290,6 +299,8 @@ def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str
     for name, member in pairs:
         if not isinstance(name, str) or not name.strip():
             raise InvalidInput(f"{title}: a name must be a text that is not empty, {name!r} was given.")
+        if not name.isprintable() and any(unicodedata.category(letter) in _NOT_IN_FILES for letter in name):
+            raise InvalidInput(f"{title}: a name must have no control characters, {name!r} was given.")
         if name in family:
             raise InvalidInput(f"{title}: the name {name!r} was given twice.")
         if not isinstance(member, kind):

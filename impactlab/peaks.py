@@ -128,17 +128,13 @@ class PeakForces(Record):
         rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
         factor, everywhere = np.full(count, np.nan), np.full((*peaks.shape[:2], count), np.nan)
         levels = np.full((2, count, len(times)), np.nan)
-        inverse_mass = np.append(1.0 / plan.linear[0], 0.0)
         for row, (name, depth) in enumerate(self.limits):
             slot, width = plan.contacts.index(name), depth / self.bins
             own, total = flux[:, row], flux[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
             force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
             mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.trusted, slice(None))
-            # in the middle of a kick the mean square of the velocity is too small by h² K/6
-            stiffness = np.nan_to_num(np.gradient(force[slot], width)) * inverse_mass[plan.ends[slot]].sum()
-            scale = (1.0 + plan.step**2 * stiffness / 12.0 * plan.integrator.kicks) / width
-            rate[slot], error[slot] = mean * scale, np.where(mean > 0.0, scatter * scale, np.nan)
+            rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
             relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
             if plan.trusted:
                 found = [_return_level(own, samples, rate[slot], relative, force[slot], time) for time in times]

@@ -10,29 +10,36 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlab.component import finite
+from impactlab.counting import counts_closings, jitter
+from impactlab.damping import damped
 from impactlab.errors import InvalidInput
+from impactlab.forces import stiffening_of
 from impactlab.generate import generate
+from impactlab.given import kinds_of
 from impactlab.integrators.base import Cross, Flows, Integrator
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
+from impactlab.kernels.sums import KICK_ROWS, STATE_ROWS
 from impactlab.kinks import warn_of_kinks
 from impactlab.linear import (
     Lines,
     flowing_systems,
-    hottest,
     linear_variances,
     lines_of,
     relaxation_time,
     responses,
 )
-from impactlab.model import Model
+from impactlab.model import Model, connected_parts
 from impactlab.network import Network
+from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
+    MOST_STEPS,
     RELAXATION_TIMES,
     SETTLED,
+    TRANSIENT,
     batch_count,
     block_shape,
     check_periods,
@@ -50,6 +57,9 @@ from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
+
+WINDOW = 0.2
+"""Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +86,19 @@ class Plan:
         Of the contacts: slots of the bodies, clearance (m), half width for the rate (m).
     links : (link, 2) ndarray of int
         Slots of the bodies of each contact, then of each coupling.
+    counted : bool
+        Whether rates are counts of closings, not fluxes through the windows.
+    jitter : (contact,) ndarray
+        What noise changes closing velocities by in a step, root mean square (m s-1).
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
-    dissipative, time_varying : bool
-        Whether forces depend on velocities, and white noise on time.
+    kicked : (body,) ndarray of bool
+        Whether contacts, couplings that do not flow or a residual force act on each body.
+    passes : int
+        How often a kick evaluates forces that depend on velocities, 0 where there are none.
+    time_varying : bool
+        Whether white noise depends on time.
     white : (white,) ndarray of int
         Slots of the bodies under white noise.
     noise_rows : (row,) ndarray of int
@@ -95,6 +113,8 @@ class Plan:
         128 bits.
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
+    random : (body,) ndarray of bool
+        Whether noise reaches each body.
     lines : tuple of Lines
     responses : tuple
         What each of `lines` moves; see `impactlab.linear.responses`.
@@ -122,7 +142,9 @@ class Plan:
     trusted : bool
         Whether there are enough independent realizations or batches for standard errors.
     relaxation : float
-        Relaxation time of the slowest body (s), 0 if nothing is damped.
+        Longest time after which samples are independent (s), 0 if nothing is damped.
+    settling : float
+        Relaxation time of what the start does not know (s).
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
     sampled : bool
@@ -148,9 +170,12 @@ class Plan:
     ends: np.ndarray
     clearance: np.ndarray
     window: np.ndarray
+    counted: bool
+    jitter: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
-    dissipative: bool
+    kicked: np.ndarray
+    passes: int
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
@@ -160,6 +185,7 @@ class Plan:
     starts: np.ndarray
     seed: tuple[int, int]
     intensity: np.ndarray
+    random: np.ndarray
     lines: tuple[Lines, ...]
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
@@ -180,6 +206,7 @@ class Plan:
     steps_per_call: int
     trusted: bool
     relaxation: float
+    settling: float
     coarse: bool
     sampled: bool
     jumps: Jumps | None
@@ -196,13 +223,30 @@ class Plan:
     @property
     def settled(self) -> bool:
         """Whether the spin-up is long enough for balances to be used."""
-        return self.spin_up_steps * self.step >= SETTLED * self.relaxation * (1.0 - 1e-9)
+        return self.spin_up_steps * self.step >= SETTLED * self.settling * (1.0 - 1e-9)
 
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
         transient = isinstance(self.start, np.ndarray) or self.time_varying or len(self.forced)
         return not transient and bool(len(self.white) or self.lines)
+
+    @property
+    def transient(self) -> bool:
+        """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
+
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines, whose mean velocity
+        is known from the states at both ends only.
+        """
+        steady = self.steady and self.settled and self.relaxation > 0.0 and not self.lines
+        return not (self.sampled or steady)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the sums over bodies that the loop makes."""
+        if not self.integrator.kicks:
+            return STATE_ROWS
+        return KICK_ROWS + bool(self.lines or len(self.forced))
 
     @property
     def grouped(self) -> np.ndarray:
@@ -212,6 +256,15 @@ class Plan:
         for group in groups:
             result[group.slots] = True
         return result
+
+    @property
+    def cold(self) -> np.ndarray:
+        """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (some,)."""
+        driven = np.zeros(len(self.bodies), dtype=bool)
+        for slots in (self.noise_rows, self.forced, *(slots for slots, _ in self.responses)):
+            driven[slots] = True
+        labels = connected_parts(len(driven), self.links)
+        return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
     @property
     def pairs(self) -> np.ndarray:
@@ -282,28 +335,37 @@ def make_plan(
     start = start_of(initial, model)
     records = [record.resolved(model) for record in records]
     intervals = _intervals(records, duration)
-    relaxation = relaxation_time(model)
+    linear = relaxation_time(damped(model)[1])
+    automatic = spin_up is None and isinstance(start, str) and bool(network.excitations)
     if spin_up is None:
-        spin_up = 0.0 if isinstance(start, np.ndarray) or not network.excitations else RELAXATION_TIMES * relaxation
+        spin_up = RELAXATION_TIMES * linear if automatic else 0.0
     elif finite("spin_up", spin_up) < 0.0:
         raise InvalidInput(f"spin_up must be at least 0 s, {spin_up!r} was given.")
-    stiffening = Stiffening.of(model, energies(model, start, spin_up + duration))
+    stiffening = stiffening_of(model, energies(model, start, duration, spin_up))
+    relaxed = Relaxation.of(model, stiffening)
+    relaxation, settling = relaxed.slowest, max(linear, relaxed.settling)
+    if automatic:
+        spin_up = spin_up_of(relaxed, spin_up, duration)
+        warn_of_unknown_damping(model, spin_up)
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = choose_step(model, integrator, stiffening, given)
-    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * relaxation * (1.0 - 1e-9))
+    chosen = choose_step(model, integrator, stiffening, given, -spin_up, duration)
+    settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
+    if given is None and (not settled or kinds_of(model)) and not model.nonlinear_bodies.any():
+        chosen = min(chosen, TRANSIENT * integrator.recommended_step(model, stiffening.links, stiffening.bodies))
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
-    window = 0.2 * gap_scale(model, stiffening.penetration)
-    deviations = _start_deviations(model, stiffening)
+    window = WINDOW * gap_scale(model, stiffening.penetration)
+    deviations = _start_deviations(model, stiffening, relaxed.temperature)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
+    counted = counts_closings(model, integrator, start, stiffening, step)
     if sampled and may_jump(model, deviations):
         foreseen = foreseen_levels(model, 0.5 * step if coarse else step, deviations, window, int(realizations))
         for levels in range(foreseen, 0, -1):
@@ -313,7 +375,7 @@ def make_plan(
                 step, steps, unit, integrator = longer, count, leaf << levels, WholeFlow()
                 break
     jumping = unit > 1
-    if steps + spin_up / step >= 2.0**53:
+    if steps + spin_up / step >= MOST_STEPS:
         raise InvalidInput(f"{duration + spin_up:g} s are too many steps of {step:g} s.")
     warn_of_bands(model)
     if given is None and integrator.kicks:
@@ -334,7 +396,7 @@ def make_plan(
     most = jump_lanes(model) if jumping else most_lanes(model, realizations, workers)
     lanes, steps_per_call = block_shape(model, realizations, workers, 8 * rows * kept, most)
     alone = lanes == 1 and not jumping and model.only_touching and not model.time_varying
-    tile_steps, tiles = make_tiles(model, integrator.reach + model.dissipative if alone and integrator.reach else 0)
+    tile_steps, tiles = make_tiles(model, integrator.reach + model.passes if alone and integrator.reach else 0)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
     return Plan(
@@ -349,9 +411,12 @@ def make_plan(
         ends=model.ends,
         clearance=model.clearance,
         window=window,
+        counted=counted,
+        jitter=jitter(model, step, duration) if counted else np.zeros(len(model.ends)),
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
-        dissipative=model.dissipative,
+        kicked=model.nonlinear_bodies,
+        passes=model.passes,
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
@@ -361,12 +426,13 @@ def make_plan(
         starts=addresses(seed, model.bodies if isinstance(start, str) and start == "stationary" else (), "start"),
         seed=seed,
         intensity=model.reference_intensities()[white],
+        random=model.random,
         lines=lines,
         responses=moved,
         forced=np.array(model.forced, dtype=np.int64),
         start=start,
         deviations=deviations,
-        factors=start_factors(model, stiffening),
+        factors=start_factors(model, stiffening, relaxed.temperature),
         rest=stiffening.rest,
         step=step,
         spin_up_steps=spin_up_steps,
@@ -383,6 +449,7 @@ def make_plan(
         steps_per_call=steps_per_call,
         trusted=enough_units(realizations, (np.diff([0, *boundaries]) + unit) * step, relaxation),
         relaxation=relaxation,
+        settling=settling,
         coarse=coarse,
         own_bodies=len(model.bodies),
         own_contacts=len(model.contacts),
@@ -420,15 +487,14 @@ def _half_kick(model: Model, step: float) -> np.ndarray:
     return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
 
 
-def _start_deviations(model: Model, stiffening: Stiffening) -> np.ndarray:
+def _start_deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
     """Standard deviations under white noise alone, 0 for other bodies, (2, body).
 
-    They are the linear ones, but a residual force that stiffens a body narrows its displacement.
+    They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
+    but contacts can heat start at the temperature that is expected of them, where it is known.
     """
     velocity = linear_variances(model)[1]
-    # nothing but contacts can heat these: they start at the temperature of their part
-    cold = (model.damping == 0.0) & ~model.excited
-    velocity = np.where(cold, hottest(model, model.mass * velocity) / model.mass, velocity)
+    velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
     variances[~np.isfinite(variances)] = 0.0

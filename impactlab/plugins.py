@@ -110,6 +110,8 @@ def make_study(
         raise InvalidInput(f"A study is a name, a TOML file or an il.Study; {study!r} was given.")
     if quick:
         made = made.quick()
+    if not isinstance(settings, Mapping | None):
+        raise InvalidInput(f"Settings are a mapping of names to values, {settings!r} was given.")
     return made.replace(**settings) if settings else made
 
 

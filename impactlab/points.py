@@ -18,7 +18,7 @@ from impactlab.dataset import VARIABLES
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.network import Network
 from impactlab.rules import Seed
-from impactlab.simulation import simulate
+from impactlab.simulation import records_of, simulate
 
 MakeNetwork = Callable[..., Network | tuple[Network, Mapping[str, Any]]]
 
@@ -54,7 +54,7 @@ def make_points(
     InvalidInput
         If the names, an option or what `make_network` returns cannot be used.
     """
-    _check_options(options)
+    options = _checked_options(options)
     _check_arguments(make_network, tuple(values))
     points = []
     for combination, label in zip(
@@ -113,10 +113,15 @@ def reason_of(outcome: xr.Dataset | ImpactLabError) -> str:
 
 def _seed_at(seed: Seed, place: Mapping[str, Any]) -> Seed:
     """Return the seed of a point: a function of its values, whatever the other points are."""
-    values = [(name, value if isinstance(value, str) else float(value)) for name, value in sorted(place.items())]
+    values = [(name, _plain(value)) for name, value in sorted(place.items())]
     text = json.dumps([*seed, values])
     words = hashlib.sha256(text.encode()).digest()
     return Seed(int.from_bytes(words[:8], "little"), int.from_bytes(words[8:16], "little"))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as it is written down: 1 like 1.0, but whole numbers that no float holds in full."""
+    return value if isinstance(value, str) or float(value) != value else float(value)
 
 
 def _check_arguments(make_network: Any, names: tuple[str, ...]) -> None:
@@ -130,10 +135,12 @@ def _check_arguments(make_network: Any, names: tuple[str, ...]) -> None:
         ) from None
 
 
-def _check_options(options: Mapping[str, Any]) -> None:
+def _checked_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options of points, with a list of records, which may be given as something that can be read once."""
     for name in options:
         if name not in _OPTIONS:
             raise InvalidInput(f"simulate has no option {name!r} for a point; {suggestion(name, _OPTIONS)}")
+    return {name: records_of(value) if name == "record" else value for name, value in options.items()}
 
 
 def _checked(made: Any, key: str) -> tuple[Network, Mapping[str, Any]]:
@@ -144,8 +151,7 @@ def _checked(made: Any, key: str) -> tuple[Network, Mapping[str, Any]]:
             f"make_network must return an il.Network, or a pair of it and a mapping of options; at {key} it returned "
             f"{made!r}."
         )
-    _check_options(changes)
-    return network, changes
+    return network, _checked_options(changes)
 
 
 def _check_names(points: Sequence[Point]) -> None:

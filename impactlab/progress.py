@@ -6,6 +6,8 @@ import sys
 import time
 from collections.abc import Callable
 
+from impactlab.errors import InvalidInput
+
 _PATIENCE = 2.0  # seconds before a bar is worth its line
 _WIDTH = 30
 
@@ -27,6 +29,10 @@ def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float
     """
     if callable(progress):
         return progress
+    if not (progress is None or isinstance(progress, bool)):
+        raise InvalidInput(
+            f"progress must be True, False, None or a function of the part done, {progress!r} was given."
+        )
     if progress is False or (progress is None and not sys.stderr.isatty()):
         return lambda part: None
     begin = time.monotonic()

@@ -48,6 +48,10 @@ class Record(Component):
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 
+    summed: ClassVar[tuple[str, ...]] = ()
+    """Names of arrays of whole numbers that keepers return whose sum over all blocks is wanted: the first of
+    the results that `label` takes has it."""
+
     @property
     def identity(self) -> tuple[str, ...]:
         """What two records of one run may not share: their variables would have the same names."""
@@ -67,6 +71,10 @@ class Record(Component):
 
     def bytes_per_realization(self, plan: Plan) -> int:
         """What it keeps of a realization, beside trajectories, if that may be much."""
+        return 0
+
+    def bytes_per_block(self, plan: Plan) -> int:
+        """Bytes of what is `summed` over the blocks."""
         return 0
 
 

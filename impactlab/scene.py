@@ -12,44 +12,38 @@ import numpy as np
 
 from impactlab.component import call_each
 from impactlab.contact import ContactLaw, contact_forces
+from impactlab.damping import damped
+from impactlab.given import kinds_of, largest_energy, look
 from impactlab.linear import (
     coupled_systems,
     flexibility,
     hottest,
     line_variances,
-    linear_variances,
     spread,
     white_variances,
 )
 from impactlab.model import Model
 
 
-def energies(model: Model, start: str | np.ndarray, duration: float) -> np.ndarray:
+def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: float = 0.0) -> np.ndarray:
     """Return the energy that each body may bring into a collision (J), (body,).
 
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start or of the response to a given force, whichever is largest.
     """
-    times = np.linspace(0.0, duration, 257)
-    intensity = model.initial_intensities.copy()
-    if model.time_varying:
-        noises = model.network.excitations.values()
-        largest = {
-            noise: float(noise.call("intensity", times).max()) for noise in set(noises) if noise.kind == "intensity"
-        }
-        intensity[list(model.white)] = [largest[model.network.excitations[model.bodies[slot]]] for slot in model.white]
-    heat = model.mass * white_variances(model, intensity)[1]
+    intensity, of_time = model.initial_intensities.copy(), kinds_of(model)
+    for slot in model.white:
+        excitation = model.network.excitations[model.bodies[slot]]
+        if excitation in of_time:
+            intensity[slot] = look(model, excitation, -spin_up, duration)[1].max()
+    heat = model.mass * white_variances(damped(model)[0], intensity)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
-    heat[growing] = 2.0 * np.pi * intensity[growing] * duration / model.mass[growing]
+    heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * line_variances(model)[1]
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, _energy_of(model, start))
     for slot in model.forced:
-        excitation = model.network.excitations[model.bodies[slot]]
-        mean_square = float(np.mean(excitation.call("force", times) ** 2))
-        damping, mass = model.damping[slot], model.mass[slot]
-        amplitude = mass / damping if damping else duration
-        heat[slot] = max(heat[slot], 0.5 * mean_square * amplitude**2 / mass)
+        heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
     return hottest(model, heat)
 
 
@@ -191,19 +185,20 @@ def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray
     return np.maximum(steepest, 0.0)
 
 
-def start_factors(model: Model, stiffening: Stiffening) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+def start_factors(
+    model: Model, stiffening: Stiffening, temperature: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return the slots of bodies that linear couplings connect, and a root of the covariance of their (x, v).
 
-    Residual forces narrow the law. What only contacts can heat has the temperature of its
-    part. Without a stationary law the root is 0.
+    Residual forces narrow the law. What only contacts can heat has the `temperature` given for it (J), (body,).
+    Without a stationary law the root is 0.
     """
-    temperature = hottest(model, model.mass * linear_variances(model)[1])
     result = []
     for slots, system in coupled_systems(model):
         residual = stiffening.bodies[slots]
         stiffer = replace(system, stiffness=system.stiffness + np.diag(residual)) if residual.any() else system
         cold = not system.damping.any() and not model.excited[slots].any()
-        heat = float(temperature[slots[0]])
+        heat = float(np.median(temperature[slots]))
         covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
         squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
         result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))

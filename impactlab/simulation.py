@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,15 @@ import impactlab.density
 import impactlab.peaks
 import impactlab.spectrum  # noqa: F401  (records must be known when one is made again)
 from impactlab.build import digest
-from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, write
+from impactlab.damping import damped
+from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, told, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
-from impactlab.errors import InvalidInput, warn
+from impactlab.errors import Diverged, InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
+from impactlab.forces import explanation
 from impactlab.generate import generate
 from impactlab.groups import samples_per_realization
+from impactlab.heating import unequal_partition
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import relaxation_time
 from impactlab.memory import check_memory
@@ -32,7 +35,7 @@ from impactlab.parts import joined, split
 from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter, say
 from impactlab.record import PairedRealizations, PerRealization, Record, Trajectory, trajectory_size
-from impactlab.rules import check_integrator, positive, seed_of
+from impactlab.rules import Seed, check_integrator, positive, seed_of
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.trajectories import written
@@ -78,7 +81,7 @@ def simulate(
         Time that may be spent (s): a run that is foreseen to take longer is refused. By default 600 with a
         tolerance; without one any time, with a warning where it is more than an hour.
     realizations : int
-        Number of independent realizations; with a tolerance the least.
+        Number of independent realizations; with a tolerance the least. One is run where nothing is random.
     step : float, optional
         Time step (s); chosen from the scene by default.
     integrator : Integrator, optional
@@ -132,9 +135,9 @@ def simulate(
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
     allowed = 600.0 if max_seconds is None else positive("max_seconds", max_seconds)
-    length = min(longest, LENGTH * relaxation_time(model))
+    length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
 
-    records = _records(record)
+    records = records_of(record)
     asked = any(isinstance(item, PerRealization) for item in records)
     kept = records if asked else [*records, PairedRealizations()]
 
@@ -159,14 +162,33 @@ def repeat(
     InvalidInput
         If a component's kernel has changed since.
     """
-    network = Network.from_dict(configuration["network"])
-    if digest(generate(Model.of(network))) != configuration["text"]:
+    options = configuration.get("simulate")
+    if not isinstance(options, Mapping) or set(options) != _REPEATED:
+        names = sorted(options) if isinstance(options, Mapping) else options
+        raise InvalidInput(
+            f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
+        )
+    seed, records = options["seed"], options["record"]
+    if not isinstance(seed, list) or len(seed) != 2 or not all(_is_word(word) for word in seed):
+        raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
+    if not isinstance(records, list):
+        raise InvalidInput(f"The stored records must be a list, not {records!r}.")
+    network = Network.from_dict(configuration.get("network", {}))
+    if digest(generate(Model.of(network))) != configuration.get("text"):
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
-    options: dict[str, Any] = dict(configuration["simulate"])
-    low, high = options.pop("seed")
-    options["integrator"] = Integrator.from_dict(options["integrator"])
-    options["record"] = [Record.from_dict(item) for item in options["record"]]
-    return _simulate(network, **options, seed=(low, high), executor=executor, progress=progress)
+    return _simulate(
+        network, options["duration"], options["realizations"], options["step"],
+        Integrator.from_dict(options["integrator"]), options["spin_up"], options["initial"],
+        [Record.from_dict(item) for item in records], Seed(*seed), executor, progress,
+    )  # fmt: skip
+
+
+_REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
+"""Options that are stored with a result: none of them can name a file."""
+
+
+def _is_word(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 2**64
 
 
 def _simulate(
@@ -177,7 +199,7 @@ def _simulate(
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
     check_integrator(integrator)
-    records = _records(record)
+    records = records_of(record)
     if executor is not None and not isinstance(executor, Executor):
         raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
     model = Model.of(network)
@@ -191,13 +213,20 @@ def _simulate(
         "text": digest(generate(model)),
     }  # fmt: skip
 
+    random = bool(model.random.any())
+    if not random and isinstance(realizations, int):
+        realizations = min(realizations, 1)  # all would be the same
+
     def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
         plan = make_plan(
             part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
             spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse, model=part,
         )  # fmt: skip
-        return _run(plan, executor, progress, seconds, workers, configuration, temporary)
+        try:
+            return _run(plan, executor, progress, seconds, workers, configuration, temporary)
+        except Diverged as error:
+            raise Diverged(f"{error}{explanation(part, plan.window)}") from None
 
     with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
         apart = split(model, integrator, initial, records)
@@ -206,10 +235,13 @@ def _simulate(
         else:
             busy, idle = map(Model.of, apart)
             dataset = joined(network, run_part(busy, step, coarse), run_part(idle, None, False))
+        if not random:
+            dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
         if out is None or temporary is None:
             return dataset
         streamed = any(isinstance(item, Trajectory) for item in records)
-        write(dataset, temporary, append=streamed)
+        with told(str(out), temporary):
+            write(dataset, temporary, append=streamed)
     return opened(path_of(out), TRAJECTORIES)
 
 
@@ -244,6 +276,11 @@ def _run(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
+    if not plan.coarse and not drifting:
+        name = "mean_square_velocity"
+        partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])
+        if message := estimates.heating.warning or partition:
+            warn(message)
     return _labelled(plan, estimates, results, configuration)
 
 
@@ -254,8 +291,10 @@ def _work(plan: Plan, seconds: float) -> str:
     )
 
 
-def _records(record: Any) -> list[Record]:
-    records: list[Any] = [record] if isinstance(record, Record | str) else list(record or ())
+def records_of(record: Any) -> list[Record]:
+    """Return what is given as `record` as a list, or refuse what is no record."""
+    several = isinstance(record, Iterable) and not isinstance(record, str | Mapping)
+    records = [] if record is None else list(record) if several else [record]
     for item in records:
         if not isinstance(item, Record):
             raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
@@ -291,6 +330,8 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         "independent_samples": plan.realizations * samples_per_realization(plan),
         "initial": plan.start if isinstance(plan.start, str) else "given",
         "drift": estimates.drift,
+        "step_heating": estimates.heating.share,
+        "step_heating_standard_error": estimates.heating.error,
     }
     if plan.jumps is not None:
         attributes["longest_jump"] = plan.jumps.steps * plan.step

@@ -140,6 +140,7 @@ def restricted(plan: Plan, tile: Tile) -> Plan:
         ends=tile.ends,
         clearance=plan.clearance[contacts],
         window=plan.window[contacts],
+        jitter=plan.jitter[contacts],
         half_kick=plan.half_kick[with_wall] if len(plan.half_kick) else plan.half_kick,
         noise_rows=noise_rows,
         noise_runs=noise_runs(noise_rows, len(bodies)),

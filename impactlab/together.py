@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import threading
-import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
-from impactlab.ensemble import SharedThreads, cores
-from impactlab.errors import ImpactLabError, Interrupted, warn
+from impactlab.ensemble import SharedThreads, begin, cores
+from impactlab.errors import ImpactLabError, Interrupted, heard_by, warn
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,8 +54,6 @@ def run_together(
     threads = cores() if workers is None else workers
     parts = dict.fromkeys(jobs, 0.0)
     heard: dict[tuple[type[Warning], str], set[str]] = {}
-    running: dict[int, str] = {}  # key by thread
-    waiting_for = next(iter(jobs), "")
     stop = threading.Event()
     at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
     pool = executor or SharedThreads(threads, at_once)
@@ -68,30 +65,29 @@ def run_together(
                 raise Interrupted(f"{kind} {key!r} was stopped.")
             parts[key] = max(parts[key], part)
 
+        def hear(message: str, category: type[Warning]) -> None:
+            heard.setdefault((category, message), set()).add(key)
+
         note(0.0)
-        running[threading.get_ident()] = key
         try:
-            return jobs[key](pool, note)
+            with heard_by(hear):
+                return jobs[key](pool, note)
         except ImpactLabError as error:
             return error
         finally:
             parts[key] = 1.0
 
-    def hear(message: Warning | str, category: type[Warning], *_: object) -> None:
-        heard.setdefault((category, str(message)), set()).add(running.get(threading.get_ident(), waiting_for))
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always")
-            warnings.showwarning = hear  # type: ignore[assignment]  # the rest of its arguments is not needed
-            futures = {key: turns.submit(outcome, key) for key in jobs}
-            for waiting_for in jobs:
-                future = futures.pop(waiting_for)
+        if executor is not None and jobs:
+            begin(executor)  # processes are forked here, not by a thread while another one computes
+        futures = {key: turns.submit(outcome, key) for key in jobs}
+        for waiting_for in jobs:
+            future = futures.pop(waiting_for)
+            watch(waiting_for, parts)
+            while not wait([future], 0.1).done:
                 watch(waiting_for, parts)
-                while not wait([future], 0.1).done:
-                    watch(waiting_for, parts)
-                finished(waiting_for, future.result())
-                watch(waiting_for, parts)
+            finished(waiting_for, future.result())
+            watch(waiting_for, parts)
     finally:
         stop.set()
         turns.shutdown(cancel_futures=True)

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.component import finite, suggestion
+from impactlab.damping import undamped
 from impactlab.dataset import STATISTICS
 from impactlab.errors import InvalidInput
 from impactlab.linear import linear_variances
@@ -53,8 +54,8 @@ def checked(tolerance: Any, model: Model) -> dict[str, float]:
                 "tolerance: the peak force grows with the time of observation; ask for mean_contact_force, or give "
                 "duration= instead."
             )
-        if finite(f"tolerance of {name}", value) <= 0.0:
-            raise InvalidInput(f"tolerance of {name} must be larger than 0, {value!r} was given.")
+        if not 0.0 < finite(f"tolerance of {name}", value) <= 1.0:
+            raise InvalidInput(f"tolerance of {name} must be larger than 0 and at most 1, {value!r} was given.")
     _refuse_drifting(tuple(tolerance), model)
     return {name: float(value) for name, value in tolerance.items()}
 
@@ -64,9 +65,9 @@ def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
     heated = linear_variances(model)[1]
     if not heated.any():
         raise InvalidInput("tolerance: nothing is excited by noise, so every statistic is 0; give duration=.")
-    labels = model.connected()
+    growing = undamped(model)
     for body, name in enumerate(model.bodies):
-        if math.isinf(heated[body]) and not (model.damping[labels == labels[body]] > 0.0).any():
+        if growing[body]:
             raise InvalidInput(f"tolerance: {name!r} is excited but nothing damps it, so it has no stationary state.")
         held = model.stiffness[body] > 0.0 or model.nonlinear_bodies[body]
         if not held and any("displacement" in item for item in names):

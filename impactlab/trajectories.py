@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from impactlab.dataset import LOCK
-from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
+from impactlab.dataset import LOCK, told
+from impactlab.errors import Interrupted, InvalidInput
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Trajectory, Variables, first_own, sample_count, trajectory_size
 
@@ -62,13 +62,13 @@ class _File:
     def __init__(self, plan: Plan, path: Path) -> None:
         import netCDF4
 
-        self.plan, self.closed = plan, False
+        self.plan, self.path, self.closed = plan, path, False
         interval, samples = sample_count(plan)
         bodies, contacts = len(plan.bodies), len(plan.contacts)
         self.length = max(1, min(samples, CHUNK_BYTES // (8 * plan.lanes * (2 * bodies + contacts))))
         kinds = [("displacement", "m", "oscillator", bodies), ("velocity", "m s-1", "oscillator", bodies)]
         kinds += [("contact_force", "N", "contact", contacts)] if contacts else []
-        with LOCK, _said():
+        with LOCK, self.said():
             self.data = netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4")
             self.data.set_fill_off()  # everything is written
             sizes = {"realization": plan.realizations, "time": samples, "oscillator": bodies, "contact": contacts}
@@ -89,13 +89,17 @@ class _File:
             self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
             self.data["realization"][:] = np.arange(plan.realizations)
 
+    def said(self) -> contextlib.AbstractContextManager[None]:
+        """Say in words what goes wrong."""
+        return told("The file of the trajectories, of which nothing is left,", self.path)
+
     def write(self, realizations: np.ndarray, begin: int, values: np.ndarray) -> None:
         """Write samples [sample, quantity, lane] of some realizations, from the sample `begin` on."""
         rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, begin + len(values))
         bodies = len(self.plan.bodies)
         parts = {"displacement": slice(bodies), "velocity": slice(bodies, 2 * bodies)}
         parts |= {"contact_force": slice(2 * bodies, None)} if self.plan.contacts else {}
-        with LOCK, _said():
+        with LOCK, self.said():
             if self.closed:
                 raise Interrupted("The simulation was stopped.")
             for name, part in parts.items():
@@ -103,21 +107,15 @@ class _File:
 
     def close(self) -> None:
         """Write what the library has kept, and close the file."""
-        with LOCK, _said():
+        with LOCK, self.said():
             self.closed = True
             self.data.close()
 
 
-@contextlib.contextmanager
-def _said() -> Iterator[None]:
-    try:
-        yield
-    except (OSError, RuntimeError) as error:  # the netCDF library raises both
-        raise ImpactLabError(f"The file of the trajectories cannot be written, and none is left: {error}") from error
-
-
 class _Streamed:
     """In the place of a record of trajectories whose samples go to a file."""
+
+    summed = ()
 
     def __init__(self, file: _File) -> None:
         self.file = file

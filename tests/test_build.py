@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 
 import pytest
 
@@ -130,6 +131,57 @@ def test_cache_that_cannot_be_written(two_at_once, run_python, tmp_path):
     assert numbers == two_at_once[1][0][0]
     assert used.startswith(str(temporary))
     assert not list(temporary.glob("impactlab-*"))
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system knows no owners of files")
+@pytest.mark.parametrize("how", ["link", "others", "group", "owner"])
+def test_cache_into_which_others_can_write(how, tmp_path, monkeypatch):
+    """What is in it is executed."""
+    monkeypatch.setenv("IMPACTLAB_CACHE", str(tmp_path / "cache"))
+    jit.cache_folder.cache_clear()
+    try:
+        usual = jit.cache_folder()
+        assert usual.parent == tmp_path / "cache"
+        if how == "link":
+            usual.rename(tmp_path / "elsewhere")
+            usual.symlink_to(tmp_path / "elsewhere")
+        elif how == "owner":
+            mine = os.getuid()
+            monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+        else:
+            usual.chmod(0o702 if how == "others" else 0o720)
+        jit.cache_folder.cache_clear()
+        with pytest.warns(il.ImpactLabWarning, match=r"is a link, belongs to somebody else or can be written to by ot"):
+            used = jit.cache_folder()
+        assert tmp_path not in used.parents
+        assert used.stat().st_mode & 0o077 == 0
+    finally:
+        jit.cache_folder.cache_clear()
+
+
+def test_a_setting_of_numba_survives_threads():
+    """It is saved and restored while a function is made."""
+    before = jit.config.CACHE_DIR
+    inside, leave = threading.Event(), threading.Event()
+
+    def one():
+        with jit._cached_here():
+            inside.set()
+            leave.wait(60.0)
+
+    def other():
+        with jit._cached_here():
+            pass
+
+    threads = [threading.Thread(target=one), threading.Thread(target=other)]
+    threads[0].start()
+    assert inside.wait(60.0)
+    threads[1].start()
+    threads[1].join(0.1)
+    leave.set()
+    for thread in threads:
+        thread.join(60.0)
+    assert before == jit.config.CACHE_DIR
 
 
 def test_python_without_compiler_gives_the_same_bits(run_python):

@@ -2,9 +2,13 @@
 
 import hashlib
 import json
+import os
 import re
+import signal
 import threading
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -13,6 +17,7 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.dataset import BALANCES, CONFIGURATION, STATISTICS, configuration_of, load, provenance, statistics
+from impactlab.uninterrupted import UninterruptedLock
 
 
 @pytest.fixture(scope="module")
@@ -229,3 +234,98 @@ def test_what_is_not_a_result():
         il.network_of(xr.Dataset())
     with pytest.raises(il.InvalidInput, match=r"describes no network"):
         il.network_of(made_by_hand())
+
+
+# Interrupts and full disks
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends no signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_until_the_file_is_written(number, result, tmp_path, monkeypatch):
+    """Inside of the netCDF library, and of the locks around it, it would leave them closed for ever."""
+    usual, seen = xr.Dataset.to_netcdf, []
+
+    def write(self, place, **options):
+        os.kill(os.getpid(), number)
+        time.sleep(0.01)  # where Python answers signals
+        seen.append(place)
+        return usual(self, place, **options)
+
+    class Terminated(BaseException):
+        pass
+
+    def terminate(number, frame):
+        raise Terminated
+
+    before = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGTERM, terminate)
+    handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    try:
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", write)
+        with pytest.raises((KeyboardInterrupt, Terminated)):
+            il.save(result, tmp_path / "result.nc")
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", usual)
+        assert len(seen) == 1
+        assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+        xr.testing.assert_identical(load(tmp_path / "result.nc"), result)  # whole, and the locks are open
+        thread = threading.Thread(target=il.save, args=(result, tmp_path / "other.nc"))
+        thread.start()
+        thread.join(30.0)
+        assert not thread.is_alive()
+    finally:
+        signal.signal(signal.SIGTERM, before[1])
+
+
+def test_an_interrupt_between_is_answered_at_once():
+    lock = UninterruptedLock()
+    with lock, lock:
+        pass
+    assert lock.acquire(blocking=False)
+    lock.release()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+LIMITED = """
+import os, resource, stat, sys
+import numpy as np, xarray as xr
+import impactlab as il
+big, small = (xr.Dataset({"a": ("x", np.random.default_rng(1).random(count))}) for count in (500_000, 1000))
+il.save(small, sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, resource.RLIM_INFINITY))
+for _ in range(2):
+    try:
+        il.save(big, sys.argv[1])
+    except il.ImpactLabError as error:
+        print(type(error).__name__, error)
+il.save(small, sys.argv[1])
+kept = [os.stat(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd") if name.isdigit() and int(name) > 2
+        and os.path.exists(f"/proc/self/fd/{name}")]
+kept += [os.stat(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd")
+         if os.path.islink(f"/proc/self/fd/{name}") and "(deleted)" in os.readlink(f"/proc/self/fd/{name}")]
+print("kept", sum(item.st_size for item in kept if stat.S_ISREG(item.st_mode) and item.st_nlink == 0))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs to see open files")
+def test_a_file_that_does_not_fit_is_said_and_its_space_comes_back(run_python, tmp_path):
+    """The library does not close a file that it could not write; a disk that is full would stay so."""
+    printed = run_python("-c", LIMITED, tmp_path / "result.nc").splitlines()
+    assert [re.sub(r"cannot be written: .*", "cannot be written", line) for line in printed[:2]] == [
+        f"ImpactLabError {tmp_path / 'result.nc'} cannot be written"
+    ] * 2
+    assert printed[2:] == ["kept 0"]
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+    assert load(tmp_path / "result.nc").sizes == {"x": 1000}
+
+
+def test_a_full_disk_is_named(result, tmp_path, monkeypatch):
+    def fail(self, place, **options):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    with pytest.raises(il.ImpactLabError, match=r"result\.nc cannot be written: the disk, a limit .*HDF error"):
+        il.save(result, tmp_path / "result.nc")
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=4096))
+    with pytest.raises(il.ImpactLabError, match=r"result\.nc cannot be written: no space is left in .*HDF error"):
+        il.save(result, tmp_path / "result.nc")
+    assert list(tmp_path.iterdir()) == []

@@ -2,11 +2,13 @@
 
 import concurrent.futures
 import itertools
+import json
 import math
 import os
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -208,6 +210,50 @@ def test_rerun_takes_every_option(options):
     assert_same(ds, il.rerun(ds))
 
 
+CHANGES = {
+    "out": (lambda c: c["simulate"].update(out="victim"), r"has the options \['duration', .* these are .*'out'"),
+    "coarse": (lambda c: c["simulate"].update(coarse=True), r"these are .*'coarse'"),
+    "executor": (lambda c: c["simulate"].update(executor=None), r"these are .*'executor'"),
+    "missing": (lambda c: c["simulate"].pop("seed"), r"has the options .*'seed', 'spin_up', 'step'\] and no others"),
+    "list": (lambda c: c.update(simulate=[1]), r"these are \[1\]"),
+    "seed": (lambda c: c["simulate"].update(seed=[1, 2**64]), r"seed must be two whole numbers"),
+    "seed of text": (lambda c: c["simulate"].update(seed="ab"), r"seed must be two whole numbers"),
+    "record": (lambda c: c["simulate"].update(record={"a": 1}), r"records must be a list"),
+    "a record": (lambda c: c["simulate"].update(record=[5]), r"A Record is given as data by a mapping, 5 was given"),
+    "integrator": (lambda c: c["simulate"].update(integrator=None), r"An? Integrator is given as data by a mapping"),
+    "duration": (lambda c: c["simulate"].update(duration="long"), r"duration must be a number, 'long'"),
+    "realizations": (lambda c: c["simulate"].update(realizations=1.5), r"realizations must be a whole number"),
+    "spin-up": (lambda c: c["simulate"].update(spin_up=[1]), r"spin_up must be a number"),
+    "initial": (lambda c: c["simulate"].update(initial=5), r"initial must be"),
+    "step": (lambda c: c["simulate"].update(step="x"), r"step must be a number"),
+    "network": (lambda c: c.update(network=5), r"A network is given as data by a mapping, 5"),
+    "bodies": (lambda c: c["network"].update(oscillators=[1]), r"oscillators are given as data by a mapping"),
+    "body": (lambda c: c["network"]["oscillators"].update(one=1), r"An? Oscillator is given as data by a mapping, 1"),
+    "text": (lambda c: c.pop("text"), r"has changed since this result was made"),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_rerun_obeys_nothing_else_in_a_file(change, tmp_path, monkeypatch):
+    """Who sends a file must not choose what is overwritten, nor get to raw errors."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "victim").write_text("precious")
+    ds = run()
+    configuration = json.loads(ds.attrs["impactlab_configuration"])
+    alter, message = CHANGES[change]
+    alter(configuration)
+    ds.attrs["impactlab_configuration"] = json.dumps(configuration)
+    with pytest.raises(il.InvalidInput, match=message):
+        il.rerun(ds)
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("victim", "precious")]
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", "5", "[" * 200_000])
+def test_a_configuration_that_is_none(text):
+    with pytest.raises(il.InvalidInput, match="The configuration that is stored"):
+        il.rerun(run().assign_attrs(impactlab_configuration=text))
+
+
 def test_rerun_refuses_what_is_no_simulation():
     with pytest.raises(il.InvalidInput, match=r"describes no simulation"):
         il.rerun(il.exact(base()).statistics())
@@ -297,6 +343,47 @@ def test_interrupt_is_answered(realizations):
     finally:
         process.kill()
     assert errors.rstrip().endswith("KeyboardInterrupt")
+    assert process.returncode != 0
+
+
+COLD = """
+import threading, time
+import impactlab as il
+import impactlab.block
+usual = impactlab.block.build
+def build(text):
+    print("compiles", threading.current_thread() is threading.main_thread(), flush=True)
+    return usual(text)
+impactlab.block.build = build
+body = il.LinearOscillator.from_frequency(6.0, 0.1)
+network = il.chain(2, body, il.HertzContact(1e4), clearance=0.05, excitation=il.WhiteNoise(1.0))
+try:
+    il.simulate(network, 10.0, realizations=64, rng=1)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+    raise
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
+def test_interrupt_is_answered_while_compiling(tmp_path):
+    """Into a new cache, which takes long; a thread that compiles would have to be waited for."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", COLD],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "IMPACTLAB_CACHE": str(tmp_path / "cache")},
+    )
+    try:
+        assert process.stdout.readline() == "compiles True\n"
+        process.send_signal(signal.SIGINT)
+        begin = time.monotonic()
+        assert process.stdout.readline() == "interrupted\n"
+        process.communicate(timeout=60.0)
+        assert time.monotonic() - begin < 5.0
+    finally:
+        process.kill()
     assert process.returncode != 0
 
 

@@ -246,3 +246,103 @@ def test_balance_of_a_free_damped_body():
     ds = il.simulate(network, 100.0, realizations=256, rng=1, spin_up=30.0, initial="rest")
     assert abs(float(ds.balance_mean_square_velocity[0] / ds.balance_mean_square_velocity_standard_error[0])) < 3.5
     assert "balance_mean_square_displacement" not in ds  # there is no linear law to compare with
+
+
+# forces that act too seldom
+
+
+class Stop(il.Oscillator):
+    """A body that a stiff spring stops on both sides."""
+
+    hardness: float = il.parameter(units="N m-1")
+    reach: float = il.parameter(units="m")
+
+    @staticmethod
+    def residual(displacement, hardness, reach):
+        return hardness * (max(displacement - reach, 0.0) + min(displacement + reach, 0.0))
+
+    @staticmethod
+    def residual_potential(displacement, hardness, reach):
+        return 0.5 * hardness * (max(displacement - reach, 0.0) + min(displacement + reach, 0.0)) ** 2
+
+
+class DeadBand(il.CouplingLaw):
+    """A spring that only large extensions tighten."""
+
+    hardness: float = il.parameter(units="N m-1")
+    reach: float = il.parameter(units="m")
+
+    @staticmethod
+    def force(extension, hardness, reach):
+        return hardness * (max(extension - reach, 0.0) + min(extension + reach, 0.0))
+
+
+def unit_body(kind=il.LinearOscillator, **fields):
+    return kind(mass=1.0, damping=0.2, stiffness=1.0, **fields)
+
+
+def seldom_touching(spread):
+    """Two bodies of temperature 1 whose contact closes beyond so many standard deviations of the gap."""
+    return il.Network(
+        {"a": unit_body(), "b": unit_body()},
+        {"gap": il.Contact("a", "b", il.HertzContact(100.0), clearance=spread * np.sqrt(2.0))},
+        {"a": il.WhiteNoise(0.2 / np.pi), "b": il.WhiteNoise(0.2 / np.pi)},
+    )
+
+
+def seldom_stopped(spread):
+    body = unit_body(Stop, hardness=1000.0, reach=spread)
+    return il.Network({"a": body}, {}, {"a": il.WhiteNoise(0.2 / np.pi)})
+
+
+@pytest.mark.filterwarnings("ignore:.*closed less than 30 times:impactlab.AccuracyWarning")
+@pytest.mark.parametrize(
+    ("make", "spread"), [(seldom_touching, 3.0), (seldom_touching, 4.2), (seldom_stopped, 3.6), (seldom_stopped, 4.3)]
+)
+def test_intervals_cover_what_a_force_that_acted_too_seldom_could_change(make, spread):
+    """Balances take all scatter away that the force does not make: they are no controls here."""
+    network = make(spread)
+    exact = il.exact(network).statistics()
+    names = ["mean_displacement", "mean_square_displacement", "mean_square_velocity"]
+    runs = [il.simulate(network, 60.0, realizations=64, rng=k, step=0.0125) for k in range(60)]
+    parts = coverage(runs, names, {name: float(exact[name][0]) for name in names})
+    assert min(parts.values()) >= 0.85, parts  # 3.5 standard errors below 0.95
+    assert np.mean(list(parts.values())) >= 0.91
+    assert min(float(ds[f"{name}_standard_error"][0]) for ds in runs for name in names) > 1e-4
+
+
+@pytest.mark.filterwarnings("ignore:.*closed less than 30 times:impactlab.AccuracyWarning")
+def test_errors_of_few_closings_know_that_there_may_be_harder_ones():
+    network = seldom_touching(3.0)
+    exact = il.exact(network).statistics()
+    runs = [il.simulate(network, 60.0, realizations=64, rng=k) for k in range(100)]
+    for name in ("contact_ratio", "mean_contact_force"):
+        scores = np.array([(ds[name][0] - exact[name][0]) / ds[f"{name}_standard_error"][0] for ds in runs])
+        scores = scores[np.isfinite(scores)]  # NaN where it never closed
+        assert np.mean(np.abs(scores) < 1.96) > 0.88
+        assert np.abs(scores).max() < 6.0
+
+
+@pytest.mark.parametrize("link", ["coupling", "contact"])
+def test_a_body_that_only_a_rare_force_moves_is_not_known(link):
+    contact = {"gap": il.Contact("a", "b", il.LinearContact(1000.0), clearance=4.2)} if link == "contact" else {}
+    coupling = {"band": il.Coupling("a", "b", DeadBand(1000.0, reach=4.2))} if link == "coupling" else {}
+    network = il.Network(
+        {"a": unit_body(), "b": unit_body()}, contact, {"a": il.WhiteNoise(0.2 / np.pi)}, couplings=coupling
+    )
+    with pytest.warns(il.AccuracyWarning, match=r"moved less than 30 times in all.* 'b' about 0 times"):
+        ds = il.simulate(network, 60.0, realizations=64, rng=2, step=0.0125)
+    for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
+        assert np.isnan(ds[f"{name}_standard_error"][1])
+        assert ds[f"{name}_standard_error"][0] > 1e-4
+
+
+def test_a_body_that_nothing_can_move_is_known():
+    network = il.Network(
+        {"a": unit_body(), "b": unit_body()},
+        {"wall": il.Contact("b", il.WALL, il.LinearContact(10.0), clearance=1.0)},
+        {"a": il.WhiteNoise(0.2 / np.pi)},
+    )
+    ds = il.simulate(network, 60.0, realizations=64, rng=2)
+    assert ds.mean_square_displacement[1] == 0.0
+    assert ds.mean_square_displacement_standard_error[1] == 0.0

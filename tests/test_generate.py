@@ -158,8 +158,8 @@ class Burst(il.Excitation):
 
 def test_law_that_depends_on_the_rate():
     text = text_of(RateLaw())
-    assert {"rate", "v"} <= names(text)
-    assert "force = RateLaw_force(max(gap, 0.0), rate, stiffness, damping)" in text
+    assert {"rate", "middle", "half_step"} <= names(text)
+    assert "force = RateLaw_force_over_kick(gap, rate, response, stiffness, damping)" in text
     assert names(text).isdisjoint({"math", "np", "residual", "forcing"})
 
 
@@ -468,7 +468,7 @@ def test_field_named_like_a_kinematic_argument_is_refused():
 def test_kinds_say_what_a_row_holds():
     kind = Kind("force", RateLaw, "force")
     assert kind.kinematic == ("indentation", "rate")
-    assert kind.parameters == ("clearance", "stiffness", "damping")
+    assert kind.parameters == ("clearance", "mobility", "stiffness", "damping")
 
 
 TERMS = {

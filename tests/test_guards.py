@@ -45,6 +45,33 @@ def test_time_and_memory_of_series_are_foreseen(monkeypatch):
         il.simulate(network, 1e4, step=0.01, realizations=4, rng=1)
 
 
+def test_memory_of_histograms_is_foreseen(monkeypatch):
+    """Every block counts for itself, in up to 256 groups."""
+    monkeypatch.setattr(memory, "available", lambda: 1e9)
+    many = {"duration": 1.0, "realizations": 2000, "rng": 1}
+    for record in (il.JointDensity("one", "two", bins=400), il.Density(bins=100_000)):
+        with pytest.raises(il.InvalidInput, match=r"would take [2-4](\.\d+)? GB of memory .*or records of less"):
+            il.simulate(base(), **many, record=record)
+    with pytest.raises(il.InvalidInput, match=r"would take [\d.]+e\+0\d GB of memory"):
+        il.simulate(base(), **many, record=il.JointDensity("one", "two", bins=10**6))
+
+
+def test_counts_of_blocks_are_added_as_they_finish(monkeypatch):
+    """So that those of the blocks that run, and one sum, are in memory; in any order they are the same numbers."""
+    records = [il.Density(bins=30), il.Density("velocity", bins=30), il.JointDensity("one", "two", bins=10)]
+    run = {"duration": 1.0, "realizations": 64, "rng": 1, "record": records}
+    whole = il.simulate(base(), **run)
+    seen = []
+    usual = simulation.run
+    monkeypatch.setattr(simulation, "run", lambda *arguments: seen.extend(usual(*arguments)) or seen)
+    monkeypatch.setattr(rules, "LANES", 8)
+    parts = il.simulate(base(), **run)
+    assert len(seen) == 8
+    assert [["counts" in kept for kept in result.records] for result in seen] == [[True] * 3] + [[False] * 3] * 7
+    for name in ("density_displacement", "density_velocity", "joint_density", "joint_density_standard_error"):
+        np.testing.assert_array_equal(parts[name], whole[name])
+
+
 # series
 
 
@@ -137,3 +164,58 @@ def test_a_balance_that_is_off_is_told_without_a_spin_up_too():
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*too seldom")  # a given start is no stationary motion
         il.simulate(pressed, 0.025, realizations=512, rng=1, initial={"velocity": {"two": 0.0}}, spin_up=0.0)
+
+
+# inputs
+
+
+def network_of_noise(**fields):
+    return {"network": base(), "duration": 2.0, "realizations": 64, "rng": 1, **fields}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"duration": 1e308}, r"1e\+308 s are too many steps of"),
+        ({"duration": 5e-324}, r"4\.94066e-324 s are too short a time where a step is"),
+        ({"duration": 1e-200, "spin_up": 0.0}, r"1e-200 s are too short a time"),
+        ({"step": 5e-324}, r"too many steps"),
+        ({"duration": 10**400}, r"duration must be a finite number, 1000.*0000 was given"),
+        ({"record": 5}, r"record takes records such as il\.Density\(\), 5 was given"),
+        ({"record": True}, r"record takes records such as"),
+        ({"record": {"a": il.Density()}}, r"record takes records such as"),
+        ({"record": il.Density(oscillators={"one"})}, r"oscillators is a sequence of names"),
+        ({"rng": True}, r"rng must be None, a whole number .*, not True"),
+        ({"progress": "no"}, r"progress must be True, False, None or a function of the part done, 'no' was given"),
+        ({"progress": 5}, r"progress must be"),
+        ({"duration": None, "tolerance": {"contact_ratio": 5.0}}, r"larger than 0 and at most 1, 5\.0 was given"),
+    ],
+    ids=str,
+)
+def test_input_that_cannot_be_meant(options, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.simulate(**network_of_noise(**options))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: il.LinearOscillator(mass=10**400), r"mass must be a finite number"),
+        (lambda: il.Density(limits=1.0), r"Limits are \(low, high\)"),
+        (
+            lambda: il.Network({"a": il.LinearOscillator(), "a\0": il.LinearOscillator()}),
+            r"no control characters, 'a\\x0",
+        ),
+        (lambda: il.Network({"a\ud800": il.LinearOscillator()}), r"no control characters"),
+        (lambda: il.Network.from_dict(5), r"by a mapping, 5 was given"),
+        (lambda: il.run_study("two-system", out=5), r"A folder is given by its path, 5"),
+        (lambda: il.run_study("two-system", settings=[1]), r"Settings are a mapping"),
+    ],
+)
+def test_parts_that_cannot_be_meant(make, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        make()
+
+
+def test_names_in_any_script_are_names():
+    assert list(il.Network({"Ω₁ ölig\u00a0é": il.LinearOscillator()}).oscillators) == ["Ω₁ ölig\u00a0é"]

@@ -9,11 +9,11 @@ from scenes import base
 import impactlab as il
 from impactlab import estimate, moments
 from impactlab.component import call_each
-from impactlab.estimate import Regression
 from impactlab.integrators import exact_flow
 from impactlab.kinks import kink_step
 from impactlab.model import Model
 from impactlab.plan import make_plan
+from impactlab.regression import Regression
 from impactlab.rules import seed_of
 from impactlab.scene import Stiffening, energies
 

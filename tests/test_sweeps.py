@@ -279,6 +279,21 @@ def test_a_warning_is_given_once_and_names_the_points():
     assert caught[0].filename == __file__
 
 
+def test_records_that_can_be_read_once_are_for_every_point():
+    records = [il.Density(bins=4), il.PerRealization()]
+    listed = il.sweep(base, {"ratio": [8.0, 16.0]}, record=records, **SHORT)
+    read_once = il.sweep(base, {"ratio": [8.0, 16.0]}, record=(record for record in records), **SHORT)
+    assert np.isfinite(read_once.density_displacement.values).all()
+    assert_same(read_once.drop_attrs(), listed.drop_attrs())
+    of_a_point = il.sweep(lambda ratio: (base(ratio), {"record": iter(records)}), {"ratio": [8.0, 16.0]}, **SHORT)
+    assert_same(of_a_point.drop_attrs(), listed.drop_attrs())
+
+
+def test_whole_numbers_beyond_those_of_floats_have_their_own_random_numbers():
+    ds = il.sweep(lambda c: base(), {"c": [2**53, 2**53 + 1]}, **SHORT)
+    assert (ds.mean_displacement.values[0] != ds.mean_displacement.values[1]).all()
+
+
 # references, files, and again
 
 

@@ -146,7 +146,7 @@ def test_a_full_disk_leaves_nothing(path, monkeypatch):
 
     monkeypatch.setattr(trajectories, "CHUNK_BYTES", 1000)
     monkeypatch.setattr(trajectories._File, "write", full)
-    with pytest.raises(il.ImpactLabError, match=r"cannot be written, and none is left: NetCDF: "):
+    with pytest.raises(il.ImpactLabError, match=r"of which nothing is left, cannot be written: .*NetCDF: "):
         il.simulate(base(), 1.0, record=il.Trajectory(0.01), out=path, **RUN)
     assert count[0] >= 3
     assert os.listdir(path.parent) == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.integrators.base import History, Noise, Sums
-from impactlab.integrators.exact_flow import kick
+from impactlab.integrators.exact_flow import _SHIFT, kick
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import dense, kernel
 from impactlab.kernels.jump import (
@@ -21,14 +21,14 @@ from impactlab.kernels.jump import (
     select,
     take,
 )
-from impactlab.kernels.kick import clear, copy
+from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
-from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, empty_slots
+from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, count_closings, empty_slots
 
 
 @kernel
 def approach(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
     interval, near, x, v, after_x, after_v,
 ):  # fmt: skip
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
@@ -83,7 +83,7 @@ def approach(  # type: ignore[no-untyped-def]
             level = part
             continue
         step_by_step(
-            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
+            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
             summing, begin[0], number,
         )  # fmt: skip
         put(dense(work.x[0, 1], number), work.chosen[0], new_x)
@@ -138,7 +138,7 @@ def halve_level(jumps, level, number, interval, node, work):  # type: ignore[no-
 
 @kernel
 def step_by_step(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative, summing,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
     first, number,
 ):  # fmt: skip
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
@@ -167,6 +167,14 @@ def step_by_step(  # type: ignore[no-untyped-def]
     empty_slots(past, jumps.leaf, SLOTS)
     y, rest = dense(state.external, number), dense(state.rest, number)
     hold_wall(y)
+    counted = sums.before.shape[1]
+    before = np.empty((2, counted, number))
+    if counted:  # where the kick before was read; its half makes no difference that counts
+        total, contact_force = past.force[0], past.contact_force[0]
+        forces(x, rest, parameters, indices, before[0], contact_force, total)
+        scaled_sum(x, coefficients, _SHIFT, total, y)
+        forces(y, rest, parameters, indices, before[0], contact_force, total)
+        differences(indices, v, before[1])
     for step in range(jumps.leaf):
         hold_wall(past.x[step])
         hold_wall(past.v[step])
@@ -175,7 +183,7 @@ def step_by_step(  # type: ignore[no-untyped-def]
         correct(jumps.terms[step], of_x, of_v, after, v)
         x = after
         kick(
-            forces, parameters, indices, coefficients, dissipative, rest, x, v, y, past.v[step], past.force[step],
+            forces, parameters, indices, coefficients, passes, rest, x, v, y, past.v[step], past.force[step],
             past.indentation[step], past.contact_force[step],
         )  # fmt: skip
     if summing:
@@ -183,8 +191,10 @@ def step_by_step(  # type: ignore[no-untyped-def]
         own_sums = Sums(
             np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
             sums.ends, sums.indices, sums.window, sums.half_kick, sums.closing, sums.push, sums.kick, sums.products,
-            sums.pairs,
+            sums.pairs, before, sums.jitter, sums.step,
         )  # fmt: skip
+        for step in range(counted and jumps.leaf):
+            count_closings(past.indentation[step], past.v[step], own_sums)
         add_history(past, own_sums)
         lanes = work.lanes[0]
         for row in range(F, sums.bodies.shape[1]):

@@ -37,7 +37,7 @@ class Cross(NamedTuple):
     bodies: np.ndarray  # (block, 2) slots of the body that is reached and of the other
     flow: np.ndarray  # (block, 4) a_xx, a_xv, a_vx, a_vv
     noise: np.ndarray  # (block, 4) by the first and the second normal of the other: x, x, v, v
-    push: np.ndarray  # (block, 2) x and v by a unit force on the other during a step
+    push: np.ndarray  # (block, 4) x and v by a unit force on the other, by one that grows from -1 to 1 in a step
 
 
 class Series(NamedTuple):
@@ -52,7 +52,7 @@ class Forced(NamedTuple):
     """Given forces on some bodies during one call."""
 
     bodies: np.ndarray  # (row,) slots
-    force: np.ndarray  # (time, row)
+    force: np.ndarray  # (time, row): samples, or with `takes_response` mean and slope of each step in turn
 
 
 class State(NamedTuple):
@@ -69,6 +69,7 @@ class State(NamedTuple):
     external: np.ndarray  # given forces and noise [body, lane]
     slope_x: np.ndarray  # weighted sum of slopes [body, lane]
     slope_v: np.ndarray
+    middle: np.ndarray  # velocity in the middle of the last kick, where sums need it
     normals: np.ndarray  # (4, row, lane) of single precision
 
 
@@ -96,6 +97,9 @@ class Sums(NamedTuple):
     kick: np.ndarray  # [contact, lane] the same of closing velocities
     products: np.ndarray  # (9, pair, lane)
     pairs: np.ndarray  # (pair, 2) slots of bodies
+    before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where closings are not counted
+    jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    step: float
 
 
 def _array(dimensions: int, kind: Any = f8) -> Any:
@@ -123,12 +127,28 @@ def _signature(forces: Any, lane: int) -> Any:
         _tuple(Noise, slots, pairs, i8, cube, _array(2, u8), _array(1, u4), table, b1),
         _tuple(Series, slots, cube, blocks),
         _tuple(Forced, slots, table),
-        _tuple(State, *[block] * 11, _array(2 + lane, f4)),
+        _tuple(State, *[block] * 12, _array(2 + lane, f4)),
         _tuple(History, *[blocks] * 5),
-        _tuple(Sums, _array(3 + lane), blocks, pairs, slots, numbers, numbers, blocks, block, block, blocks, pairs),
+        _tuple(
+            Sums,
+            _array(3 + lane),
+            blocks,
+            pairs,
+            slots,
+            numbers,
+            numbers,
+            blocks,
+            block,
+            block,
+            blocks,
+            pairs,
+            blocks,
+            numbers,
+            f8,
+        ),
         blocks,
         f8,
-        b1,
+        i8,
         b1,
         i8,
         i8,
@@ -139,12 +159,13 @@ def _signature(forces: Any, lane: int) -> Any:
 
 ADVANCE = _signature(FORCES, 1)
 """Signature of an integrator's loop: (forces, parameters, indices, coefficients, cross, noise, series,
-forced, state, history, sums, snapshots, step, dissipative, summing, first, count, every, phase).
+forced, state, history, sums, snapshots, step, passes, summing, first, count, every, phase).
 
-It makes `count` steps, of which `first` is the index of the first. If `dissipative`, forces depend
-on velocities. If `summing`, every step adds to the sums. After every `every`-th step, if that is not
-0, it writes a snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all
-bodies, force of all contacts; `phase` steps have gone since the last one when it begins."""
+It makes `count` steps, of which `first` is the index of the first. `passes` is how often the forces
+of a kick are evaluated with the velocities that they give, 0 where they depend on none. If
+`summing`, every step adds to the sums. After every `every`-th step, if that is not 0, it writes a
+snapshot ``snapshots[k, quantity, lane]``: displacement of all bodies, velocity of all bodies, force
+of all contacts; `phase` steps have gone since the last one when it begins."""
 
 
 _ADVANCE_OF_ONE = _signature(FORCES_OF_ONE, 0)
@@ -208,7 +229,7 @@ class Integrator(Component):
     """Contacts that a force reaches in a step, one more if it depends on velocities; 0 if nothing runs in tiles."""
 
     takes_response: ClassVar[bool] = False
-    """Whether a series is the linear response (x, v) instead of the force."""
+    """Whether a series is the linear response (x, v) instead of the force, and given forces are integrated."""
 
     required: ClassVar[tuple[str, ...]] = ("order",)
 
@@ -226,7 +247,7 @@ class Integrator(Component):
 
     def cross(self, model: Model, step: float) -> Cross:
         """Return the linear motion between bodies; nothing where they move by themselves."""
-        return Cross(np.zeros((0, 2), np.int64), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 2)))
+        return Cross(np.zeros((0, 2), np.int64), *[np.zeros((0, 4))] * 3)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         """Return the numbers per body that the loop takes, (phase, body, column)."""

@@ -31,7 +31,7 @@ class EulerMaruyama(ExplicitIntegrator):
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
-    step, dissipative, summing, first, count, every, phase,
+    step, passes, summing, first, count, every, phase,
 ):  # fmt: skip
     noise, series, forced = borrow(noise), borrow(series), borrow(forced)
     state, history, sums = borrow(state), borrow(history), borrow(sums)
@@ -54,7 +54,7 @@ def _advance(  # type: ignore[no-untyped-def]
             add_series(series, now % NEAR, external)
         if forced.bodies.shape[0]:
             add_forced(forced.force, index, forced.bodies, external)
-        forces(x, v, parameters, indices, indentation, contact_force, total)
+        forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
         if summing:
             keep(history, slot, x, v, indentation, contact_force)
             close_slot(history, slot, index == count - 1, sums)
@@ -62,5 +62,5 @@ def _advance(  # type: ignore[no-untyped-def]
         combine(x, step, v, x)
         combine(v, step, total, v)
         if every and (phase + index + 1) % every == 0:
-            forces(x, v, parameters, indices, indentation, contact_force, total)
+            forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
             write_snapshot(x, v, contact_force, sums, snapshots, (phase + index + 1) // every - 1)

@@ -25,14 +25,15 @@ from impactlab.kernels.flow import (
     transition,
 )
 from impactlab.kernels.jit import borrow, kernel
-from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum
+from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum, smooth_velocity
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.series import NEAR, bring_near
-from impactlab.kernels.sums import SLOTS, close_slot, empty_slots, write_snapshot
+from impactlab.kernels.sums import SLOTS, TURN, add_turns, close_slot, empty_slots, write_snapshot
 from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
 from impactlab.model import Model, kept
 
-_SHIFT, _KICK, _HALF_KICK, _PUSH_X, _PUSH_V = range(COEFFICIENTS, COEFFICIENTS + 5)
+_SHIFT, _KICK, _HALF_KICK, _HALF_STEP, _PUSH = range(COEFFICIENTS, COEFFICIENTS + 5)
+"""Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""
 
 SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
@@ -48,10 +49,11 @@ class ExactFlow(Integrator):
     remaining forces R. The kick and every statistic of contacts and positions are read
     at ``y = x + (h²/12) R(x)/m``: for conservative forces this is the force-gradient
     correction of a fourth-order splitting to its order, without the derivative of any
-    force (Chin, Phys. Lett. A 226, 1997, 344). Forces that depend on velocities are
-    evaluated at the velocity in the middle of the kick, in two passes. Without contacts
+    force (Chin, Phys. Lett. A 226, 1997, 344). A force that depends on a velocity is solved for
+    the one at which it acts: that in the middle of the kick where it is a weak damper, nearly
+    that after it where it is a strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
-    given forces as constant over a step.
+    given forces through the one to what is linear in the time of a step, which has their integral.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
@@ -107,7 +109,7 @@ class ExactFlow(Integrator):
             flow, noise = (
                 _blocks(part)[body, other].reshape(-1, 4) for part in (group.transition, noise_root(group.covariance))
             )
-            push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]
+            push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]  # x, v by each of both forces
             rows.append(Cross(np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
         return Cross(*(np.ascontiguousarray(np.concatenate(part)) for part in zip(*rows, strict=True)))
 
@@ -117,7 +119,13 @@ class ExactFlow(Integrator):
         for slots, system in flowing_systems(model):
             response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
         constant = np.column_stack(
-            [step**2 / 12.0 / model.mass, step / model.mass, 0.5 * step / model.mass, *response.T]
+            [
+                step**2 / 12.0 / model.mass,
+                step / model.mass,
+                0.5 * step / model.mass,
+                *response.T,
+                np.full_like(model.mass, 0.5 * step),
+            ]
         )
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
@@ -212,9 +220,9 @@ def _group(slots: np.ndarray, system: LinearSystem, step: float) -> Group:
 
 
 def _response(system: LinearSystem, step: float) -> np.ndarray:
-    """Displacements and velocities of a group after a step from rest, by the body that is pushed, (2, n, n)."""
+    """Displacements and velocities of a group after a step from rest, by the body that is pushed, (4, n, n)."""
     response = system_response(system.mass, system.damping, system.stiffness, step, sum(system.scales))
-    return response.reshape(2, len(system.mass), -1)
+    return response.reshape(4, len(system.mass), -1)
 
 
 def _blocks(joint: np.ndarray) -> np.ndarray:
@@ -235,7 +243,7 @@ def _over(number: float, frequency: float) -> float:
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
-    step, dissipative, summing, first, count, every, phase,
+    step, passes, summing, first, count, every, phase,
 ):  # fmt: skip
     cross, noise, series, forced = borrow(cross), borrow(noise), borrow(series), borrow(forced)
     state, history, sums = borrow(state), borrow(history), borrow(sums)
@@ -268,37 +276,47 @@ def _advance(  # type: ignore[no-untyped-def]
             flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
         x = after
         if forced.bodies.shape[0]:
-            clear(push)
-            add_forced(forced.force, index, forced.bodies, push)
-            scaled_sum(x, coefficients, _PUSH_X, push, x)
-            scaled_sum(v, coefficients, _PUSH_V, push, v)
-            push_between(cross, push, x, v)
+            for part in range(2):  # mean and slope
+                clear(push)
+                add_forced(forced.force, 2 * index + part, forced.bodies, push)
+                scaled_sum(x, coefficients, _PUSH + 2 * part, push, x)
+                scaled_sum(v, coefficients, _PUSH + 2 * part + 1, push, v)
+                push_between(cross, part, push, x, v)
         if series.bodies.shape[0]:
             add_response(series, now % NEAR + 1, 1.0, x, v)
         kick(
-            forces, parameters, indices, coefficients, dissipative, state.rest, x, v, y, middle, total, indentation,
+            forces, parameters, indices, coefficients, passes, state.rest, x, v, y, middle, total, indentation,
             contact_force,
         )  # fmt: skip
+        if sums.bodies.shape[1] > TURN:
+            add_turns(total, middle, coefficients, _HALF_KICK, state.slope_x, state.middle, summing, cycle, sums)
+        wanted = every > 0 and (phase + index + 1) % every == 0
+        if wanted or index == count - 1:
+            if index:
+                copy(history.force[(slot - 1) % SLOTS], state.total)
+            smooth_velocity(coefficients, _KICK, middle, total, state.total, state.velocity)
         if summing:
             close_slot(history, slot, index == count - 1, sums)
-        if every and (phase + index + 1) % every == 0:
-            write_snapshot(y, middle, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
+        if wanted:
+            write_snapshot(y, state.velocity, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
     last = (first + count - 1) % SLOTS
     copy(x, state.x)
-    copy(history.v[last], state.velocity)
+    copy(history.force[last], state.total)
     copy(history.contact_force[last], state.contact_force)
 
 
 @kernel
 def kick(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, dissipative, rest, x, v, y, middle, total, indentation, contact_force,
+    forces, parameters, indices, coefficients, passes, rest, x, v, y, middle, total, indentation, contact_force,
 ):  # fmt: skip
     """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
     # the conservative force at x says where the kick is read
-    forces(x, rest, parameters, indices, indentation, contact_force, total)
+    forces(x, rest, rest, 0.0, parameters, indices, indentation, contact_force, total)
     scaled_sum(x, coefficients, _SHIFT, total, y)
-    forces(y, v, parameters, indices, indentation, contact_force, total)
-    if dissipative:  # once more, with the velocity in the middle of the kick
+    if passes == 0:
+        forces(y, v, v, 0.0, parameters, indices, indentation, contact_force, total)
+    for _ in range(passes):  # each force is solved for its own velocity, with the other forces of the pass before
         scaled_sum(v, coefficients, _HALF_KICK, total, middle)
-        forces(y, middle, parameters, indices, indentation, contact_force, total)
+        half_step = coefficients[0, _HALF_STEP, 0]
+        forces(y, v, middle, half_step, parameters, indices, indentation, contact_force, total)
     apply_kick(coefficients, _KICK, total, v, middle)

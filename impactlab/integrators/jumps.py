@@ -11,10 +11,10 @@ from numba import b1, f8, i8, void
 
 from impactlab.integrators.approach import approach
 from impactlab.integrators.base import Flows, History, Noise, State, Sums
-from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.integrators.exact_flow import _KICK, ExactFlow
 from impactlab.kernels.jit import FORCES, borrow, dense, loop
-from impactlab.kernels.jump import add_samples, bound, draw, jump, put, select
-from impactlab.kernels.kick import clear, copy
+from impactlab.kernels.jump import add_samples, bound, draw, hold_wall, jump, put, select
+from impactlab.kernels.kick import clear, copy, smooth_velocity
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import write_snapshot
 from impactlab.model import Model
@@ -84,7 +84,7 @@ ADVANCE_JUMPS = void(
         )
     ),
     _typeof(Noise(_INTEGERS, _PLACES, 1, _CUBE, _WORDS, _LANES[0], _MATRIX, True)),
-    _typeof(_STATE(*[_MATRIX] * 11, _CUBE_32)),
+    _typeof(_STATE(*[_MATRIX] * 12, _CUBE_32)),
     _typeof(History(*[_CUBE] * 5)),
     _typeof(
         Work(
@@ -92,9 +92,14 @@ ADVANCE_JUMPS = void(
             _LANES,
         )
     ),
-    _typeof(Sums(_FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES)),
+    _typeof(
+        Sums(
+            _FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES, _CUBE, _VECTOR,
+            1.0,
+        )
+    ),
     f8[:, :, ::1],
-    b1,
+    i8,
     b1,
     i8,
     i8,
@@ -102,7 +107,7 @@ ADVANCE_JUMPS = void(
     i8,
 )  # fmt: skip
 """Signature of the loop that jumps: (forces, parameters, indices, coefficients, jumps, noise, state, history,
-work, sums, snapshots, dissipative, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
+work, sums, snapshots, passes, summing, first, count, every, phase), as in `ADVANCE`; `first`, `count` and
 `every` are multiples of the longest interval."""
 
 
@@ -157,7 +162,7 @@ def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
 
 
 def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, dissipative,
+    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, snapshots, passes,
     summing, first, count, every, phase,
 ):  # fmt: skip
     jumps, noise, state, history = borrow(jumps), borrow(noise), borrow(state), borrow(history)
@@ -177,7 +182,7 @@ def _advance(  # type: ignore[no-untyped-def]
         last = 0
         if near:
             last = approach(
-                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, dissipative,
+                forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
                 summing, interval, near, x, v, after_x, after_v,
             )  # fmt: skip
         if summing:
@@ -190,7 +195,12 @@ def _advance(  # type: ignore[no-untyped-def]
             if last:
                 lanes = work.lanes[0]
                 put(dense(state.external, last), lanes, state.reading)
-                put(dense(history.v, last)[jumps.leaf - 1], lanes, state.velocity)
+                middle, force, smooth = (
+                    dense(history.v, last)[jumps.leaf - 1], dense(history.force, last), dense(state.slope_x, last)
+                )  # fmt: skip
+                hold_wall(smooth)
+                smooth_velocity(coefficients, _KICK, middle, force[jumps.leaf - 1], force[jumps.leaf - 2], smooth)
+                put(smooth, lanes, state.velocity)
                 put(dense(history.contact_force, last)[jumps.leaf - 1], lanes, state.contact_force)
         if wanted:
             write_snapshot(

@@ -34,7 +34,7 @@ class RungeKutta4(ExplicitIntegrator):
 
 def _advance(  # type: ignore[no-untyped-def]
     forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
-    step, dissipative, summing, first, count, every, phase,
+    step, passes, summing, first, count, every, phase,
 ):  # fmt: skip
     noise, series, forced = borrow(noise), borrow(series), borrow(forced)
     state, history, sums = borrow(state), borrow(history), borrow(sums)
@@ -66,7 +66,7 @@ def _advance(  # type: ignore[no-untyped-def]
                     add_series(series, 2 * now % NEAR + offset, external)
                 if forced.bodies.shape[0]:
                     add_forced(forced.force, 2 * index + offset, forced.bodies, external)
-            forces(stage_x, stage_v, parameters, indices, indentation, contact_force, total)
+            forces(stage_x, stage_v, stage_v, 0.0, parameters, indices, indentation, contact_force, total)
             if stage == 0 and summing:
                 keep(history, slot, x, v, indentation, contact_force)
                 close_slot(history, slot, index == count - 1, sums)
@@ -80,5 +80,5 @@ def _advance(  # type: ignore[no-untyped-def]
         combine(x, step, slope_x, x)
         combine(v, step, slope_v, v)
         if every and (phase + index + 1) % every == 0:
-            forces(x, v, parameters, indices, indentation, contact_force, total)
+            forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
             write_snapshot(x, v, contact_force, sums, snapshots, (phase + index + 1) // every - 1)

@@ -142,32 +142,42 @@ def split_transition(
 
 
 def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
-    """Return displacement and velocity after a step from rest under a unit force, (n, 2) (m, m s-1)."""
+    """Return displacement and velocity after a step from rest, (n, 4) (m, m s-1 each).
+
+    Under a unit force, and under one that grows from -1 to 1 during the step.
+    """
     bodies = np.stack([mass, damping, stiffness], axis=1)
-    return _response(
-        _drift(bodies), np.stack([np.zeros_like(mass), 1.0 / mass], axis=1)[..., None], step, _rate(bodies)
-    )[..., 0]
+    acceleration = np.stack([np.zeros_like(mass), 1.0 / mass], axis=1)[..., None]
+    return np.concatenate(_response(_drift(bodies), acceleration, step, _rate(bodies))[..., 0], axis=1)
 
 
 def system_response(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float, rate: float
 ) -> np.ndarray:
-    """Return what unit forces on each body give after a step from rest, (2 n, n); see `system_transition`."""
+    """Return what forces on each body give after a step from rest, (2, 2 n, n); see `system_transition`.
+
+    Unit forces, and those that grow from -1 to 1 during the step.
+    """
     acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
-    response: np.ndarray = _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[0]
-    return response
+    return _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
 
 
 def _response(drift: np.ndarray, acceleration: np.ndarray, step: float, rate: float) -> np.ndarray:
-    """Return the state after a step from rest of ``z' = drift z + acceleration f`` under constant f, (n, d, forces)."""
+    """Return the state after a step from rest of ``z' = drift z + acceleration f``, (2, n, d, forces).
+
+    Under ``f = 1``, and under ``f = 2 t/step - 1``.
+    """
     count, size, forces = acceleration.shape
-    extended = np.zeros((count, size + forces, size + forces))  # the state (z, f)
-    extended[:, :size, :size], extended[:, :size, size:] = drift, acceleration
+    whole = size + 2 * forces
+    extended = np.zeros((count, whole, whole))  # the state (z, f, f' step)
+    extended[:, :size, :size], extended[:, :size, size : size + forces] = drift, acceleration
+    extended[:, size : size + forces, size + forces :] = np.eye(forces) / step
     halvings = _halvings(rate, step)
     exponential = _taylor(extended * (step / 2.0**halvings))
     for _ in range(halvings):
         exponential = exponential @ exponential
-    return exponential[:, :size, size:]
+    constant, growing = exponential[:, :size, size : size + forces], exponential[:, :size, size + forces :]
+    return np.stack([constant, 2.0 * growing - constant])
 
 
 def _drift(bodies: np.ndarray) -> np.ndarray:
@@ -325,11 +335,11 @@ def flow_between(cross, rows, normals, column, x, v, result, after):  # type: ig
 
 
 @kernel
-def push_between(cross, push, x, v):  # type: ignore[no-untyped-def]
-    """Add the response of connected bodies to the given force on another."""
+def push_between(cross, part, push, x, v):  # type: ignore[no-untyped-def]
+    """Add the response of connected bodies to a part of the given force on another; see `Cross.push`."""
     for block in range(cross.bodies.shape[0]):
         body, other = cross.bodies[block, 0], cross.bodies[block, 1]
-        of_x, of_v = cross.push[block]
+        of_x, of_v = cross.push[block, 2 * part], cross.push[block, 2 * part + 1]
         for lane in range(x.shape[1]):
             x[body, lane] += of_x * push[other, lane]
             v[body, lane] += of_v * push[other, lane]

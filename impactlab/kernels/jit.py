@@ -14,8 +14,10 @@ import hashlib
 import math
 import os
 import shutil
+import stat
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Hashable, Iterator
 from functools import cache
 from pathlib import Path
@@ -28,6 +30,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from impactlab.errors import ImpactLabWarning, warn
+
 Function = Callable[..., Any]
 
 BLOCK = f8[:, ::1]
@@ -36,13 +40,13 @@ BLOCK = f8[:, ::1]
 BLOCK_OF_ONE = f8[::1]
 """The same of one lane; see `impactlab.kernels.single`."""
 
-FORCES = types.FunctionType(void(BLOCK, BLOCK, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
+FORCES = types.FunctionType(void(BLOCK, BLOCK, BLOCK, f8, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
 """Type of the function that is generated for a network's forces."""
 
-FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
+FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 3, f8, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
 
-_EVALUATE = void(FORCES, *FORCES.signature.args)
-_EVALUATE_ONE = void(FORCES_OF_ONE, *FORCES_OF_ONE.signature.args)
+_EVALUATE = void(FORCES, *[BLOCK] * 2, f8[::1], i8[::1], *[BLOCK] * 3)
+_EVALUATE_ONE = void(FORCES_OF_ONE, *[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3)
 
 config: Any = numba.config
 _unpack_tuple: Any = cgutils.unpack_tuple
@@ -50,6 +54,9 @@ _populate_array: Any = populate_array
 
 DISABLED = bool(config.DISABLE_JIT)
 """Whether functions run as they are, without a compiler."""
+
+_CACHED = threading.RLock()
+"""Held while numba's setting is ours: threads that save and restore it at once would leave it so."""
 
 _dispatchers: list[Any] = []
 _kernels: set[Any] = set()
@@ -87,12 +94,20 @@ def timetable(function: Function) -> Function:
 
 
 def evaluate(forces: Any, x: np.ndarray, *arrays: np.ndarray) -> None:
-    """Call a network's forces once, for what is outside the loops; arguments are those of `FORCES`."""
-    loop(_EVALUATE if x.ndim == 2 else _EVALUATE_ONE, _evaluate)(forces, x, *arrays)
+    """Call a network's forces once, at these velocities, for what is outside the loops.
+
+    `arrays` are velocities, parameters, indices, and the results: indentation, contact force, total.
+    """
+    evaluator(x.ndim == 1)(forces, x, *arrays)
+
+
+def evaluator(single: bool) -> Function:
+    """Return the compiled function that calls a network's forces once, for blocks or for single lanes."""
+    return loop(_EVALUATE_ONE if single else _EVALUATE, _evaluate)
 
 
 def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
-    forces(x, v, parameters, indices, indentation, contact_force, total)
+    forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
 
 
 def scalar(function: Function) -> Function:
@@ -191,19 +206,34 @@ def cache_folder() -> Path:
     """Return the private folder for generated modules and machine code.
 
     It is taken from the environment variable ``IMPACTLAB_CACHE``, else from the
-    system's convention. Where it cannot be written to, a temporary folder serves
-    this process.
+    system's convention. Where it cannot be written to, or others can, a temporary folder
+    serves this process: what is in the cache is executed.
     """
     folder = (
         _user_folder() / f"{_kernel_digest()}-numba{numba.__version__}-py{sys.version_info[0]}{sys.version_info[1]}"
     )
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
+        if not _is_ours(folder):
+            warn(
+                f"The cache {folder} is a link, belongs to somebody else or can be written to by others (mode "
+                f"{stat.filemode(folder.lstat().st_mode)}), so it is not used and everything is compiled again: remove "
+                "it, or name another with IMPACTLAB_CACHE.",
+                ImpactLabWarning,
+            )
+        elif os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):
             return folder
     temporary = Path(tempfile.mkdtemp(prefix="impactlab-"))
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     return temporary
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether nobody else can put files into a folder, as far as the system knows owners."""
+    found = folder.lstat()  # of a link, the link
+    return stat.S_ISDIR(found.st_mode) and (
+        not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o022)
+    )
 
 
 def _can_create(folder: Path) -> bool:
@@ -239,9 +269,10 @@ def _kernel_digest() -> str:
 @contextlib.contextmanager
 def _cached_here() -> Iterator[None]:
     """Let numba put its cache into our folder while a function is being decorated."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    with _CACHED:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(cache_folder())
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before

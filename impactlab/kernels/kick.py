@@ -120,6 +120,19 @@ def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyp
 
 
 @kernel
+def smooth_velocity(coefficients, column, middle, total, before, result):  # type: ignore[no-untyped-def]
+    """Write the velocities of the smooth path that kicks follow to `result`.
+
+    In the middle of kicks by a force F the velocity is ``h² F'/12m`` off, as far as the shifted place is off the
+    place; F' is the change of F since the kick before over h.
+    """
+    for body in range(coefficients.shape[2]):
+        c = coefficients[0, column, body] / 12.0
+        for lane in range(result.shape[1]):
+            result[body, lane] = middle[body, lane] - c * (total[body, lane] - before[body, lane])
+
+
+@kernel
 def clear(block):  # type: ignore[no-untyped-def]
     """Set a block to 0."""
     for body in range(block.shape[0]):

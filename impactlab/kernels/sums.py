@@ -6,6 +6,8 @@ read and written once for four steps.
 
 from __future__ import annotations
 
+import math
+
 from impactlab.kernels.jit import kernel, scalar
 from impactlab.kernels.kick import copy, differences
 from impactlab.kernels.single import instead_of
@@ -14,17 +16,31 @@ X, V, XX, XV, VV, F, FF, FX, FV = range(9)
 """Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
 kick applied; the last four are there for methods that kick."""
 
+TURN = 9
+"""Row of the sums over bodies, where series or given forces push some: the force of kicks times what the flow
+between them adds to the velocity."""
+
 CLOSED, FORCE, FLUX, PEAK = range(4)
 """Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
-point of contact, largest force."""
+point of contact or the number of closings, largest force."""
 
 STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
+
+BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
+"""In sums of transients the first rows are over [0, T], with half of the states at both ends. Then come those over the
+kicks after which the flows of a phase begin, from the row `BEGUN` on, and the sum of the intensity of the white noise
+in these flows, by that which the flow is made with. And how many rows these are."""
 
 PAIR_ROWS = 9
 """Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
 
 SLOTS = 8
 """Steps that are added together."""
+
+GRAZING, HIDDEN, SLOWEST = 0.5, 0.037, 0.1
+"""How near to contact a turning point must be for its number to tell what noise hides (in what noise moves the gap in a
+step), what noise hides there, and the least change of the closing velocity in a step that is told from none (both in
+what noise changes it); see `closings`."""
 
 
 @kernel
@@ -54,6 +70,8 @@ def keep(history, slot, x, v, indentation, contact_force):  # type: ignore[no-un
 @kernel
 def close_slot(history, slot, last, sums):  # type: ignore[no-untyped-def]
     """Add the history to the sums if the slot is its last one, or the last one of a call."""
+    if sums.before.shape[1]:
+        count_closings(history.indentation[slot], history.v[slot], sums)
     if last or slot == SLOTS - 1:
         empty_slots(history, slot + 1, SLOTS)
         add_history(history, sums)
@@ -107,6 +125,36 @@ def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def add_turns(force, middle, coefficients, column, last_force, last_middle, summing, phase, target):  # type: ignore[no-untyped-def]
+    """Add the mean force of two kicks times what the flow between them gave to the velocity.
+
+    Parameters
+    ----------
+    force, middle : [body, lane]
+        Force of the later kick, and velocity in its middle.
+    coefficients : (phase, column, body) ndarray
+        Half the velocity that a unit force of a kick gives is a `column` of it.
+    last_force, last_middle : [body, lane]
+        Those of the earlier kick; replaced by those of the later.
+    summing : bool
+        Whether to add anything.
+    phase : int
+        Which step of the method's cycle it is.
+    target : Sums
+        Where to add.
+    """
+    sums = target.bodies
+    for body in range(sums.shape[2]):
+        half = coefficients[0, column, body]
+        for lane in range(sums.shape[3]):
+            both = last_force[body, lane] + force[body, lane]
+            turn = 0.5 * both * (middle[body, lane] - last_middle[body, lane] - half * both)
+            sums[phase, TURN, body, lane] += turn if summing else 0.0
+            last_force[body, lane] = force[body, lane]
+            last_middle[body, lane] = middle[body, lane]
+
+
+@kernel
 def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
     """Add the state of the contacts in four slots to ``target.contacts[row, contact, lane]``."""
     a, b, c, d = slots
@@ -123,7 +171,54 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             f2, f3 = force[c, contact, lane], force[d, contact, lane]
             sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
-    add_flux(history, slots, target)
+    if target.before.shape[1] == 0:
+        add_flux(history, slots, target)
+
+
+@scalar
+def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: ignore[no-untyped-def]
+    """Closings in a step, from the indentations and their rates at its ends.
+
+    Between them the indentation is taken as Hermite's cubic, which is also the mean path of a body under white
+    noise that has these ends. It shows excursions that begin and end within the step. What noise adds to them
+    is to first order ``HIDDEN σ² h p(0, 0)`` closings, whatever the mean acceleration; p is the density of
+    (δ, δ') and σ√h the `jitter`. The density at (0, 0) is estimated from turning points just beyond contact, of
+    which a step that changes the closing velocity by Δ has ``|Δ|`` in each unit of p.
+    """
+    count = 1.0 if depth <= 0.0 < next_depth else 0.0
+    if closing * next_closing >= 0.0:
+        return count
+    by, next_by = step * closing, step * next_closing
+    grazing = step * jitter * GRAZING
+    if min(abs(depth), abs(next_depth)) > abs(by) + abs(next_by) + grazing:
+        return count
+    rise = next_depth - depth
+    bend, twist = 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    # the one root of by + 2 bend s + 3 twist s² in (0, 1)
+    root = math.sqrt(bend * bend - 3.0 * twist * by)
+    place = by / (root - bend) if by > 0.0 else by / (-root - bend)
+    turning = depth + place * (by + place * (bend + place * twist))
+    if (depth > 0.0) == (next_depth > 0.0) and (turning > 0.0) != (depth > 0.0):
+        count += 1.0
+    if 0.0 < (turning if closing > 0.0 else -turning) < grazing:
+        count += HIDDEN / GRAZING * jitter / max(abs(next_closing - closing), SLOWEST * jitter)
+    return count
+
+
+@kernel
+def count_closings(indentation, v, target):  # type: ignore[no-untyped-def]
+    """Add the closings since the step before, whose indentations and rates are in `target.before`."""
+    before, sums = target.before, target.contacts
+    for contact in range(sums.shape[1]):
+        first, second = target.ends[contact, 0], target.ends[contact, 1]
+        jitter = target.jitter[contact]
+        for lane in range(sums.shape[2]):
+            depth, closing = indentation[contact, lane], v[first, lane] - v[second, lane]
+            number = closings(
+                before[0, contact, lane], before[1, contact, lane], depth, closing, target.step, jitter
+            )  # fmt: skip
+            sums[FLUX, contact, lane] += number
+            before[0, contact, lane], before[1, contact, lane] = depth, closing
 
 
 @scalar

@@ -42,7 +42,7 @@ def states():
     return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def empty_sums(phases, rows, half_kick=()):
+def empty_sums(phases, rows, half_kick=(), jitter=None):
     bodies, contacts, products = (
         np.zeros((phases, rows, BODIES, LANES)),
         np.zeros((4, 2, LANES)),
@@ -51,7 +51,9 @@ def empty_sums(phases, rows, half_kick=()):
     tables = differences(ENDS), gathering(ENDS, BODIES), ENDS.ravel()
     indices = np.concatenate([np.cumsum([3, *map(len, tables[:2])]), *tables])
     work = np.zeros((4, 2, LANES)), np.zeros((len(half_kick), LANES)), np.zeros((2, LANES))
-    return Sums(bodies, contacts, ENDS, indices, WINDOW, np.array(half_kick), *work, products, PAIRS)
+    before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
+    counting = before, np.zeros(0) if jitter is None else np.array(jitter), 0.1
+    return Sums(bodies, contacts, ENDS, indices, WINDOW, np.array(half_kick), *work, products, PAIRS, *counting)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -125,6 +127,42 @@ def test_contacts(states, half_kick):
     np.testing.assert_allclose(sums.contacts[FORCE], states.contact_force.sum(axis=0), rtol=1e-13)
     np.testing.assert_allclose(sums.contacts[FLUX], flux.sum(axis=0), rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(sums.contacts[PEAK], states.contact_force.max(axis=0))
+
+
+def test_closings_are_counted_on_the_cubic_between_steps(states):
+    """Those that begin and end within a step too, around one turning point, against the cubic on a fine grid."""
+    step = 0.1
+    place = np.linspace(0.0, 1.0, 4001)[:, None, None]
+    basis = np.array([(1 + 2 * place) * (1 - place) ** 2, place * (1 - place) ** 2, place**2 * (3 - 2 * place)])
+    basis = [*basis, place**2 * (place - 1)]
+    depth = 0.2 * states.indentation
+    closing = 4.0 * (states.v[:, [0, 2]] - states.v[:, [1, 3]])
+    expected = np.zeros((2, LANES), dtype=int)
+    hidden = 0
+    for now in range(1, STEPS):
+        ends = depth[now - 1], step * closing[now - 1], depth[now], step * closing[now]
+        path = sum(weight * end for weight, end in zip(basis, ends, strict=True)) > 0.0
+        across = path[-1] & ~path[0]
+        turns = closing[now - 1] * closing[now] < 0.0
+        number = np.where(turns, (path[1:] & ~path[:-1]).sum(axis=0), across)
+        hidden += int((number > across).sum())
+        expected += number
+    counted = History(states.x, 4.0 * states.v, states.force, depth, states.contact_force)
+    sums = empty_sums(2, 9, jitter=(0.0, 0.0))
+    for slot in range(SLOTS):
+        close_slot(counted, slot, slot == SLOTS - 1, sums)
+    np.testing.assert_array_equal(sums.contacts[FLUX], expected)
+    assert hidden > 3
+
+
+def test_counts_go_on_where_a_call_ended(states):
+    whole, parts = (empty_sums(2, 9, jitter=(0.5, 1.0)) for _ in range(2))
+    again = History(*(item.copy() for item in states))
+    for slot in range(SLOTS):
+        close_slot(states, slot, slot == SLOTS - 1, whole)
+    for slot in range(SLOTS):
+        close_slot(History(*(item.copy() for item in again)), slot, slot in (2, SLOTS - 1), parts)
+    np.testing.assert_array_equal(parts.contacts[FLUX], whole.contacts[FLUX])
 
 
 def test_snapshots_hold_displacements_velocities_and_forces(states):

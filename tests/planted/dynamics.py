@@ -216,7 +216,7 @@ BUGS = [
     Bug("clearance with the other sign", PAIR, text("- clearance", "+ clearance")),
     Bug("contacts that pull", TREE,
         both(text("LinearContact_force(max(gap, 0.0)", "LinearContact_force(gap"),
-             text("force if gap > 0.0 else 0.0", "force"))),
+             text("gap - gap if gap <= 0.0 else force", "force"))),
     Bug("exponent 5/2 in the force of Hertz contact", PAIR,
         text("indentation * math.sqrt", "indentation * indentation * math.sqrt")),
     Bug("exponent 1 in the force of Hertz contact", PAIR, text("indentation * math.sqrt(indentation)", "indentation")),

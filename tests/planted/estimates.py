@@ -184,7 +184,7 @@ BUGS = [
     Bug("flux through the window in both directions", PAIR, scaled("contact_rate", 2.0)),
     Bug("flux through the window without its weight", PAIR, scaled("contact_rate", 8.0 / 9.0)),
     Bug("variance without the square of the mean", PAIR,
-        returned(impactlab.estimate, "_influence", lambda _, units, mean: (units["mean_square_displacement"], 0.0))),
+        returned(impactlab.estimate, "_influence", lambda _, units, *more: (units["mean_square_displacement"], 0.0))),
     Bug("sums that are not cleared between batches", PAIR, instead(Block, "_clear_sums", lambda block: None)),
     Bug("sums of one batch for the next", BATCHES,
         returned(impactlab.simulation, "merged",
