@@ -392,6 +392,14 @@ class Block:
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
+    def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
+        begin, first = self.now - self.plan.spin_up_steps, self._edge()
+        self._clear_sums()
+        self.advance(steps, lambda snapshots: None)
+        self._collect_sums()
+        return self._over_time(begin, begin + steps, first, self._edge())
+
     def _edge(self) -> Edge:
         """Return what the state, of which a kick has just been made, adds to the sums."""
         plan, state = self.plan, self.state

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlab.certified import certified
 from impactlab.component import finite
 from impactlab.counting import counts_closings, jitter
 from impactlab.damping import damped
@@ -97,6 +98,10 @@ class Plan:
         Whether contacts, couplings that do not flow or a residual force act on each body.
     passes : int
         How often a kick evaluates forces that depend on velocities, 0 where there are none.
+    certified : bool
+        Whether the automatic step of such a network is right without a measurement.
+    automatic : float
+        The step that is chosen where none is given (s); 0 where none can be.
     time_varying : bool
         Whether white noise depends on time.
     white : (white,) ndarray of int
@@ -176,6 +181,8 @@ class Plan:
     links: np.ndarray
     kicked: np.ndarray
     passes: int
+    certified: bool
+    automatic: float
     time_varying: bool
     white: np.ndarray
     noise_rows: np.ndarray
@@ -312,11 +319,13 @@ def make_plan(
     workers: int,
     coarse: bool = False,
     model: Model | None = None,
+    ceiling: float = math.inf,
 ) -> Plan:
     """Decide everything about a simulation before it runs.
 
     Parameters are those of `simulate`; `workers` is the number of blocks that run at once, and a
-    coarse run has the noise of one at half the step. The `model` of the network, if it is there already.
+    coarse run has the noise of one at half the step. The `model` of the network, if it is there already. An
+    automatic step is at most the `ceiling`.
 
     Raises
     ------
@@ -350,7 +359,7 @@ def make_plan(
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = choose_step(model, integrator, stiffening, given, -spin_up, duration)
+    chosen = min(choose_step(model, integrator, stiffening, given, -spin_up, duration), ceiling)
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
@@ -417,6 +426,8 @@ def make_plan(
         links=model.links,
         kicked=model.nonlinear_bodies,
         passes=model.passes,
+        certified=certified(model, stiffening.penetration),
+        automatic=step if given is None else _automatic(model, integrator, stiffening, spin_up, duration),
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
@@ -458,6 +469,14 @@ def make_plan(
         sampled=still or jumping,
         jumps=jump_tables(model, step, leaf, levels, deviations, window, seed) if jumping else None,
     )
+
+
+def _automatic(model: Model, integrator: Integrator, stiffening: Stiffening, spin_up: float, duration: float) -> float:
+    """Return the step that is chosen where none is given (s), 0 if none can be."""
+    try:
+        return choose_step(model, integrator, stiffening, None, -spin_up, duration)
+    except InvalidInput:
+        return 0.0
 
 
 def _intervals(records: Sequence[Record], duration: float) -> list[float]:

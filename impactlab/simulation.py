@@ -36,6 +36,7 @@ from impactlab.plan import Plan, make_plan
 from impactlab.progress import reporter, say
 from impactlab.record import PairedRealizations, PerRealization, Record, Trajectory, trajectory_size
 from impactlab.rules import Seed, check_integrator, positive, seed_of
+from impactlab.step_error import measured, worth_measuring
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.trajectories import written
@@ -143,7 +144,20 @@ def simulate(
 
     def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
         return _simulate(
-            network, length, count, chosen, method, spin_up, initial, kept, seed, executor, progress, seconds, coarse
+            network,
+            length,
+            count,
+            chosen,
+            method,
+            spin_up,
+            initial,
+            kept,
+            seed,
+            executor,
+            progress,
+            seconds,
+            coarse,
+            compared=chosen is not None,
         )
 
     result = reach(attempt, tolerances, allowed, realizations, step)
@@ -195,7 +209,7 @@ def _simulate(
     network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
     spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
     executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
-    coarse: bool = False, out: str | os.PathLike[str] | None = None,
+    coarse: bool = False, out: str | os.PathLike[str] | None = None, compared: bool = False,
 ) -> xr.Dataset:  # fmt: skip
     _network(network)
     check_integrator(integrator)
@@ -219,12 +233,20 @@ def _simulate(
 
     def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
-        plan = make_plan(
-            part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
-            spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse, model=part,
-        )  # fmt: skip
+
+        def planned(ceiling: float = math.inf) -> Plan:
+            return make_plan(
+                part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
+                spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
+                model=part, ceiling=ceiling,
+            )  # fmt: skip
+
+        plan, error = planned(), None
         try:
-            return _run(plan, executor, progress, seconds, workers, configuration, temporary)
+            if isinstance(integrator, ExactFlow) and not compared and worth_measuring(plan, part, chosen):
+                plan, error = measured(planned, plan, part, initial, chosen is None)
+            dataset = _run(plan, executor, progress, seconds, workers, configuration, temporary)
+            return dataset if error is None else dataset.assign(error.variables())
         except Diverged as error:
             raise Diverged(f"{error}{explanation(part, plan.window)}") from None
 

@@ -118,15 +118,8 @@ class ExactFlow(Integrator):
         response = response_to_force(model.mass, model.damping, model.stiffness, step)
         for slots, system in flowing_systems(model):
             response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
-        constant = np.column_stack(
-            [
-                step**2 / 12.0 / model.mass,
-                step / model.mass,
-                0.5 * step / model.mass,
-                *response.T,
-                np.full_like(model.mass, 0.5 * step),
-            ]
-        )
+        of_mass = np.array([[step**2 / 12.0], [step], [0.5 * step]]) / model.mass
+        constant = np.column_stack([*of_mass, np.full_like(model.mass, 0.5 * step), *response.T])
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
     def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,403 @@
+"""The error that a step makes in a scene, measured there: short stretches at the step and at half of it.
+
+Two whole runs at different steps drift apart after a few collisions, and then see nothing below their own noise.
+Stretches that begin at one state, under the same noise, see the local error of the step with very little noise: the
+difference of each statistic in the stretch, and that of the energy at its end, which the scene keeps for as long as its
+energy is correlated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.block import Block
+from impactlab.dataset import VARIABLES
+from impactlab.errors import Diverged, heard_by, warn
+from impactlab.integrators import ExactFlow
+from impactlab.kernels.jit import evaluate
+from impactlab.kernels.sums import FV, SLOTS
+from impactlab.model import Model
+from impactlab.moments import statistics_of
+from impactlab.plan import Plan, make_plan
+from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS
+
+MOST_BIAS = 0.0025
+"""Bias of the step, as a part of a statistic, up to which a step that is chosen will do."""
+
+WORTH_SAYING = 0.005
+"""Bias of a step from which on there is a warning."""
+
+STRETCH = 32
+"""Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
+
+SHARE, LEAST_SECONDS = 0.2, 0.1
+"""Part of the work of a run that the measurement may take, and what it always may (s, as a plan foresees it)."""
+
+LANES, STRETCHES, FEWEST = 256, 64, 8
+"""Most realizations and stretches of a measurement, and the fewest stretches."""
+
+SPIN_UP = 3.0
+"""Relaxation times before the first stretch: states need be typical only."""
+
+CERTAIN = 2.5
+"""Standard errors within which a bias is not known, with some ten statistics looked at."""
+
+TRIALS = 4
+"""Steps that are tried before the best is taken as it is."""
+
+SEED = 7, 2023
+"""Seed of all measurements: the step of a scene does not depend on that of the run."""
+
+HALVED = 4.0 / 3.0
+"""What turns the difference to half the step into a bias, by the order of the method, which is two."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepError:
+    """Bias of a step in each statistic, as measured.
+
+    Attributes
+    ----------
+    step : float
+        The step (s).
+    bias, error : dict of str to (body or contact,) ndarray
+        By the name of the statistic, as a part of its value (of the root mean square for means that may be 0);
+        standard errors.
+    labels : dict of str to tuple of str
+        Names of bodies and contacts by dimension.
+    """
+
+    step: float
+    bias: dict[str, np.ndarray]
+    error: dict[str, np.ndarray]
+    labels: dict[str, tuple[str, ...]]
+
+    @property
+    def worst(self) -> tuple[str, str, float, float]:
+        """The statistic whose bias is most certainly large: name, label, bias and standard error."""
+        found = ("", "", 0.0, 0.0)
+        for name, biases in self.bias.items():
+            for label, bias, error in zip(self.labels[VARIABLES[name][0]], biases, self.error[name], strict=True):
+                if abs(bias) - CERTAIN * error > abs(found[2]) - CERTAIN * found[3]:
+                    found = (name, label, float(bias), float(error))
+        return found
+
+    @property
+    def certain(self) -> float:
+        """Largest bias of any statistic, without what may be chance."""
+        _, _, bias, error = self.worst
+        return max(abs(bias) - CERTAIN * error, 0.0)
+
+    @property
+    def better(self) -> float:
+        """A step that makes the bias small enough, if it falls with the square of the step (s)."""
+        bias = abs(self.worst[2])
+        return self.step * max(0.25, 0.8 * math.sqrt(MOST_BIAS / bias)) if bias > MOST_BIAS else self.step
+
+    def variables(self) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
+        """Return the biases as variables of a dataset."""
+        result = {}
+        for name, bias in self.bias.items():
+            dimension, _, long_name = VARIABLES[name]
+            part = "the root mean square" if name in _MAY_BE_ZERO else "it"
+            attrs = {
+                "units": "1",
+                "long_name": f"bias of the step in {long_name}, as a part of {part}",
+                "comment": f"measured in short stretches; standard error at most {np.max(self.error[name]):.1g}",
+            }
+            result[f"{name}_step_bias"] = (dimension, bias, attrs)
+        return result
+
+
+def worth_measuring(plan: Plan, model: Model, given: float | None) -> bool:
+    """Whether nothing but a measurement tells what the step of a plan does."""
+    if plan.coarse or not model.nonlinear_bodies.any():
+        return False
+    return not plan.certified or (given is not None and given > plan.automatic * (1.0 + 1e-9))
+
+
+def measured(
+    plan_of: Callable[[float], Plan], plan: Plan, model: Model, initial: object, free: bool
+) -> tuple[Plan, StepError]:
+    """Return a plan whose step makes no large error in the scene, and the error that it makes; warn if there is none.
+
+    Parameters
+    ----------
+    plan_of : callable
+        Makes the plan of the run whose step is at most so large (s).
+    plan : Plan
+        The plan with the step to begin with.
+    model : Model
+    initial : optional
+        How the run starts, as `simulate` takes it.
+    free : bool
+        Whether the step may be changed.
+    """
+    error = step_error(plan, model, initial)
+    for _ in range(TRIALS - 1 if free else 0):
+        if error.certain <= MOST_BIAS:
+            break
+        plan = plan_of(error.better)
+        error = step_error(plan, model, initial)
+    if error.certain > WORTH_SAYING:
+        name, label, bias, scatter = error.worst
+        warn(
+            f"The step of {plan.step:.3g} s makes {VARIABLES[name][2]} of {label!r} about {100.0 * abs(bias):.2g} ± "
+            f"{100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, as measured in short stretches of this "
+            f"scene; try step={error.better:.2g}."
+        )
+    return plan, error
+
+
+def step_error(plan: Plan, model: Model, initial: object) -> StepError:
+    """Measure what the step of a plan does to its statistics.
+
+    The time of the measurement is a share of the plan's; it depends on nothing but the plan.
+    """
+    realizations, spin_up, stretches, steps = _budget(plan, model)
+    step = plan.step
+
+    def part(size: float, coarse: bool) -> Plan:
+        return make_plan(
+            model.network, duration=stretches * steps * step, realizations=realizations, step=size,
+            integrator=ExactFlow(jumps=False), spin_up=spin_up * step, initial=initial, records=[], seed=SEED,
+            workers=1, coarse=coarse, model=Model.of(model.network),
+        )  # fmt: skip
+
+    with heard_by(lambda message, category: None):
+        coarse, fine = part(step, True), part(0.5 * step, False)
+    fine = replace(fine, spin_up_steps=2 * coarse.spin_up_steps)
+    try:
+        pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.blocks)]
+        found = [pair.run(stretches, steps) for pair in pairs]
+    except Diverged:
+        infinite, exact = np.full(len(model.bodies), np.inf), np.zeros(len(model.bodies))
+        labels = {"oscillator": model.bodies, "contact": model.contacts}
+        return StepError(step, {"mean_square_velocity": infinite}, {"mean_square_velocity": exact}, labels)
+    return _of_units(coarse, fine, model, steps, plan.steps // steps * steps, found)
+
+
+def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
+    """Return realizations, steps of the spin-up, stretches, and steps of each, for a share of the work of a plan."""
+    seconds = max(LEAST_SECONDS, SHARE * plan.seconds(1))
+    bodies, links = len(model.mass), len(model.links)
+    least = 1 if plan.lanes == 1 else bodies // 16 + 2  # blocks of one lane have a text of their own
+    numbers = [1] if plan.lanes == 1 else [max(LANES >> power, least) for power in range(0, 9, 2)]
+    settling = math.ceil(min(plan.spin_up_steps, SPIN_UP * plan.relaxation / plan.step))
+    for realizations in numbers:
+        cost = STEP_SECONDS * (1 + bodies // 10) + LANE_STEP_SECONDS * realizations * (bodies + links)
+        affordable = int(seconds / cost)
+        if affordable >= 2 * settling + 3 * FEWEST * STRETCH:
+            break
+    settling = min(settling, affordable // 3)
+    left = max(affordable - settling, 3 * STRETCH) // 3
+    steps = STRETCH
+    if not len(model.ends):  # paths do not part: as long as they remember
+        steps = max(steps, min(left // FEWEST, math.ceil(2.0 * plan.relaxation / plan.step)) // SLOTS * SLOTS)
+    if not plan.steady:
+        left = min(left, plan.steps)
+        steps = max(2, min(steps, left // 2 * 2))
+    if not plan.random.any():  # all steps, if they can be
+        steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
+    return realizations, settling, max(1, min(STRETCHES, left // steps)), steps
+
+
+Sums = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class Stretch(NamedTuple):
+    """What is known of a stretch."""
+
+    coarse: Sums  # of bodies, contacts and pairs, (…, lane)
+    fine: Sums
+    energy: np.ndarray  # (part, lane) that the coarse run has more at its end (J)
+
+
+class _Pair:
+    """Blocks of the same realizations at a step and at half of it."""
+
+    def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
+        self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
+        self.mass, _, stiffness = (item[:, None] for item in coarse.linear)
+        of_couplings = np.concatenate([np.zeros(len(model.ends)), model.coupling[0] * model.flowing])
+        self.stiffness = np.diag(stiffness[:, 0]) + model.of_links(of_couplings)
+        self.labels = model.connected()
+        self.coarse.advance(coarse.spin_up_steps, None)
+        if coarse.counted:
+            self.coarse._note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
+
+    def run(self, stretches: int, steps: int) -> list[Stretch]:
+        """Return the sums of both over each stretch, and the energy that the coarse one has more at its end.
+
+        The coarse block goes on from stretch to stretch; the fine one begins anew where it is.
+        """
+        result = []
+        for _ in range(stretches):
+            _begin(self.fine, *_smooth(self.coarse))
+            self.fine.now = 2 * self.coarse.now
+            coarse, fine = self.coarse.stretch(steps), self.fine.stretch(2 * steps)
+            result.append(Stretch(coarse, fine, self._energy(*_smooth(self.coarse), *_smooth(self.fine))))
+        return result
+
+    def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
+        """Energy of one state less that of another, by connected part and lane: conservative forces do the work."""
+        way = x - from_x
+        push = sum(
+            weight * _forces(self.coarse, from_x + 0.5 * (node + 1.0) * way)
+            for node, weight in zip(_NODES, 0.5 * _WEIGHTS, strict=True)
+        )
+        pull = self.stiffness @ (0.5 * (x + from_x)) - push
+        energy = 0.5 * self.mass * (v**2 - from_v**2) + pull * way
+        result = np.zeros((self.labels.max() + 1, energy.shape[1]))
+        np.add.at(result, self.labels, energy)
+        return result
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+def _forces(block: Block, x: np.ndarray) -> np.ndarray:
+    """Forces of kicks on bodies at rest at some displacements, (body, lane)."""
+    place, rest = np.zeros((2, len(x) + 1, x.shape[1]))
+    place[:-1] = x
+    contacts = np.zeros((2, len(block.plan.ends), x.shape[1]))
+    total = np.zeros_like(place)
+    seen = [block._seen(item) for item in (place, rest, *contacts, total)]
+    evaluate(block.module.forces, *seen[:2], block.plan.parameters, block.plan.indices, *seen[2:])
+    return total[:-1]
+
+
+def _gradient(block: Block, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``a = F/m`` of the forces of kicks, and its change in time, at some displacements, (body, lane) each."""
+    mass, ahead = block.plan.linear[0][:, None], 0.25 * block.plan.step
+    change = _forces(block, x + ahead * v) - _forces(block, x - ahead * v)
+    return _forces(block, x) / mass, change / (2.0 * ahead * mass)
+
+
+def _smooth(block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Return the place and velocity on the smooth path that kicks follow: ``x + h²a/12`` and ``v − h²a'/12``."""
+    plan, state = block.plan, block.state
+    x, step = state.x[:-1].copy(), plan.step
+    v = state.v[:-1] - 0.5 * step * state.total[:-1] / plan.linear[0][:, None]
+    a, change = _gradient(block, x, v)
+    return x + step**2 / 12.0 * a, v - step**2 / 12.0 * change
+
+
+def _begin(block: Block, x: np.ndarray, v: np.ndarray) -> None:
+    """Let a block begin at a state of the smooth path."""
+    state, step = block.state, block.plan.step
+    a, change = _gradient(block, x, v)
+    state.x[:-1] = x - step**2 / 12.0 * a
+    state.v[:-1] = v + step**2 / 12.0 * change
+    block._half_kick()
+    if block.plan.counted:
+        block._note_gaps(state.reading, state.velocity)
+
+
+def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[list[Stretch]]) -> StepError:
+    """Turn the sums of all stretches into biases and their standard errors.
+
+    Where nothing is random and the stretches are all steps of a run, of which there are `most`, nothing is sampled.
+    """
+    stretches, labels = len(found[0]), model.connected()
+    of_coarse = _joined(coarse, steps, [[item.coarse for item in block] for block in found])
+    of_fine = _joined(fine, 2 * steps, [[item.fine for item in block] for block in found])
+    energy = np.concatenate([np.stack([item.energy for item in block], axis=1) for block in found], axis=-1)
+    parts = len(energy)
+    lanes = energy.shape[-1]
+
+    def of_parts(values: np.ndarray) -> np.ndarray:
+        result = np.zeros((parts, values.shape[-1]))
+        np.add.at(result, labels, values)
+        return result
+
+    mass, damping, stiffness = (item[:, None] for item in coarse.linear)
+    kept = of_parts(mass * of_coarse["mean_square_velocity"] + stiffness * of_coarse["mean_square_displacement"])
+    size = of_parts(mass * of_coarse["mean_square_velocity"]).mean(axis=-1)
+    taken = of_parts(damping * of_coarse["mean_square_velocity"] - of_coarse[_POWER]).mean(axis=-1)
+    put_in = np.zeros(parts)
+    if not coarse.time_varying:
+        np.add.at(put_in, labels[coarse.white], np.pi * coarse.intensity / coarse.linear[0, coarse.white])
+    length = steps * coarse.step
+    memory = _memory(kept.reshape(parts, stretches, lanes), length)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
+        if not coarse.steady:  # to the end
+            memory = np.minimum(memory, length * np.arange(stretches)[::-1, None])
+        gained = (energy * memory / (length * size[:, None, None])).reshape(parts, -1)
+    gained = np.where(np.isfinite(gained), gained, 0.0)
+    sampled = bool(coarse.random.any()) or stretches * steps < most
+    bias, error = {}, {}
+    for name in BIASED:
+        if name not in of_coarse or not len(of_coarse[name]):
+            continue
+        difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
+        if name in _MAY_BE_ZERO:
+            size = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
+        else:
+            size = np.abs(value)
+            difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = HALVED * difference / size[:, None]
+        known = np.isfinite(relative).all(axis=-1)
+        relative = np.where(known[:, None], relative, 0.0)
+        bias[name] = relative.mean(axis=-1)
+        error[name] = relative.std(axis=-1) / math.sqrt(relative.shape[-1]) if sampled else np.zeros(len(relative))
+    return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})
+
+
+BIASED = (
+    "mean_displacement",
+    "mean_square_displacement",
+    "mean_square_velocity",
+    "contact_ratio",
+    "contact_rate",
+    "mean_contact_force",
+)
+"""Statistics whose bias is measured."""
+
+_MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement"}
+_POWER = "power of kicks"
+
+
+def _first_bodies(model: Model, name: str) -> np.ndarray:
+    """Slots of bodies, or of one body of each contact."""
+    return model.ends.min(axis=1) if "contact" in name else np.arange(len(model.bodies))
+
+
+def _joined(plan: Plan, steps: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
+    """Statistics of all stretches of all blocks, each a unit, (body or contact, stretch and lane)."""
+    parts = [
+        np.concatenate([np.stack([item[index] for item in block], axis=-2) for block in sums], axis=-1)
+        for index in range(3)
+    ]
+    stretches, lanes = parts[0].shape[-2:]
+    counts = np.stack([plan.counts(index * steps, (index + 1) * steps) for index in range(stretches)], axis=1)
+    bodies, contacts, products = (item.reshape(*item.shape[:-2], stretches * lanes) for item in parts)
+    result = statistics_of(plan, bodies, np.repeat(counts, lanes, axis=1), contacts / steps, products / steps)
+    result[_POWER] = bodies[:, FV].sum(axis=0) / steps
+    return result
+
+
+def _memory(energy: np.ndarray, length: float) -> np.ndarray:
+    """Return for how long energies are correlated (s), from their means over stretches, (part, stretch, lane).
+
+    Means over stretches of length s correlate by ``(1 − e^(−a))²/2(a − 1 + e^(−a))`` with the next, a being s over
+    the time that is looked for. Infinite where it is longer than can be seen.
+    """
+    result = np.full(len(energy), np.inf)
+    if energy.shape[1] < FEWEST:
+        return result
+    offset = energy - energy.mean(axis=(1, 2), keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = (offset[:, 1:] * offset[:, :-1]).mean(axis=(1, 2)) / (offset**2).mean(axis=(1, 2))
+    times = np.geomspace(1e-2, 1e2, 400)
+    expected = np.expm1(-times) ** 2 / (2.0 * (times + np.expm1(-times)))
+    seen = correlation < expected[0]
+    result[seen] = length / np.interp(-correlation[seen], -expected, times)
+    return result
