@@ -171,9 +171,9 @@ def step_by_step(  # type: ignore[no-untyped-def]
     before = np.empty((2, counted, number))
     if counted:  # where the kick before was read; its half makes no difference that counts
         total, contact_force = past.force[0], past.contact_force[0]
-        forces(x, rest, parameters, indices, before[0], contact_force, total)
+        forces(x, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
         scaled_sum(x, coefficients, _SHIFT, total, y)
-        forces(y, rest, parameters, indices, before[0], contact_force, total)
+        forces(y, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
         differences(indices, v, before[1])
     for step in range(jumps.leaf):
         hold_wall(past.x[step])
