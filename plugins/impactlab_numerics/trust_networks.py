@@ -447,8 +447,8 @@ def bounded_noise(rng: np.random.Generator) -> Scene:
     scene.options["realizations"] = min(scene.options["realizations"], 128)
     for name, noise in list(sketch.excitations.items()):
         top = sketch.bodies[name].natural_frequency * between(rng, 1.5, 10.0) / (2.0 * math.pi)
-        components = math.ceil(1.1 * (duration + spin_up) * top)
-        if components > 5_000:
+        components = math.ceil(3.0 * (duration + spin_up) * top)  # the spin-up may be longer than of bodies alone
+        if components > 10_000:
             raise Costly
         sketch.excitations[name] = il.ShinozukaNoise(
             noise.spectral_density,  # type: ignore[attr-defined]

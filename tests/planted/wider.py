@@ -14,10 +14,14 @@ import impactlab.joint
 import impactlab.moments
 import impactlab.plan
 import impactlab.rules
+import impactlab.simulation
 from impactlab.integrators.exact_flow import _HALF_STEP
 from planted.dynamics import column
 from planted.plant import Bug, both, instead, returned
-from planted.wider_scenes import CLAMP, DASHPOT, DECAY, FAST, LOADED, GUST, RESONANCE, SELDOM
+from planted.wider_scenes import CLAMP, DASHPOT, DECAY, FAST, GUST, LOADED, RESONANCE, SELDOM
+
+UNMEASURED = instead(impactlab.simulation, "worth_measuring", lambda *_: False)
+"""The step as rules choose it; else its error is measured, and it is made smaller whatever a rule forgot."""
 
 
 def mean_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,10 +45,12 @@ def no_load(*means: Any) -> Any:
 
 
 BUGS = [
-    Bug("step without the rates of dashpots", DASHPOT, instead(impactlab.rules, "damping_step", lambda *_: math.inf)),
+    Bug("step without the rates of dashpots", DASHPOT,
+        both(instead(impactlab.rules, "damping_step", lambda *_: math.inf), UNMEASURED)),
+    Bug("step whose error is not measured", CLAMP, UNMEASURED),
     Bug("force of a clamped dashpot at the velocity before the kick", CLAMP, column(_HALF_STEP, 0.0)),
     Bug("force of a strong dashpot at the velocity before the kick", DASHPOT, column(_HALF_STEP, 0.0)),
-    Bug("force of a dashpot at the velocity after the kick", CLAMP, column(_HALF_STEP, 2.0)),
+    Bug("force of a dashpot at the velocity after the kick", CLAMP, both(column(_HALF_STEP, 2.0), UNMEASURED)),
     Bug("step that does not see how fast a force varies", FAST, instead(impactlab.rules, "resolving_step", longest)),
     Bug("given force at the beginning of a step", RESONANCE, instead(impactlab.block, "mean_and_slope", first_only)),
     Bug("given force as constant over a step", FAST, instead(impactlab.block, "mean_and_slope", mean_only)),

@@ -233,7 +233,7 @@ class Loaded(Scene):
         return il.simulate(self.network(), 100.0, realizations=512, rng=1)
 
     def distances(self, found: Any, law: Any) -> Distances:
-        """Distances of all but the mean force and what follows from it, which is known to 10⁻⁴: a step moves them more."""
+        """Distances of all but the mean force and what follows from it: steps move these by 10⁻⁴, which is seen."""
         exact = ("mean_displacement", "mean_square_displacement", "mean_contact_force")
         distances = of_statistics(found, law)  # the near contact never opens
         return {name: z for name, z in distances.items() if not name.startswith(exact) and "[near]" not in name}
