@@ -42,6 +42,9 @@ HOPELESS = 20
 SNAPSHOT_BYTES = 16_000_000
 """Memory that the samples of a call may take."""
 
+TABLE = 100_000
+"""Values of functions of time that are in memory at a time."""
+
 Tick = Callable[[int], None]
 
 
@@ -89,6 +92,7 @@ class Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
+        self.given_start = isinstance(plan.start, np.ndarray)
         self.single = _single(plan)
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
@@ -217,11 +221,19 @@ class Block:
         return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
 
     def _half_kick(self) -> None:
-        """Bring the velocity from the time of the displacement to the end of the kick there."""
+        """Bring the velocity from the time of the displacement to the end of the kick there.
+
+        A displacement that is given is where the kick is read.
+        """
         plan, state = self.plan, self.state
         half = 0.5 * plan.step / plan.linear[0][:, None]
         self._evaluate(state.x, state.rest)
-        state.reading[:-1] = state.x[:-1] + plan.step / 6.0 * half * state.total[:-1]
+        shift = plan.step / 6.0 * half * state.total[:-1]
+        if self.given_start:
+            state.reading[:] = state.x
+            state.x[:-1] -= shift
+        else:
+            state.reading[:-1] = state.x[:-1] + shift
         state.velocity[:] = state.v
         self._evaluate(state.reading, state.velocity)
         state.v[:-1] += half * state.total[:-1]
@@ -290,14 +302,14 @@ class Block:
         plan = self.plan
         scale = self.scale
         if plan.time_varying:
-            times, intensity = self._inside(count, self.module.intensity, len(plan.white))
-            wrong = np.argwhere(~(intensity >= 0.0))
+            mean, _, least = self._over_steps(count, self.module.intensity, len(plan.white))
+            wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
+                time = (self.now - plan.spin_up_steps + wrong[0] + 0.5) * plan.step
                 raise Diverged(
-                    "The spectral density of a white noise is negative or not a number near "
-                    f"t = {times[tuple(wrong[0, [0, 2]])]:g} s."
+                    f"The spectral density of a white noise is negative or not a number near t = {time:g} s."
                 )
-            mean = mean_and_slope(intensity)[0] / plan.intensity
+            mean /= plan.intensity
             phases = plan.integrator.phases
             for phase in range(phases):
                 self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
@@ -319,8 +331,8 @@ class Block:
         if not len(plan.forced):
             return Forced(plan.forced, np.zeros((0, 0)))
         if plan.integrator.takes_response:
-            parts = mean_and_slope(self._inside(count, self.module.forcing, len(plan.forced))[1])
-            return Forced(plan.forced, np.stack(parts, axis=1).reshape(-1, len(plan.forced)))
+            mean, slope, _ = self._over_steps(count, self.module.forcing, len(plan.forced))
+            return Forced(plan.forced, np.stack([mean, slope], axis=1).reshape(2 * count, -1))
         per_step = plan.integrator.samples_per_step
         first = (self.now - plan.spin_up_steps) * per_step
         times = (first + np.arange(count * per_step + 1)) * (plan.step / per_step)
@@ -328,16 +340,23 @@ class Block:
         self.module.forcing(times, plan.parameters, plan.indices, force)
         return Forced(plan.forced, force)
 
-    def _inside(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return times inside the next steps, and what a table has there, (step, node) and (step, row, node).
+    def _over_steps(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
 
         The measurement begins at 0.
         """
         plan = self.plan
-        times = (self.now - plan.spin_up_steps + np.arange(count)[:, None] + NODES) * plan.step
-        values = np.empty((times.size, rows))
-        table(times.ravel(), plan.parameters, plan.indices, values)
-        return times, values.reshape(count, len(NODES), rows).transpose(0, 2, 1)
+        mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
+        most = max(1, TABLE // (len(NODES) * rows))
+        for begin in range(0, count, most):
+            some = slice(begin, min(begin + most, count))
+            steps = self.now - plan.spin_up_steps + np.arange(some.start, some.stop)
+            values = np.empty((len(steps), len(NODES), rows))
+            times = ((steps[:, None] + NODES) * plan.step).ravel()
+            table(times, plan.parameters, plan.indices, values.reshape(-1, rows))
+            mean[some], slope[some] = mean_and_slope(values.swapaxes(1, 2))
+            least[some] = values.min(axis=(1, 2))
+        return mean, slope, least
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
@@ -359,14 +378,15 @@ class Block:
         if any(keeper.wants_start for keeper in keepers):
             if not plan.integrator.kicks:
                 self.state.velocity[:] = self.state.v
-            if not plan.integrator.kicks or plan.spin_up_steps == 0:  # the state itself, not where a kick is read
+            own = plan.spin_up_steps == 0 and not self.given_start
+            if not plan.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
         if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
-            place = self.state.reading if plan.spin_up_steps else self.state.x
+            place = self.state.reading if plan.spin_up_steps or self.given_start else self.state.x
             self._note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0

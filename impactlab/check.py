@@ -79,13 +79,14 @@ def check(network: Network, step: float | None = None, integrator: Integrator | 
     method = integrator or ExactFlow()
     check_integrator(method)
     model = Model.of(network)
-    energy = energies(model, "stationary", RELAXATION_TIMES * relaxation_time(damped(model)[1]))
+    until = RELAXATION_TIMES * relaxation_time(damped(model)[1])
+    energy = energies(model, "stationary", until)
     growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
     energy = np.where(growing, np.inf, energy)
     stiffening = stiffening_of(model, energy)
     known = np.isfinite(energy) | ~model.nonlinear_bodies
     methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
-    rows = {name: _steps(model, item, stiffening) for name, item in sorted(methods.items())}
+    rows = {name: _steps(model, item, stiffening, until) for name, item in sorted(methods.items())}
     if step is None:
         step = rows[type(method).__name__][1]
     else:
@@ -140,12 +141,12 @@ def _bundled() -> Iterator[Integrator]:
                 continue
 
 
-def _steps(model: Model, integrator: Integrator, stiffening: Stiffening) -> tuple[float, float, str]:
+def _steps(model: Model, integrator: Integrator, stiffening: Stiffening, until: float) -> tuple[float, float, str]:
     """Return largest and recommended step, or the reason why there is none."""
     try:
         integrator.check(model)
         model = _arranged(model, integrator, stiffening)
-        recommended = choose_step(model, integrator, stiffening, None)
+        recommended = choose_step(model, integrator, stiffening, None, end=until)
     except InvalidInput as error:
         return np.nan, np.nan, str(error)
     return integrator.largest_step(model, stiffening.links, stiffening.bodies), recommended, ""

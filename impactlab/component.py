@@ -105,7 +105,7 @@ class Component:
                 _make_kernel(cls, name, kinematic)
         _REGISTRY.setdefault(cls.__name__, {})[cls.__module__] = cls
 
-    def __new__(cls, *values: Any, **fields: Any) -> Self:
+    def __new__(cls, /, *values: Any, **fields: Any) -> Self:
         missing = [name for name in cls.required if getattr(cls, name, None) is None]
         if missing:
             raise InvalidInput(

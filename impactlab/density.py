@@ -9,13 +9,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.component import parameter, suggestion
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, warn
 from impactlab.groups import OF_BAND, group_count, groups_of, mean_of_groups
 from impactlab.kernels.histogram import count_pairs, count_samples
-from impactlab.linear import spread
+from impactlab.linear import extent
 from impactlab.model import Model
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Record, Variables, first_own
+from impactlab.scene import Stiffening
+
+DEVIATIONS = 5.5
+"""Standard deviations on either side that densities show where no limits are given."""
+
+OUTSIDE = 0.01
+"""Part of the samples that may be outside of limits that were not given."""
 
 _UNITS = {"displacement": "m", "velocity": "m s-1"}
 _PER = {"displacement": "m-1", "velocity": "s m-1"}
@@ -38,7 +45,8 @@ class Density(Record):
         Number of bins between the limits.
     limits : pair of float, or mapping of str to pair, optional
         Lower and upper limit, for all bodies or by name; by default 5.5 standard
-        deviations of the linear law at the highest temperature that is connected.
+        deviations of the linear law at the highest temperature that contacts bring, around where static
+        forces hold the body, and for what only contacts hold as far as these let it go.
     """
 
     summed: ClassVar[tuple[str, ...]] = ("counts",)
@@ -60,7 +68,8 @@ class Density(Record):
 
     def resolved(self, model: Model) -> Record:
         names = _known("Density", self.oscillators, model)
-        return self.replace(oscillators=names, limits=_resolved_limits(self, names, self.limits, self.quantity, model))
+        limits = _resolved_limits(self, names, self.limits, self.quantity, model)
+        return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
         return _stride(self.oscillators, model, step)
@@ -82,6 +91,7 @@ class Density(Record):
             slot = plan.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
             share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.trusted)
+            _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), q)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dims = ("oscillator", f"{q}_bin")
@@ -126,7 +136,8 @@ class JointDensity(Record):
         names = _known("JointDensity", (self.first, self.second), model)
         if self.first == self.second:
             raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
-        return self.replace(limits=_resolved_limits(self, names, self.limits, "displacement", model))
+        limits = _resolved_limits(self, names, self.limits, "displacement", model)
+        return _with_limits(self.replace(limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
         return _stride((self.first, self.second), model, step)
@@ -145,6 +156,9 @@ class JointDensity(Record):
             counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted, inner.ravel()
         )
         shape = (self.bins + 2, self.bins + 2)
+        joint = share.reshape(shape)
+        for name, inside in ((self.first, joint[1:-1]), (self.second, joint[:, 1:-1])):
+            _warn_of_outside(self, name, 1.0 - inside.sum(), "displacement")
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
         names = [f"joint_{side}_bin" for side in ("first", "second")]
@@ -258,12 +272,54 @@ def _resolved_limits(
         return tuple((name, *limits) for name in names)
     given = {name: pair for name, *pair in limits or ()}
     _known(place, tuple(given), model)
-    scale = spread(model)[0 if quantity == "displacement" else 1]
-    result = []
-    for name in names:
-        reach = 5.5 * float(scale[model.bodies.index(name)])
-        if name not in given and not 0.0 < reach < math.inf:
+    chosen = [model.bodies.index(name) for name in names if name not in given]
+    low, high = _reach(model, quantity) if chosen else np.zeros((2, len(model.bodies)))
+    for slot in chosen:
+        if not -math.inf < low[slot] < high[slot] < math.inf:
+            name = model.bodies[slot]
             raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
-        low, high = given.get(name, (-reach, reach))
-        result.append((name, float(low), float(high)))
-    return tuple(result)
+    pairs = {model.bodies[slot]: (low[slot], high[slot]) for slot in chosen} | given
+    return tuple((name, float(pairs[name][0]), float(pairs[name][1])) for name in names)
+
+
+def _reach(model: Model, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the limits between which bodies move, (body,) each; not finite where they are not known."""
+    scale = extent(model)
+    if quantity == "velocity":
+        return -DEVIATIONS * scale[1], DEVIATIONS * scale[1]
+    heat = model.mass * scale[1] ** 2
+    with np.errstate(invalid="ignore"):
+        energy = np.where(np.isfinite(heat), heat, 0.0)
+    loose = ~np.isfinite(scale[0])
+    if not (loose.any() or (model.clearance < 0.0).any()):
+        return -DEVIATIONS * scale[0], DEVIATIONS * scale[0]
+    stiffening = Stiffening.of(model, 0.5 * DEVIATIONS**2 * energy)
+    rest = np.where(loose, 0.0, stiffening.rest)
+    low, high = (np.append(rest + sign * DEVIATIONS * scale[0], 0.0) for sign in (-1.0, 1.0))
+    first, second = model.ends.T
+    farthest = model.clearance + stiffening.penetration
+    for _ in range(int(loose.sum())):  # what holds a body that no spring holds, from neighbour to neighbour
+        before = low.copy(), high.copy()
+        np.minimum.at(high, first, np.where(np.append(loose, False)[first], high[second] + farthest, np.inf))
+        np.maximum.at(low, second, np.where(np.append(loose, False)[second], low[first] - farthest, -np.inf))
+        if np.array_equal(before, (low, high)):
+            break
+    return low[:-1], high[:-1]
+
+
+def _with_limits(record: Density | JointDensity, given: Any) -> Record:
+    """Note whose limits a record has chosen itself."""
+    named = {item[0] for item in given or () if isinstance(item, tuple)}
+    chosen = frozenset(name for name, _, _ in record.limits if given is None or (named and name not in named))
+    object.__setattr__(record, "chosen", chosen)
+    return record
+
+
+def _warn_of_outside(record: Any, name: str, outside: float, quantity: str) -> None:
+    """Warn of samples that a density does not show: some if it has chosen its limits, all if they were given."""
+    if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
+        low, high = next(tuple(pair) for item, *pair in record.limits if item == name)
+        warn(
+            f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "
+            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give limits={{{name!r}: (low, high)}}."
+        )

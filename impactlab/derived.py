@@ -78,14 +78,16 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
 
 def _means(dataset: xr.Dataset, names: list[str], without: bool) -> dict[str, xr.DataArray]:
     """Means over all realizations, or over all but each; the variance is that of all that are in the mean."""
-    result = {}
-    for name in names:
-        each = dataset[f"{name}{_SUFFIX}"]
+
+    def mean_of(each: xr.DataArray) -> xr.DataArray:
         mean = each.mean("realization")
         shift = (mean - each).transpose("realization", ...) / (each.sizes["realization"] - 1)
-        result[name] = shift + mean if without else mean
+        return shift + mean if without else mean
+
+    result = {name: mean_of(dataset[f"{name}{_SUFFIX}"]) for name in names}
     if "variance_displacement" in result:
-        result["variance_displacement"] = result["mean_square_displacement"] - result["mean_displacement"] ** 2
+        own, about = (dataset[f"{name}{_SUFFIX}"] for name in ("variance_displacement", "mean_displacement"))
+        result["variance_displacement"] = mean_of(own + about**2) - mean_of(about) ** 2
     return result
 
 

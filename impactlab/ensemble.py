@@ -62,12 +62,12 @@ def run(
                 for future in finished:
                     _add(kept, future.result().records, plan)
                 progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
-        except concurrent.futures.BrokenExecutor as error:
-            raise ImpactLabError(f"A worker of the executor died, for want of memory perhaps: {error}") from error
-        except BaseException:
+        except BaseException as error:
             stop.set()
             for future in futures:
                 future.cancel()
+            if isinstance(error, concurrent.futures.BrokenExecutor):
+                raise ImpactLabError(f"A worker of the executor died, for want of memory perhaps: {error}") from error
             raise
     results = [future.result() for future in futures]
     for sums, of_first in zip(kept, results[0].records, strict=True):

@@ -205,7 +205,7 @@ def _seldom(plan: Plan, events: np.ndarray, pushes: np.ndarray) -> np.ndarray:
         Mean square of the forces of kicks; without rows if the method does not kick.
     """
     seldom = np.zeros(len(plan.bodies) + 1, dtype=bool)
-    seldom[plan.ends[events < CLOSINGS]] = True
+    seldom[plan.ends[(events < CLOSINGS) & plan.likely]] = True
     if len(pushes):
         seldom[:-1] |= plan.kicked & (_pushed(pushes) < CLOSINGS)
     return seldom[:-1]
@@ -413,6 +413,8 @@ def _widen_bodies(plan: Plan, moved: np.ndarray, events: np.ndarray, values: Val
 
     An event may bring the energy that the hottest body of the part has, for as long as it takes to be lost.
     """
+    if not moved.size:
+        return
     mass, _, stiffness = plan.linear
     labels = connected_parts(len(mass), plan.links)
     hottest = np.zeros(labels.max(initial=-1) + 1)

@@ -105,7 +105,10 @@ def explanation(model: Model, length: np.ndarray) -> str:
         if not some:
             continue
         place = _scales(some) * places
-        values = _values(some, place, np.zeros_like(place))
+        try:
+            values = _values(some, place, np.zeros_like(place))
+        except InvalidInput as error:  # it fails in Python
+            return f" {error}"
         wrong = ~np.isfinite(values)
         if wrong.any():
             at = _place(np.where(wrong, -np.abs(place), -np.inf))

@@ -90,10 +90,11 @@ def {name}_over_kick({place}, speed, response{fields}):
     """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
     force = {speed}
     if response > 0.0 and force != 0.0:
-        middle = {name}_slowed({place}, speed, response, 0.01{fields})
-        drop = speed - middle
-        if drop != 0.0:
-            stretched = response * stretch(2.0 * (response * force - drop) / drop)
+        middle = {name}_slowed({place}, speed, response, 1e-6{fields})
+        near = 0.001 * (speed - middle)
+        if near != 0.0:
+            steepness = 0.5 * ({above} - {below}) / near
+            stretched = response * stretch(2.0 * response * steepness)
             middle = {name}_slowed({place}, speed, stretched, 1e-6{fields})
             force = (speed - middle) / stretched
     return force
@@ -103,7 +104,14 @@ def {name}_over_kick({place}, speed, response{fields}):
 def _slowing(kind: Kind, name: str) -> str:
     """Text of the functions that solve a force for the velocity that it changes."""
     place, speed = kind.component.kernels[kind.kernel]
-    at = {"speed": "speed", "nudged": "speed - 0.001 * given", "result": "result", "after": "after"}
+    at = {
+        "speed": "speed",
+        "nudged": "speed - 0.001 * given",
+        "result": "result",
+        "after": "after",
+        "above": "middle + near",
+        "below": "middle - near",
+    }
     calls = {item: _call(kind, name, {place: place, speed: value}) for item, value in at.items()}
     fields = "".join(f", {_local(field)}" for field in kind.fields)
     return _SLOWING.format(name=name, place=place, fields=fields, **calls)

@@ -14,8 +14,11 @@ from impactlab.model import Model
 LOOKS = 16384
 """Times at which a function is looked at: what lasts this part of a run is hardly missed, in about 20 ms."""
 
-SPOTS = 256
-"""Of these, times about which it is asked how a step would see the function."""
+SPOTS, FEWEST = 256, 16
+"""Of these, times about which it is asked how a step would see the function; the fewest where there are many."""
+
+CLOSER = 32
+"""Times at which it is looked at between two of them, where it is large."""
 
 UNSEEN, MOST = 0.03, 0.95
 """Largest part of a function that a step may leave out, at this share of the times: a cosine of 0.5 to 0.7 rad in a
@@ -88,20 +91,20 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     InvalidInput
         If a function varies at any step.
     """
-    step = longest
-    for excitation, kind in kinds_of(model).items():
+    step, of_time = longest, kinds_of(model)
+    spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
+    for excitation, kind in of_time.items():
         times, values = look(model, excitation, begin, end)
-        share = np.cumsum(values**2)
-        if not (np.isfinite(share[-1]) and share[-1] > 0.0):
+        if not (np.isfinite(values).all() and values.any()):
             continue
-        chosen = np.searchsorted(share, irregular_times(0.0, share[-1], SPOTS))
+        chosen = _drawn(values, spots)
         at, value = times[chosen], values[chosen]
-        place = (np.sqrt(2.0) * np.arange(1, SPOTS + 1)) % 1.0  # of the time within the step
+        place = (np.sqrt(2.0) * np.arange(1, spots + 1)) % 1.0  # of the time within the step
         step = min(step, end - begin)
         while True:
-            first = at - place * step
+            first = np.clip(at - place * step, begin, end - step)
             mean, slope = mean_and_slope(np.asarray(excitation.call(kind, first[:, None] + step * NODES)))
-            unseen = np.abs(1.0 - (mean + slope * (2.0 * place - 1.0)) / value)
+            unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
             if np.quantile(unseen, MOST) <= UNSEEN:
                 break
             step *= SHORTER
@@ -116,16 +119,27 @@ def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     """Return the largest energy that a given force brings to a body without contacts and couplings (J).
 
     The body starts at rest. Where the force varies faster than it is looked at, it acts like noise of its
-    size, which brings more.
+    size, which brings more; where it is large it is looked at more closely, since it may be short.
     """
-    from scipy.signal import lfilter  # loaded only where there are given forces
-
-    times, force = look(model, model.network.excitations[model.bodies[slot]], begin, end)
+    excitation = model.network.excitations[model.bodies[slot]]
+    times, force = look(model, excitation, begin, end)
     interval = (end - begin) / len(times)
-    mass, damping, stiffness = (item[[slot]] for item in (model.mass, model.damping, model.stiffness))
-    (a,), _ = transition(mass, damping, stiffness, np.zeros(1), interval)
-    (b,) = response_to_force(mass, damping, stiffness, interval)[:, :2]
-    poles = [1.0, -np.trace(a), np.linalg.det(a)]
-    x = lfilter([b[0], a[0, 1] * b[1] - a[1, 1] * b[0]], poles, force)
-    v = lfilter([b[1], a[1, 0] * b[0] - a[0, 0] * b[1]], poles, force)
-    return float(0.5 * np.max(stiffness * x**2 + mass * v**2))
+    places = np.unique(_drawn(force, SPOTS)) if force.any() else np.zeros(0, dtype=int)
+    inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
+    force = force.copy()
+    force[places] = excitation.call("force", inside).mean(axis=1)
+    m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]
+    (a_xx, a_xv), (a_vx, a_vv) = transition(m, c, k, np.zeros(1), interval)[0][0].tolist()
+    of_x, of_v = response_to_force(m, c, k, interval)[0, :2].tolist()
+    mass, stiffness = float(m[0]), float(k[0])
+    x = v = largest = 0.0
+    for push in force.tolist():
+        x, v = a_xx * x + a_xv * v + of_x * push, a_vx * x + a_vv * v + of_v * push
+        largest = max(largest, mass * v * v + stiffness * x * x)
+    return 0.5 * largest
+
+
+def _drawn(values: np.ndarray, count: int) -> np.ndarray:
+    """Return places of values, drawn in proportion to their squares."""
+    share = np.cumsum((values / np.abs(values).max()) ** 2)
+    return np.minimum(np.searchsorted(share, irregular_times(0.0, share[-1], count)), len(values) - 1)

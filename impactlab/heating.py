@@ -28,7 +28,7 @@ class Heating:
     ----------
     share, error : float
         Of the connected part of the network where it is most certainly not 0, and its standard error; NaN where it is
-        not known. Where forces depend on velocities it is less by the power that these take.
+        not known: where forces depend on velocities, which take or bring heat themselves.
     body : str
         The first body of that part.
     parts : int
@@ -39,6 +39,11 @@ class Heating:
     error: float = math.nan
     body: str = ""
     parts: int = 1
+
+    @property
+    def significance(self) -> float:
+        """How many standard errors it is off 0."""
+        return abs(self.share) / max(self.error, 1e-300)
 
     @property
     def warning(self) -> str:
@@ -58,7 +63,7 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
     """Return the heat that the step made, by which the power that friction takes is more than that of the noise.
 
     These are ``Σ c E[v²]`` and ``Σ πS/m``. In a stationary motion under conservative forces they are the same in each
-    connected part; forces that depend on velocities can only take. Balances of the velocities are controls of the sum,
+    connected part. Balances of the velocities are controls of the sum,
     as they are of each of its terms.
 
     Parameters
@@ -70,7 +75,7 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
     seldom : (body,) ndarray of bool
         Bodies whose balances are no controls.
     """
-    if not (plan.steady and plan.trusted and plan.settled and plan.kicked.any()) or plan.lines:
+    if plan.passes or plan.lines or not (plan.steady and plan.trusted and plan.settled and plan.kicked.any()):
         return Heating()
     mass, damping, _ = plan.linear
     labels = connected_parts(len(mass), plan.links)
@@ -87,9 +92,9 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
         slots = np.flatnonzero(labels == part)
         controls = slots[usable[slots]][: len(weights) // 8]
         value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
-        found = Heating(value[0] / given[part] - 1.0, error[0] / given[part], plan.bodies[slots[0]], len(parts))
-        size = found.share if plan.passes else abs(found.share)
-        if not size / found.error <= abs(worst.share) / worst.error:
+        share, scatter = float(value[0] / given[part]) - 1.0, float(error[0] / given[part])
+        found = Heating(share, scatter, plan.bodies[slots[0]], len(parts))
+        if math.isnan(worst.share) or found.significance > worst.significance:
             worst = found
     return worst
 

@@ -278,9 +278,9 @@ def relaxation_time(model: Model) -> float:
     return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
 
 
-def hottest(model: Model, heat: np.ndarray) -> np.ndarray:
-    """Return the largest of some energies in the connected part of each body, (body,)."""
-    labels = model.connected()
+def hottest(model: Model, heat: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
+    """Return the largest of some energies in the connected part of each body, or among those of a label, (body,)."""
+    labels = model.connected() if labels is None else labels
     largest = np.zeros(labels.max() + 1)
     np.maximum.at(largest, labels, heat)
     result: np.ndarray = largest[labels]
@@ -295,6 +295,26 @@ def spread(model: Model) -> np.ndarray:
     temperature = hottest(model, model.mass * linear_variances(model)[1])
     with np.errstate(invalid="ignore"):
         return np.sqrt([temperature * flexibility(model), temperature / model.mass])
+
+
+def extent(model: Model) -> np.ndarray:
+    """Return how far bodies usually are from rest and how fast, roughly, (2, body): standard deviations.
+
+    As `spread`, but only contacts bring bodies to the highest temperature among them; those on linear couplings keep
+    the shape of their linear law, in which a heavy body is hotter than what it carries.
+    """
+    result, variance = spread(model), linear_variances(model)
+    systems = coupled_systems(model)
+    if not systems:
+        return result
+    heat = model.mass * variance[1]
+    shared = hottest(model, heat, model.touching())
+    for body in np.flatnonzero((shared > 0.0) & np.isfinite(shared)):
+        result[:, body] *= np.sqrt(shared[body] * model.mass[body]) / (model.mass[body] * result[1, body])
+    for slots, _ in systems:
+        if (heat[slots] > 0.0).all() and np.isfinite(variance[:, slots]).all():
+            result[:, slots] = np.sqrt(variance[:, slots] * (shared[slots] / heat[slots]).max())
+    return result
 
 
 def flexibility(model: Model) -> np.ndarray:

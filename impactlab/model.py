@@ -312,6 +312,10 @@ class Model:
         labels = self.connected()
         return np.isin(labels, labels[noisy])
 
+    def touching(self) -> np.ndarray:
+        """Label of the part of each body that contacts alone connect, (body,) of int."""
+        return connected_parts(len(self.bodies), self.ends)
+
     @cached_property
     def _labels(self) -> np.ndarray:
         return connected_parts(len(self.bodies), self.links)

@@ -196,7 +196,8 @@ def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
     slowed = friction > SPLIT_FRICTION
     if not slowed.any():
         return at_kicks
-    theta = (1.0 / friction[slowed] - 1.0 / np.expm1(friction[slowed]))[:, None]
+    friction = friction[slowed, None]
+    theta = 1.0 / friction + np.exp(-friction) / np.expm1(-friction)
     increment = _increment(plan)[slowed]
     vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
     result = at_kicks.copy()
@@ -317,8 +318,10 @@ def _increment(plan: Plan) -> np.ndarray:
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:
-    """Bodies between whose kicks there is nothing but white noise."""
+    """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
     result = np.ones(len(plan.bodies), dtype=bool)
     result[[lines.body for lines in plan.lines]] = False
     result[plan.forced] = False
+    for group in plan.flows.groups if plan.flows is not None else ():
+        result[group.slots] = result[group.slots].all()
     return result

@@ -35,7 +35,7 @@ class Oscillator(Component):
     damping: float = parameter(0.0, units="N s m-1", minimum=0.0, kw_only=True)
     stiffness: float = parameter(0.0, units="N m-1", minimum=0.0, kw_only=True)
 
-    def __new__(cls, *values: Any, **fields: Any) -> Self:
+    def __new__(cls, /, *values: Any, **fields: Any) -> Self:
         if cls is Oscillator:
             raise InvalidInput("Oscillator is abstract: use LinearOscillator or another of its subclasses.")
         return super().__new__(cls, *values, **fields)

@@ -12,6 +12,7 @@ from impactlab.component import finite, parameter, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
 from impactlab.kernels.histogram import add_crossings
+from impactlab.linear import extent
 from impactlab.model import Model
 from impactlab.plan import Plan
 from impactlab.record import Keeper, Record, Variables
@@ -22,6 +23,12 @@ REACH = 20.0
 
 KNOWN = 0.25
 """Largest relative standard error of a rate from which return levels are taken."""
+
+EXACT = 5e-3
+"""Relative error that rates may have at the automatic step: much for levels where they hardly depend on the force."""
+
+SURE = 3.0
+"""Standard errors by which the largest rate must be above one in a return time, or its level is not known."""
 
 
 class PeakForces(Record):
@@ -79,14 +86,18 @@ class PeakForces(Record):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
         heat = energies(model, "stationary", 1.0)
+        if len(model.coupled) and not model.forced:  # what couplings carry is not as hot as a heavy base
+            warm = model.mass * extent(model)[1] ** 2
+            heat = np.where(warm > 0.0, np.minimum(heat, warm), heat)
         depths = dict(zip(known, Stiffening.of(model, REACH * heat).penetration.tolist(), strict=True))
         limits = []
         for name in names:
             depth = depths[name] if given.get(name) is None else finite(f"PeakForces.limits of {name!r}", given[name])
             if not 0.0 < depth < math.inf:
+                state = "must be more than 0 m and finite" if given.get(name) is not None else "cannot be foreseen"
                 raise InvalidInput(
-                    f"PeakForces: the largest indentation of {name!r} must be more than 0 m and finite, it is "
-                    f"{depth!r}; give limits={{{name!r}: …}}."
+                    f"PeakForces: the largest indentation of {name!r} {state}, it is {depth!r}; give "
+                    f"limits={{{name!r}: …}} (m)."
                 )
             limits.append((name, depth))
         return self.replace(contacts=names, limits=tuple(limits))
@@ -115,14 +126,16 @@ class PeakForces(Record):
         return steps
 
     def bytes_per_realization(self, plan: Plan) -> int:
-        bins, windows = 2 * samples_per_realization(plan) * self.bins, plan.steps // self.steps_per_window(plan)
+        bins, windows = 3 * samples_per_realization(plan) * self.bins, plan.steps // self.steps_per_window(plan)
         return 8 * len(self.limits) * (bins + windows)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         count, window = len(plan.contacts), self.steps_per_window(plan) * plan.step
         if not count:
             return {}
-        flux, push, samples = (grouped([result[key] for result in results]) for key in ("flux", "push", "samples"))
+        flux, inward, push, samples = (
+            grouped([result[key] for result in results]) for key in ("flux", "inward", "push", "samples")
+        )
         peaks = np.concatenate([result["peaks"] for result in results])
         times = np.array(self.return_times or (window, 10.0 * window, 100.0 * window))
         rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
@@ -130,7 +143,7 @@ class PeakForces(Record):
         levels = np.full((2, count, len(times)), np.nan)
         for row, (name, depth) in enumerate(self.limits):
             slot, width = plan.contacts.index(name), depth / self.bins
-            own, total = flux[:, row], flux[:, row].sum(axis=0)
+            own, total = flux[:, row], inward[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
             force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
             mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.trusted, slice(None))
@@ -178,7 +191,7 @@ class _Peaks(Keeper):
         self.rows = np.column_stack([places, np.where(places < 0, -1, bodies + places), self.forces])
         self.clearance = plan.clearance[slots]
         self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
-        self.flux, self.push = np.zeros((2, self.parts, count, lanes, record.bins))
+        self.flux, self.inward, self.push = np.zeros((3, self.parts, count, lanes, record.bins))
         self.samples = np.zeros((lanes, self.parts))
         self.peaks = np.zeros((lanes, plan.steps // self.window, count))
 
@@ -187,7 +200,7 @@ class _Peaks(Keeper):
         part = min(batch, self.parts - 1)
         self.samples[:, part] += len(snapshots)
         for row in range(len(self.rows)):
-            target = self.flux[part, row], self.push[part, row]
+            target = self.flux[part, row], self.inward[part, row], self.push[part, row]
             add_crossings(snapshots, self.rows[row], self.clearance[row], self.inverse_width[row], *target)
         for window in range(begin // self.window, min((self.seen - 1) // self.window + 1, self.peaks.shape[1])):
             inside = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
@@ -195,8 +208,8 @@ class _Peaks(Keeper):
             np.maximum(self.peaks[:, window], largest, out=self.peaks[:, window])
 
     def result(self) -> dict[str, np.ndarray]:
-        flux, push = (item.transpose(2, 0, 1, 3) for item in (self.flux, self.push))
-        return {"flux": flux, "push": push, "samples": self.samples, "peaks": self.peaks}
+        flux, inward, push = (item.transpose(2, 0, 1, 3) for item in (self.flux, self.inward, self.push))
+        return {"flux": flux, "inward": inward, "push": push, "samples": self.samples, "peaks": self.peaks}
 
 
 def _return_level(
@@ -204,20 +217,47 @@ def _return_level(
 ) -> tuple[float, float]:
     """Force at which crossings are once in a time, and its standard error; NaN if it is not known.
 
-    The force is a parabola in the logarithm of the rate where that is within a factor e of one in the time.
+    Around the level, where the rate is within a factor e of one in the time, its logarithm has the form of a Gibbs law:
+    ``a + b δ + c ∫F``, F being a parabola in the indentation δ. Its largest value must be known to be above one in
+    the time.
     """
-    falling = np.arange(len(rate)) >= int(np.argmax(rate))
     with np.errstate(divide="ignore"):
         distance = np.log(rate * time)
-    near = np.flatnonzero(falling & (relative <= KNOWN) & np.isfinite(force) & (np.abs(distance) <= 1.0))
-    y = distance[near]
-    if len(near) < 4 or y[0] < 0.0 or y[-1] > 0.0:
+    usable = (relative <= KNOWN) & np.isfinite(force) & (np.abs(distance) <= 1.0)
+    top, last = int(np.argmax(rate)), int(np.flatnonzero(usable).max(initial=-1))
+    near = np.flatnonzero(usable & (np.arange(len(rate)) >= _begin(usable, top)))
+    if len(near) < 4 or last < top or distance[near].max() < 0.0 or distance[last] > 0.0:
         return math.nan, math.nan
+    middle, half = 0.5 * (near[0] + near[-1]), 0.5 * (near[-1] - near[0])
+    place = (near - middle) / half
+    level, stiffness, bend = np.linalg.lstsq(np.vander(place, 3, increasing=True), force[near], rcond=None)[0]
+    twist = (
+        2.0 / 3.0 * np.clip(bend / stiffness, -0.5, 0.5) if stiffness > 0.0 else 0.0
+    )  # of the work, δ² (1 + twist δ)
     weights = 1.0 / relative[near]
-    solve = np.linalg.pinv(weights[:, None] * np.vander(y, 3, increasing=True)) * weights
-    level, slope, bend = solve @ force[near]
-    # what each group adds to the logarithms of the rates moves the parabola
+    terms = np.stack([np.ones(len(near)), place, place**2 * (1.0 + twist * place)], axis=1)
+    solve = np.linalg.pinv(weights[:, None] * terms) * weights
+    logarithm = np.polynomial.Polynomial([*(solve @ distance[near]), 0.0])
+    logarithm.coef[3] = twist * logarithm.coef[2]
+    # what each group adds to the logarithms of the rates
     parts = flux[:, near] / flux[:, near].sum(axis=0) - samples[:, None] / samples.sum()
-    moved = parts @ (solve[0] * (slope + 2.0 * bend * y))
     groups = len(samples)
-    return float(level), math.sqrt(float((moved**2).sum()) * groups / (groups - 1.0))
+
+    def scatter(at: float) -> float:
+        moved = parts @ ([1.0, at, at**2 * (1.0 + twist * at)] @ solve)
+        return math.hypot(EXACT, math.sqrt(float((moved**2).sum()) * groups / (groups - 1.0)))
+
+    highest = place[int(np.argmax(logarithm(place)))]
+    roots = logarithm.roots()
+    falling = [x for x in roots[roots.imag == 0.0].real if highest <= x <= 1.0 and logarithm.deriv()(x) < 0.0]
+    if not falling or logarithm(highest) < SURE * scatter(highest):
+        return math.nan, math.nan
+    crossed = falling[0]
+    slope = (stiffness + 2.0 * bend * crossed) / abs(float(logarithm.deriv()(crossed)))
+    return float(level + crossed * (stiffness + bend * crossed)), scatter(crossed) * slope
+
+
+def _begin(usable: np.ndarray, top: int) -> int:
+    """Return where the usable bins around some bin begin."""
+    missing = np.flatnonzero(~usable[:top])
+    return int(missing[-1]) + 1 if missing.size else 0

@@ -33,7 +33,7 @@ from impactlab.linear import (
 )
 from impactlab.model import Model, connected_parts
 from impactlab.network import Network
-from impactlab.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
+from impactlab.relaxation import Relaxation, closing_rates, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
     MOST_SAMPLES,
@@ -58,6 +58,9 @@ from impactlab.tiles import Tile, make_tiles, noise_runs
 
 if TYPE_CHECKING:
     from impactlab.record import Record
+
+NEVER = 1e-3
+"""Closings of a contact expected in a run, below which it is taken for one that cannot close."""
 
 WINDOW = 0.2
 """Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
@@ -94,8 +97,10 @@ class Plan:
     half_kick : ndarray
         Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
         body feels another force than that of one contact.
+    likely : (contact,) ndarray of bool
+        Whether each contact may close in the run.
     kicked : (body,) ndarray of bool
-        Whether contacts, couplings that do not flow or a residual force act on each body.
+        Whether these, couplings that do not flow or a residual force act on each body.
     passes : int
         How often a kick evaluates forces that depend on velocities, 0 where there are none.
     certified : bool
@@ -179,6 +184,7 @@ class Plan:
     jitter: np.ndarray
     half_kick: np.ndarray
     links: np.ndarray
+    likely: np.ndarray
     kicked: np.ndarray
     passes: int
     certified: bool
@@ -367,10 +373,15 @@ def make_plan(
         chosen = min(chosen, TRANSIENT * integrator.recommended_step(model, stiffening.links, stiffening.bodies))
     if given is None and still:
         chosen = max(chosen, duration / (MOST_SAMPLES * batch_count(realizations, duration, relaxation)))
+    if given is None and not model.nonlinear_bodies.any():
+        chosen = min([chosen, *(record.longest_step(model) for record in records)])
     periods = [] if given is not None or period is None else [period]
     if all(_divides(interval, each) for each in periods for interval in intervals[:1]):
         intervals += periods
     window = WINDOW * gap_scale(model, stiffening.penetration)
+    with np.errstate(over="ignore"):
+        closings = closing_rates(model, stiffening) * duration * realizations
+    likely = ~(closings < NEVER)  # also where it is not known
     deviations = _start_deviations(model, stiffening, relaxed.temperature)
     step, steps = fit_step(chosen, given is not None, intervals, duration, smooth=bool(periods))
     leaf, levels, unit = (LEAF // 2 if coarse else LEAF), 0, 1
@@ -424,7 +435,8 @@ def make_plan(
         jitter=jitter(model, step, duration) if counted else np.zeros(len(model.ends)),
         half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
         links=model.links,
-        kicked=model.nonlinear_bodies,
+        likely=likely,
+        kicked=_kicked(model, likely),
         passes=model.passes,
         certified=certified(model, stiffening.penetration),
         automatic=step if given is None else _automatic(model, integrator, stiffening, spin_up, duration),
@@ -497,6 +509,15 @@ def _intervals(records: Sequence[Record], duration: float) -> list[float]:
 
 def _divides(interval: float, period: float) -> bool:
     return abs(period / interval - round(period / interval)) < 1e-9 * period / interval
+
+
+def _kicked(model: Model, likely: np.ndarray) -> np.ndarray:
+    """Whether forces of kicks may act on each body, (body,) of bool."""
+    acting = model.kicking.copy()
+    acting[: len(likely)] &= likely
+    result = np.append(model.residual, False)
+    result[model.links[acting].ravel()] = True
+    return result[:-1]
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:

@@ -69,6 +69,10 @@ class Record(Component):
         """Steps between samples; 0 if the record takes none."""
         return 0
 
+    def longest_step(self, model: Model) -> float:
+        """Longest step that its samples should have where any step is exact (s)."""
+        return float("inf")
+
     def bytes_per_realization(self, plan: Plan) -> int:
         """What it keeps of a realization, beside trajectories, if that may be much."""
         return 0

@@ -178,6 +178,23 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
     return np.asarray(attempts > MOST_ATTEMPTS)
 
 
+def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
+    """Return how often each contact closes by Rice's formula if its bodies have the highest temperature (s-1).
+
+    NaN where it is not known. Residual forces and couplings that push a body to the contact are not known of: infinite.
+    """
+    mass, flexible = np.append(model.mass, np.inf), np.append(flexibility(model), 0.0)
+    warmth = np.append(stiffening.energy, 0.0)[model.ends].max(axis=1, initial=0.0)
+    pushed = np.append(model.residual, False)
+    pushed[model.links[np.concatenate([model.clearance < 0.0, np.ones(len(model.coupled), dtype=bool)])]] = True
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        variance = warmth * flexible[model.ends].sum(axis=1)
+        velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
+        often = np.exp(-0.5 * np.maximum(model.clearance, 0.0) ** 2 / variance)
+        rate = velocity / (2.0 * np.pi * np.sqrt(variance)) * often
+    return np.where(pushed[model.ends].any(axis=1), np.inf, rate)
+
+
 def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
     """Return the part of a difference of temperatures that each link takes away in a second, (link,) (s-1)."""
     contacts = len(model.contacts)

@@ -62,7 +62,7 @@ CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 
 def choose_step(
     model: Model, integrator: Integrator, stiffening: Stiffening, given: float | None, begin: float = 0.0,
-    end: float | None = None,
+    end: float = 0.0,
 ) -> float:  # fmt: skip
     """Return the given step, checked, or the recommended one for a run between two times.
 
@@ -95,7 +95,7 @@ def choose_step(
     step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))
     if integrator.kicks:
         step = min(step, kink_step(model, stiffening), series_step(model))
-    if end is not None:
+    if end > begin:
         step = resolving_step(model, begin, end, step)
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")

@@ -19,6 +19,15 @@ SEGMENT = 20.0
 """Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
 
 _DIMENSION = {"displacement": "oscillator", "velocity": "oscillator", "contact_force": "contact"}
+_SHARE = {"displacement": 0.5, "velocity": 0.125, "contact_force": 0.0}
+"""Interval between samples over the time scale 1/ω of the fastest body."""
+
+_POWER = {"displacement": 4, "velocity": 2, "contact_force": 2}
+"""Powers of the frequency with which spectra fall, under white noise; where kicks are forces, those jump at most."""
+
+FOLDED, HIGHEST = 0.1, 0.02
+"""Part of what is folded back that is uncertain; part of the frequencies, the highest, from which it is estimated."""
+
 _UNITS = {"displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1"}
 
 
@@ -28,7 +37,9 @@ class Spectrum(Record):
     It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all frequencies, negative ones
     too, is the variance. Segments with Hann's window overlap by half (Welch 1967); what they resolve is
     4π over their length. Standard errors come from groups of realizations, as for densities, with a factor for a band
-    around the whole curve. Samples contain what is faster than half their rate as well; it is folded back.
+    around the whole curve. Samples contain what is faster than half their rate as well, folded back: it is estimated
+    from what there is at that rate, for spectra that fall like powers, and subtracted; a tenth of it is a part of
+    the error.
 
     Parameters
     ----------
@@ -39,8 +50,8 @@ class Spectrum(Record):
     segment : float, optional
         Length of the segments (s); by default 20 relaxation times of the slowest body, at most the duration.
     interval : float, optional
-        Time between samples (s); by default a whole number of steps, 1/2ω of the fastest body for displacements, 1/8ω
-        for velocities, but at least one step, and one step for contact forces.
+        Time between samples (s); by default 1/2ω of the fastest body for displacements and 1/8ω for velocities, but
+        where forces kick at least one step, and one step for contact forces.
     """
 
     quantity: str = parameter("displacement")
@@ -80,8 +91,11 @@ class Spectrum(Record):
         if self.interval is not None:
             return round(self.interval / step)
         fastest = float(np.sqrt(model.stiffness / model.mass).max())
-        share = {"displacement": 0.5, "velocity": 0.125, "contact_force": 0.0}[self.quantity]
-        return max(1, int(share / (fastest * step))) if fastest > 0.0 else 1
+        return max(1, int(_SHARE[self.quantity] / (fastest * step))) if fastest > 0.0 else 1
+
+    def longest_step(self, model: Model) -> float:
+        fastest, share = float(model.natural_frequencies.max()), _SHARE[self.quantity]
+        return share / fastest if self.interval is None and share * fastest > 0.0 else math.inf
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Segments(self, plan, realizations, ratio)
@@ -121,7 +135,9 @@ class Spectrum(Record):
             slot = known.index(name)
             value, scatter, factor[slot] = mean_of_groups(power[:, row], segments[:, None], plan.trusted, slice(None))
             constant = mean[:, row].sum() / (segments.sum() * count)
-            density[slot], error[slot] = scale * (value - constant**2 * of_mean), scale * scatter
+            density[slot] = scale * (value - constant**2 * of_mean)
+            folded = _folded(density[slot], _POWER[q])
+            density[slot], error[slot] = density[slot] - folded, np.hypot(scale * scatter, FOLDED * folded)
         dims = (dimension, f"{q}_frequency")
         text = f"two-sided spectral density of the {q.replace('_', ' ')} over angular frequency"
         attrs = {"units": _UNITS[q], "long_name": text, "ancillary_variables": f"spectrum_{q}_standard_error"}
@@ -136,6 +152,20 @@ class Spectrum(Record):
                 {"units": "rad s-1", "long_name": "angular frequency"},
             ),
         }
+
+
+def _folded(density: np.ndarray, power: int) -> np.ndarray:
+    """Return what samples fold back onto frequencies from 0 to half their rate, of a spectrum that falls like a power.
+
+    All that lie on a frequency ω add up to a sum over ``|ω + k ω_s|^-p``; its own term apart they are folded.
+    """
+    x = 0.5 * np.pi * np.arange(1, len(density)) / (len(density) - 1)
+    every = 1.0 / np.sin(x) ** 2
+    if power == 4:
+        every = every**2 - every / 1.5
+    folded = np.concatenate([[1.0 / 3.0 if power == 2 else 1.0 / 45.0], every - x**-power])  # of the pairs ±k at 0
+    count = max(1, math.ceil(HIGHEST * len(x)))
+    return np.asarray(folded * max(float(np.mean(density[-count:] / every[-count:])), 0.0))
 
 
 def _window(count: int) -> np.ndarray:

@@ -58,6 +58,7 @@ def run_together(
     at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
     pool = executor or SharedThreads(threads, at_once)
     turns = ThreadPoolExecutor(at_once)
+    patient = True
 
     def outcome(key: str) -> xr.Dataset | ImpactLabError:
         def note(part: float) -> None:
@@ -88,11 +89,14 @@ def run_together(
                 watch(waiting_for, parts)
             finished(waiting_for, future.result())
             watch(waiting_for, parts)
+    except KeyboardInterrupt:
+        patient = False  # a thread that compiles would have to be waited for
+        raise
     finally:
         stop.set()
-        turns.shutdown(cancel_futures=True)
+        turns.shutdown(wait=patient, cancel_futures=True)
         if executor is None:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown(wait=patient, cancel_futures=True)
     for (category, message), concerned in heard.items():
         first = next(key for key in jobs if key in concerned)
         others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""

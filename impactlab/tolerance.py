@@ -12,7 +12,7 @@ import xarray as xr
 
 from impactlab.component import finite, suggestion
 from impactlab.damping import undamped
-from impactlab.dataset import STATISTICS
+from impactlab.dataset import STATISTICS, network_of
 from impactlab.errors import InvalidInput
 from impactlab.linear import linear_variances
 from impactlab.model import Model
@@ -28,6 +28,9 @@ SAFETY = 0.85
 
 DRIFT = 6.0
 """Difference between two halves of a run, in standard errors, from which it is not stationary."""
+
+UNLIKE = 0.2
+"""Relative difference of the mean forces of a contact in the runs at one and two steps, from which a step is halved."""
 
 HALVINGS = 6
 """How often the step is halved before a tolerance is given up."""
@@ -148,7 +151,8 @@ def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) ->
 
     A contact that was never closed counts as not known at all; a body that never moves is known.
     """
-    excess, without, biased = 0.0, 0.0, False
+    biased = _sees_other_forces(fine, coarse)
+    excess, without = 2.0 * biased, 0.0
     for name, relative in tolerance.items():
         if name not in fine:
             raise InvalidInput(f"tolerance: this network has no {name}.")
@@ -165,6 +169,31 @@ def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) ->
             without = max(without, 2.0 * scatter / most if known else math.inf)
             biased |= off - 2.0 * doubt > 0.5 * most
     return excess, without, biased
+
+
+def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
+    """Whether contact forces of the two runs differ by more than `UNLIKE`, so that their difference is no estimate.
+
+    Raises
+    ------
+    InvalidInput
+        If bodies overlap and a contact that could push them apart did not: neither run has its force.
+    """
+    if "mean_contact_force" not in fine:
+        return False
+    forces, scatter, closed = (
+        np.stack([item[name].values for item in (fine, coarse)])
+        for name in ("mean_contact_force", "mean_contact_force_standard_error", "contact_ratio")
+    )
+    for slot in np.flatnonzero((forces == 0.0).all(axis=0) & (closed > 0.0).all(axis=0)):
+        name = str(fine.contact.values[slot])
+        if (network_of(fine).contacts[name].law.evaluate(10.0 ** np.arange(-9.0, 4.0)) > 0.0).any():
+            raise InvalidInput(
+                f"tolerance: {name!r} was closed in {100.0 * closed[0, slot]:.2g} % of the time without any force at a "
+                f"step of {fine.attrs['step']:.3g} s, which is too large. Give a smaller step=."
+            )
+    difference, error = np.abs(forces[0] - forces[1]), np.hypot(*scatter)
+    return bool((difference > UNLIKE * forces.max(axis=0) + 3.0 * np.nan_to_num(error)).any())
 
 
 def _bias(fine: xr.Dataset, coarse: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:

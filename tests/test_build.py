@@ -162,22 +162,24 @@ def test_cache_into_which_others_can_write(how, tmp_path, monkeypatch):
 def test_a_setting_of_numba_survives_threads():
     """It is saved and restored while a function is made."""
     before = jit.config.CACHE_DIR
-    inside, leave = threading.Event(), threading.Event()
+    inside, leave, also_inside, left = (threading.Event() for _ in range(4))
 
     def one():
         with jit._cached_here():
             inside.set()
             leave.wait(60.0)
+        left.set()
 
     def other():
         with jit._cached_here():
-            pass
+            also_inside.set()
+            left.wait(60.0)
 
     threads = [threading.Thread(target=one), threading.Thread(target=other)]
     threads[0].start()
     assert inside.wait(60.0)
     threads[1].start()
-    threads[1].join(0.1)
+    assert not also_inside.wait(0.2)
     leave.set()
     for thread in threads:
         thread.join(60.0)

@@ -148,6 +148,21 @@ def test_a_contact_that_ends_within_reach_stops_the_run_and_is_named(law, option
         il.simulate(wall(law), **{**SHORT, **options})
 
 
+class Pole(il.ContactLaw):
+    """Python divides by zero where compiled code goes on with infinity."""
+
+    @staticmethod
+    def force(indentation):
+        return 100.0 * indentation if indentation < 0.3 else 1.0 / (indentation - indentation)
+
+
+def test_a_law_that_fails_in_python_within_reach():
+    with pytest.raises(
+        il.InvalidInput, match=r"Pole\.force failed for Pole\(\) at indentation = [\d.e+]+: ZeroDivision"
+    ):
+        il.simulate(wall(Pole()), **SHORT)
+
+
 def test_a_law_may_end_where_nothing_comes():
     far, endless = (il.simulate(wall(law), **SHORT, step=0.01) for law in (Undefined(50.0), il.LinearContact(100.0)))
     for name in endless.data_vars:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -96,3 +97,11 @@ def test_installed_package_simulates(installed: Path) -> None:
     value, error = map(float, numbers.split())
     assert Path(place).is_relative_to(installed.parent)
     assert abs(value - math.pi) < 4.0 * error < 0.5
+
+
+def test_lower_bounds_are_versions_that_go_together() -> None:
+    """The first ones that are built against NumPy 2; of Matplotlib the first that knows the root figure."""
+    text = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    bounds = {name: tuple(map(int, version.split("."))) for name, version in (item.split(">=") for item in text)}
+    oldest = {"numpy": (2, 0), "scipy": (1, 13), "numba": (0, 60), "netCDF4": (1, 7, 2), "matplotlib": (3, 10)}
+    assert {name: bounds[name] >= version for name, version in oldest.items()} == dict.fromkeys(oldest, True)

@@ -74,6 +74,54 @@ def test_errors_of_return_levels_cover():
     assert abs(np.mean(scores)) < 0.5  # which is 0.6 % of the level
 
 
+@pytest.mark.parametrize("clearance", [-0.5, 0.2])
+@pytest.mark.parametrize("law", [il.LinearContact(50.0), il.HertzContact(100.0)], ids=["linear", "Hertz"])
+def test_return_levels_of_short_times(law, clearance):
+    """Where the rate hardly depends on the force."""
+    body = il.LinearOscillator.from_frequency(1.0, 0.1)
+    network = il.Network(
+        {"a": body}, {"w": il.Contact("a", il.WALL, law, clearance=clearance)}, {"a": il.WhiteNoise(0.2 / np.pi)}
+    )
+    exact = il.exact(network)
+    shortest = 1.0 / max(exact.crossing_rate("w", "contact_force", force) for force in np.linspace(0.01, 20.0, 200))
+    times = tuple(shortest * factor for factor in (0.9, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0))
+    record = il.PeakForces(return_times=times)
+    ds = il.simulate(network, 200.0, realizations=2048, record=record, rng=1)
+    level, error = ds.return_level.values[0], ds.return_level_standard_error.values[0]
+    assert np.isnan(level[0])
+    assert np.isfinite(level[2:]).all()
+    expected = np.array([exact.return_level("w", "contact_force", time) for time in times[1:]])
+    score = np.abs(level[1:] - expected) / error[1:]
+    assert np.nanmax(score) < 3.0
+    assert (error[4:] < 0.01 * level[4:]).all()
+
+
+def test_crossings_of_a_body_between_two_closed_contacts():
+    law = il.HertzContact(1e4)
+    contacts = {"u": il.Contact("a", il.WALL, law, clearance=-0.1), "l": il.Contact(il.WALL, "a", law, clearance=-0.1)}
+    network = il.Network({"a": il.LinearOscillator(damping=1.0)}, contacts, {"a": il.WhiteNoise(1.0)})
+    ds = il.simulate(network, 100.0, realizations=512, record=il.PeakForces(bins=40), rng=1)
+    exact, depth = il.exact(network), ds.crossing_indentation.values[0]
+    rate, error = ds.crossing_rate.values[0], ds.crossing_rate_standard_error.values[0]
+    most = np.argmax(rate)
+    near = slice(most - 1, most + 2)
+    expected = [exact.crossing_rate("u", "contact_force", 1e4 * at**1.5) for at in depth[near]]
+    assert rate[near].sum() == pytest.approx(sum(expected), abs=3.0 * error[near].sum() + 0.003 * sum(expected))
+
+
+def test_limits_that_cannot_be_foreseen_are_asked_for():
+    class Late(il.Excitation):
+        amplitude: float = il.parameter(units="N")
+
+        @staticmethod
+        def force(time, amplitude):
+            return amplitude if time > 300.0 else 0.0
+
+    network = base(excitations={"one": None, "two": Late(1.0)})
+    with pytest.raises(il.InvalidInput, match=r"indentation of 'gap' cannot be foreseen, .* give limits=\{'gap': …\}"):
+        il.simulate(network, 1.0, realizations=1, record=il.PeakForces())
+
+
 def test_windows_hold_the_largest_forces(run):
     peaks = run.window_peak_force
     assert dict(peaks.sizes) == {"realization": 512, "window": 10, "contact": 1}

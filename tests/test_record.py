@@ -173,9 +173,9 @@ def test_realizations_average_to_the_statistics():
     for name in names:
         statistic = name.removesuffix("_by_realization")
         assert ds[name].dims[0] == "realization"
-        if statistic == "variance_displacement":  # of each realization about its own mean
+        if statistic == "variance_displacement":  # of each realization about its own mean; see `joint.mean_load`
             square, mean = ds["mean_square_displacement_by_realization"], ds["mean_displacement_by_realization"]
-            np.testing.assert_allclose(ds[name], square - mean**2, rtol=1e-12)
+            np.testing.assert_allclose(ds[name], square - mean**2, rtol=5e-3)
             continue
         plain = f"direct_{statistic}" if f"direct_{statistic}" in ds else statistic
         np.testing.assert_allclose(ds[name].mean("realization"), ds[plain], rtol=1e-12, atol=1e-13, err_msg=name)
@@ -187,3 +187,82 @@ def test_a_density_of_a_short_run_has_its_last_samples():
     ds = il.simulate(linear(), 0.05, realizations=64, step=1e-3, spin_up=0.0, record=il.Density(), rng=1)
     width = ds.displacement_edges.diff("displacement_edge").values
     assert float((ds.density_displacement.values * width).sum()) == pytest.approx(1.0)
+
+
+@pytest.mark.filterwarnings("ignore:.*too seldom for standard errors")  # of the openings
+@pytest.mark.parametrize("case", ["pressed", "squeezed", "cone"])
+def test_velocities_have_their_law_where_contacts_are_closed(case):
+    """In the middle of kicks their mean square is up to 5 % too small, and a density at 3 deviations 18 %."""
+    body, noise = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05), {"a": il.WhiteNoise(0.5)}
+    if case == "squeezed":
+        body = il.LinearOscillator(damping=1.0)
+        law, heat = il.HertzContact(1e4), np.pi * 0.5
+        contacts = {
+            "u": il.Contact("a", il.WALL, law, clearance=-0.1),
+            "l": il.Contact(il.WALL, "a", law, clearance=-0.1),
+        }
+    else:
+        law = il.HertzContact(400.0) if case == "pressed" else il.PowerLawContact(400.0, exponent=2.0)
+        contacts, heat = {"w": il.Contact("a", il.WALL, law, clearance=-3.0)}, np.pi * 0.5 / body.damping
+    record = [il.Density("velocity"), il.Spectrum("velocity", segment=20.0), il.Trajectory(0.2)]
+    network = il.Network({"a": body}, contacts, noise)
+    ds = il.simulate(network, 60.0, realizations=1024, record=record, rng=1)
+    edges = ds.velocity_edges.values[0]
+    share, error = (ds[f"density_velocity{end}"].values[0] * np.diff(edges) for end in ("", "_standard_error"))
+    exact = np.diff(ndtr(edges / np.sqrt(heat)))
+    counted = exact > 3e-3
+    assert np.abs((share - exact)[counted] / error[counted]).max() < 4.5
+    center = 0.5 * (edges[1:] + edges[:-1])
+    assert (share * center**2).sum() == pytest.approx(heat, rel=0.012)
+    assert float((ds.velocity**2).mean()) == pytest.approx(heat, rel=0.02)
+    spectrum = ds.spectrum_velocity.values[0]
+    integral = (2.0 * spectrum.sum() - spectrum[0] - spectrum[-1]) * float(ds.velocity_frequency[1])
+    assert integral == pytest.approx(heat, rel=0.02)
+
+
+def test_limits_are_where_a_pressed_body_is():
+    body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)
+    contact = il.Contact("a", il.WALL, il.HertzContact(400.0), clearance=-3.0)
+    network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(0.5)})
+    ds = il.simulate(network, 20.0, realizations=64, record=il.Density(), rng=1)
+    width = np.diff(ds.displacement_edges.values[0])
+    assert (ds.density_displacement.values[0] * width).sum() == pytest.approx(1.0, abs=1e-6)
+    assert (ds.density_displacement.values[0] > 0.0).sum() > 10
+
+
+def test_limits_of_what_only_contacts_hold():
+    """A ball between two walls, and one that hangs on the first."""
+    wall, soft = il.HertzContact(1e4), il.LinearContact(300.0)
+    contacts = {
+        "low": il.Contact(il.WALL, "a", wall, clearance=0.3),
+        "between": il.Contact("a", "b", soft, clearance=0.4),
+        "high": il.Contact("b", il.WALL, wall, clearance=0.5),
+    }
+    ball = il.LinearOscillator(damping=1.0)
+    network = il.Network({"a": ball, "b": ball}, contacts, dict.fromkeys("ab", il.WhiteNoise(1.0)))
+    ds = il.simulate(network, 20.0, realizations=256, record=il.Density(), rng=1)
+    for row in range(2):
+        width = np.diff(ds.displacement_edges.values[row])
+        assert (ds.density_displacement.values[row] * width).sum() == pytest.approx(1.0, abs=1e-4)
+        assert (ds.density_displacement.values[row] > 1e-3).sum() > 50
+
+
+def test_limits_of_what_a_heavy_base_carries():
+    bodies = {"base": il.LinearOscillator.from_frequency(10.0, 0.3, mass=1e6), "a": il.LinearOscillator()}
+    spring = il.Coupling("base", "a", il.LinearCoupling(40.0, damping=0.6))
+    contact = il.Contact("a", il.WALL, il.LinearContact(1e4), clearance=0.05)
+    network = il.Network(bodies, {"w": contact}, {"base": il.WhiteNoise(0.02e12)}, {"s": spring})
+    record = [il.Density(), il.Density("velocity"), il.PeakForces()]
+    ds = il.simulate(network, 20.0, realizations=64, record=record, rng=1)
+    for quantity in ("displacement", "velocity"):
+        width = np.diff(ds[f"{quantity}_edges"].values[1])
+        assert (ds[f"density_{quantity}"].values[1] * width).sum() == pytest.approx(1.0, abs=1e-3)
+        assert (ds[f"density_{quantity}"].values[1] > 0.0).sum() > 60
+    assert (ds.crossing_rate.values[0] > 0.0).sum() > 15
+
+
+def test_samples_outside_the_limits_are_warned_of():
+    with pytest.warns(
+        il.AccuracyWarning, match=r"100 % of the samples .* 'a' are outside .* Density, 5 to 6; give limits"
+    ):
+        il.simulate(linear(), 5.0, realizations=64, record=il.Density(limits=(5.0, 6.0)), rng=1)

@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 
 import impactlab as il
+from impactlab.errors import warn
 from impactlab.plugins import make_study, parse_setting, plugins, study_class, toml
 from impactlab.run import simulations
 from impactlab.study import Item, Study, SweepItem
@@ -306,9 +307,7 @@ def test_a_warning_names_the_items_once(monkeypatch):
     simulate = il.simulate
 
     def warning(network, **options):
-        import warnings
-
-        warnings.warn("little is known", il.AccuracyWarning, stacklevel=2)
+        warn("little is known")
         return simulate(network, **options)
 
     monkeypatch.setattr(il, "simulate", warning)

@@ -128,7 +128,8 @@ def test_what_does_not_fit_into_memory_is_refused_with_its_size(path, monkeypatc
 def test_a_network_that_does_not_fit_into_memory_says_what_it_needs(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 1e6)
     monkeypatch.setattr("impactlab.simulation.run", lambda *_: pytest.fail("was run"))
-    network = il.chain(100, il.LinearOscillator(damping=1.0, stiffness=9.0), il.HertzContact(1e4))
+    body, noise = il.LinearOscillator(damping=1.0, stiffness=9.0), il.WhiteNoise(1.0)
+    network = il.chain(100, body, il.HertzContact(1e4), excitation=noise)
     needs = r"640 realizations of 100 bodies and 99 contacts would take 0\.\d+ GB of memory \([.\de+]+ bytes per body"
     with pytest.raises(il.InvalidInput, match=rf"{needs} and realization\), 0\.001 GB are available: use fewer"):
         il.simulate(network, 1.0, realizations=640, step=0.01, rng=1)

@@ -31,8 +31,11 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, bins, 
 
 
 @kernel
-def add_crossings(snapshots, rows, clearance, inverse_width, flux, push):  # type: ignore[no-untyped-def]
-    """Add the closing velocities of a contact to ``flux[lane, bin]`` of its indentations, and these times the force.
+def add_crossings(snapshots, rows, clearance, inverse_width, flux, inward, push):  # type: ignore[no-untyped-def]
+    """Add what crosses indentations of a contact to bins of them, ``[lane, bin]``.
+
+    To `flux` half the speed, for levels are crossed as often on the way out as in, and the two look at what a step does
+    to a velocity from both sides; to `inward` the speed on the way in, and to `push` that times the force.
 
     `rows` are those of the displacements of its bodies, −1 for a wall, of their velocities, and of its force.
     """
@@ -47,6 +50,7 @@ def add_crossings(snapshots, rows, clearance, inverse_width, flux, push):  # typ
                 depth -= snapshots[sample, rows[1], lane]
                 closing -= snapshots[sample, rows[3], lane]
             place = depth * inverse_width
-            if depth > 0.0 and closing > 0.0 and place < bins:
-                flux[lane, int(place)] += closing
-                push[lane, int(place)] += closing * snapshots[sample, rows[4], lane]
+            if depth > 0.0 and place < bins:
+                flux[lane, int(place)] += 0.5 * abs(closing)
+                inward[lane, int(place)] += max(closing, 0.0)
+                push[lane, int(place)] += max(closing, 0.0) * snapshots[sample, rows[4], lane]

@@ -167,7 +167,7 @@ def _least(own: Sequence[Potential], links: Sequence[Link]) -> list[float]:
         q = to_terms @ x
         gradient = to_terms.T @ of_terms("force", q)
         step = 1e-4 * length + 1e-7 * np.abs(q)
-        curvature = np.maximum((of_terms("force", q + step) - of_terms("force", q - step)) / (2.0 * step), 0.0)
+        curvature = np.abs(of_terms("force", q + step) - of_terms("force", q - step)) / (2.0 * step)  # also uphill
         hessian = to_terms.T @ diags_array(curvature) @ to_terms
         diagonal = hessian.diagonal()
         floor = diagonal + 1e-12 * diagonal.max() + 1e-300

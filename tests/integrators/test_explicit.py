@@ -31,6 +31,7 @@ METHODS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:.*off the temperature:impactlab.AccuracyWarning")  # that is the bias
 @pytest.mark.parametrize(("integrator", "polynomial", "step"), METHODS.values(), ids=METHODS)
 def test_bias_of_a_linear_body_is_the_predicted_one(integrator, polynomial, step):
     expected = law_of_the_method(polynomial, step)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import impactlab as il
+import impactlab.block
 import impactlab.density
 import impactlab.estimate
 import impactlab.moments
@@ -17,10 +18,10 @@ import impactlab.rules
 import impactlab.series
 import impactlab.simulation
 from impactlab.block import Block
-from impactlab.kernels.sums import FF, FLUX, FV, FX, SLOTS, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import FF, FLUX, FV, FX, SLOTS, TURN, VV, XV, XX, F, V, X
 from impactlab.series import Cosines
 from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
-from planted.scenes import ALONE, BATCHES, BOUNDED, COARSE, INTERVALS, LONG, PAIR, TREE
+from planted.scenes import ALONE, BATCHES, BOUNDED, COARSE, DRIVEN, INTERVALS, LONG, PAIR, TREE
 
 
 def continuous_balances(right: Any, plan: Any, flows: Any, s: np.ndarray, *_: Any) -> Any:
@@ -170,6 +171,11 @@ def of_contacts(**factors: float) -> Plant:
     return returned(law, "_contact", lambda found, *_: {**found, **{n: f * found[n] for n, f in factors.items()}})
 
 
+def without_turns(plan: Any, sums: np.ndarray, *others: Any) -> tuple[Any, ...]:
+    """Take what flows add to velocities under given forces for nothing."""
+    return plan, np.where(np.arange(len(sums))[:, None, None] == TURN, 0.0, sums), *others
+
+
 BUGS = [
     Bug("balances of continuous time", LONG, returned(impactlab.moments, "_balances", continuous_balances)),
     Bug("regression with the other sign", LONG, other_sign),
@@ -193,6 +199,13 @@ BUGS = [
         returned(impactlab.simulation, "merged", lambda found, results: tuple(
             np.concatenate([getattr(item, name) for item in results[::-1]], axis=-1)
             for name in ("bodies", "contacts", "products")))),
+    Bug("means without the states at both ends", DRIVEN,
+        returned(Block, "_edge", lambda edge, _: type(edge)(*(0.0 * item for item in edge)))),
+    Bug("given forces as at the begin of a step", DRIVEN,
+        returned(impactlab.block, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0]))),
+    Bug("a step that does not know given forces", DRIVEN,
+        instead(impactlab.rules, "resolving_step", lambda model, begin, end, longest: longest)),
+    Bug("a slow load taken for motion", DRIVEN, called(impactlab.moments, "_open_flow", without_turns)),
     Bug("labels of bodies in another order", PAIR, in_plan(bodies=lambda plan: plan.bodies[::-1])),
     Bug("standard errors of samples as if they were independent", INTERVALS, errors(lambda units: 0.2)),
     Bug("standard deviations for standard errors", INTERVALS, errors(math.sqrt)),

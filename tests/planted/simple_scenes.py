@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
+import scipy.integrate
 import scipy.linalg
 from scenes import base
 
@@ -112,6 +114,63 @@ class Bounded(Scene):
             result[f"independence of realizations[{name}]"] = of_independence(body.displacement.values[:, 0])
         product = found.displacement.prod("oscillator").values.mean(axis=1)
         return {**result, "bodies are independent": float(of_means(product, 0.0))}
+
+
+class Push(il.Excitation):
+    """A harmonic force."""
+
+    amplitude: float = il.parameter(units="N")
+    frequency: float = il.parameter(units="rad s-1", above=0.0)
+
+    @staticmethod
+    def force(time, amplitude, frequency):
+        return amplitude * math.sin(frequency * time)
+
+
+class Driven(Scene):
+    """A body without noise from a given start: swinging under a fast force, and pressed on a wall by a slow one."""
+
+    name = "driven"
+    runs: ClassVar = {
+        "swinging": (4.0, 2.0 * math.pi, math.inf, 10.0, None),
+        "pressed": (3.0, 0.05, 0.1, 126.0, 0.02),
+    }
+    """Amplitude and frequency of the force, clearance of the wall if there is one, duration, step."""
+
+    @cache  # noqa: B019
+    def law(self) -> Any:
+        result = {}
+        for name, (amplitude, frequency, clearance, duration, _) in self.runs.items():
+
+            def rate(time: float, z: Any, amplitude=amplitude, frequency=frequency, clearance=clearance) -> Any:  # type: ignore[no-untyped-def]
+                contact = 1e3 * max(z[0] - clearance, 0.0) ** 1.5
+                return [z[1], amplitude * math.sin(frequency * time) - z[0] - 0.2 * z[1] - contact]
+
+            times = np.linspace(0.0, duration, 25001)
+            z = scipy.integrate.solve_ivp(
+                rate, (0.0, duration), [0.1, 0.0], rtol=1e-9, atol=1e-11, max_step=0.01, t_eval=times
+            ).y  # fmt: skip
+            squares = scipy.integrate.trapezoid(z**2, times) / duration
+            result[name] = dict(zip(("mean_square_displacement", "mean_square_velocity"), squares, strict=True))
+        return result
+
+    def evidence(self) -> Any:
+        body, found = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0), {}
+        for name, (amplitude, frequency, clearance, duration, step) in self.runs.items():
+            wall = {}
+            if clearance < math.inf:
+                wall["w"] = il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=clearance)
+            push = {"a": Push(amplitude, frequency=frequency)}
+            start = {"displacement": {"a": 0.1}}
+            found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start, step=step)
+        return found
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        return {
+            f"{statistic} {name}": abs(float(found[name][statistic][0]) / value - 1.0) / 1e-3
+            for name, expected in law.items()
+            for statistic, value in expected.items()
+        }
 
 
 class ViscousContact(il.ContactLaw):

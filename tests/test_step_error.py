@@ -1,0 +1,139 @@
+"""The error of a step, measured on the scene."""
+
+import math
+
+import numpy as np
+import pytest
+
+import impactlab as il
+from impactlab.certified import certified
+from impactlab.model import Model
+from impactlab.step_error import MOST_BIAS
+
+BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
+HEAT = il.WhiteNoise(0.2 / np.pi)
+START = {"displacement": {"a": 1.0}}
+
+
+class Dashpot(il.ContactLaw):
+    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
+    dashpot: float = il.parameter(units="N s m-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, dashpot):
+        return max(stiffness * indentation + dashpot * rate, 0.0)
+
+
+class Stop(il.ContactLaw):
+    """A spring with a much stiffer one behind it."""
+
+    soft: float = il.parameter(units="N m-1", minimum=0.0)
+    hard: float = il.parameter(units="N m-1", minimum=0.0)
+    play: float = il.parameter(units="m", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, soft, hard, play):
+        return soft * indentation + hard * max(indentation - play, 0.0)
+
+
+class Push(il.Excitation):
+    amplitude: float = il.parameter(units="N")
+
+    @staticmethod
+    def force(time, amplitude):
+        return amplitude * math.cos(1.3 * time)
+
+
+class Swell(il.Excitation):
+    density: float = il.parameter(units="N2 s rad-1", minimum=0.0)
+
+    @staticmethod
+    def intensity(time, density):
+        return density * (1.0 + math.cos(time))
+
+
+def at_wall(law, body=BODY, excitation=HEAT):
+    contacts = {"wall": il.Contact("a", il.WALL, law, clearance=0.2)}
+    return il.Network({"a": body}, contacts, {"a": excitation})
+
+
+def is_certified(network):
+    return certified(Model.of(network), np.full(len(network.contacts), 0.3))
+
+
+@pytest.mark.parametrize(
+    ("network", "known"),
+    [
+        (at_wall(il.HertzContact(100.0)), True),
+        (at_wall(il.LinearContact(100.0)), True),
+        (at_wall(il.PowerLawContact(100.0, exponent=2.0)), True),
+        (at_wall(il.HertzContact(100.0), il.DuffingOscillator(1.0)), True),
+        (at_wall(il.PowerLawContact(100.0, exponent=0.3)), False),
+        (at_wall(Stop(30.0, hard=1000.0, play=0.1)), False),
+        (at_wall(Dashpot(100.0, dashpot=1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=Push(1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=Swell(1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=il.ShinozukaNoise(0.1, band=(0.0, 1.0), components=100)), False),
+    ],
+    ids=repr,
+)
+def test_the_certified_class(network, known):
+    assert is_certified(network) == known
+
+
+def test_certified_networks_are_not_measured():
+    result = il.simulate(at_wall(il.HertzContact(100.0)), 10.0, realizations=64, rng=1)
+    assert not [name for name in result if str(name).endswith("_step_bias")]
+
+
+def test_a_measured_step_does_not_depend_on_the_seed():
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    one, other = (il.simulate(network, 20.0, realizations=64, rng=seed) for seed in (1, 2))
+    assert one.attrs["step"] == other.attrs["step"]
+    assert one.mean_square_velocity_step_bias.identical(other.mean_square_velocity_step_bias)
+    assert abs(one.mean_square_velocity_step_bias.item()) < 2.0 * MOST_BIAS
+    assert not one.mean_square_velocity.equals(other.mean_square_velocity)
+
+
+def test_it_is_made_again(tmp_path):
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, 20.0, realizations=64, rng=1)
+    il.save(result, tmp_path / "a.nc")
+    again = il.rerun(tmp_path / "a.nc")
+    for name in ("mean_square_velocity", "mean_square_velocity_step_bias"):
+        np.testing.assert_array_equal(again[name], result[name])
+
+
+@pytest.mark.parametrize(("dashpot", "step"), [(20.0, 0.1), (40.0, 0.05), (100.0, 0.05)])
+def test_what_is_measured_is_what_is_true(dashpot, step):
+    """Sign and size of the bias of a step that is too large, within a factor of three."""
+    network = at_wall(Dashpot(100.0, dashpot=dashpot))
+    options = {"duration": 200.0, "realizations": 512, "spin_up": 50.0}
+    with pytest.warns(il.AccuracyWarning, match=r"The step of .* makes .* too (large|small), as measured"):
+        coarse = il.simulate(network, **options, step=step, rng=1)
+    fine = il.simulate(network, **options, rng=2)
+    for name in ("mean_square_displacement", "mean_square_velocity", "contact_ratio"):
+        true = coarse[name].item() / fine[name].item() - 1.0
+        error = math.hypot(coarse[f"{name}_standard_error"].item(), fine[f"{name}_standard_error"].item())
+        error /= abs(fine[name].item())
+        if abs(true) > 0.01 + 3.0 * error:
+            assert (
+                0.33 * true < coarse[f"{name}_step_bias"].item() < 3.0 * true
+                or 3.0 * true < coarse[f"{name}_step_bias"].item() < 0.33 * true
+            ), name
+
+
+def test_a_coarse_step_of_a_certified_network_is_told():
+    network = at_wall(il.LinearContact(100.0))
+    automatic = il.simulate(network, 100.0, realizations=64, rng=1).attrs["step"]
+    with pytest.warns(il.AccuracyWarning, match="as measured"):
+        il.simulate(network, 100.0, realizations=64, rng=1, step=3.0 * automatic)
+
+
+def test_one_path_without_noise_is_measured_whole():
+    """The bias of a bounce at a dashpot is known from it alone, and made small."""
+    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, Dashpot(400.0, dashpot=8.0))})
+    result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1)
+    fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
+    assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
+    assert result.mean_contact_force.item() == pytest.approx(fine.mean_contact_force.item(), rel=5e-3)
