@@ -79,6 +79,7 @@ def test_installed_command_lists_the_studies(installed: Path) -> None:
         "conservation",
         "scaling",
         "stability",
+        "trust",
         "two-system",
         "work-precision",
     ]

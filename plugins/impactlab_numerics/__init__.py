@@ -1,4 +1,4 @@
-"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation, stability."""
+"""Studies of impactlab's own numerics: run time against error and size, accuracy, conservation, stability, trust."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ _HOME = {
     "ConservationStudy": "conservation",
     "ScalingStudy": "scaling",
     "StabilityStudy": "stability",
+    "TrustStudy": "trust",
     "WorkPrecisionStudy": "work_precision",
 }
 
-__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "StabilityStudy", "WorkPrecisionStudy"]
+__all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "StabilityStudy", "TrustStudy", "WorkPrecisionStudy"]
 
 
 def __getattr__(name: str) -> Any:
