@@ -29,6 +29,9 @@ from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS
 MOST_BIAS = 0.0025
 """Bias of the step, as a part of a statistic, up to which a step that is chosen will do."""
 
+SURELY_FINE = 0.2
+"""Part of the automatic step up to which a step that is given needs no measurement, whatever the network."""
+
 WORTH_SAYING = 0.005
 """Bias of a step from which on there is a warning."""
 
@@ -118,7 +121,8 @@ def worth_measuring(plan: Plan, model: Model, given: float | None) -> bool:
     """Whether nothing but a measurement tells what the step of a plan does."""
     if plan.coarse or not model.nonlinear_bodies.any():
         return False
-    return not plan.certified or (given is not None and given > plan.automatic * (1.0 + 1e-9))
+    beyond = 1.0 + 1e-9 if plan.certified else SURELY_FINE
+    return (given is None and not plan.certified) or (given is not None and given > beyond * plan.automatic)
 
 
 def measured(
@@ -199,7 +203,7 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     steps = STRETCH
     if not len(model.ends):  # paths do not part: as long as they remember
         steps = max(steps, min(left // FEWEST, math.ceil(2.0 * plan.relaxation / plan.step)) // SLOTS * SLOTS)
-    if not plan.steady:
+    if not plan.steady or plan.lines:  # as long as the run, where time counts or a series must not repeat
         left = min(left, plan.steps)
         steps = max(2, min(steps, left // 2 * 2))
     if not plan.random.any():  # all steps, if they can be
