@@ -38,8 +38,9 @@ WORTH_SAYING = 0.005
 STRETCH = 32
 """Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
 
-SHARE, LEAST_SECONDS = 0.2, 0.1
-"""Part of the work of a run that the measurement may take, and what it always may (s, as a plan foresees it)."""
+SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.1, 2.0
+"""Part of the work of a run that the measurement may take, what it always may, and what is enough for any scene (s, as
+a plan foresees it)."""
 
 LANES, STRETCHES, FEWEST = 256, 64, 8
 """Most realizations and stretches of a measurement, and the fewest stretches."""
@@ -188,7 +189,7 @@ def step_error(plan: Plan, model: Model, initial: object) -> StepError:
 
 def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     """Return realizations, steps of the spin-up, stretches, and steps of each, for a share of the work of a plan."""
-    seconds = max(LEAST_SECONDS, SHARE * plan.seconds(1))
+    seconds = min(max(LEAST_SECONDS, SHARE * plan.seconds(1)), MOST_SECONDS)
     bodies, links = len(model.mass), len(model.links)
     least = 1 if plan.lanes == 1 else bodies // 16 + 2  # blocks of one lane have a text of their own
     numbers = [1] if plan.lanes == 1 else [max(LANES >> power, least) for power in range(0, 9, 2)]
