@@ -56,7 +56,7 @@ def _abrupt(model: Model, stiffening: Stiffening) -> np.ndarray:
 def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Whether the relative motion of the bodies of each contact is much colder than they are, (contact,) of bool."""
     variance = linear_variances(model)[1]
-    cold = (model.damping == 0.0) & ~model.excited  # as hot as their part
+    cold = (model.damping == 0.0) & ~model.excited & (variance == 0.0)  # as hot as their part
     variance = np.append(np.where(cold, hottest(model, model.mass * variance) / model.mass, variance), 0.0)
     first, second = model.ends.T
     relative = variance[first] + variance[second]

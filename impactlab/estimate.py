@@ -420,12 +420,12 @@ def _widen_bodies(plan: Plan, moved: np.ndarray, events: np.ndarray, values: Val
     hottest = np.zeros(labels.max(initial=-1) + 1)
     np.maximum.at(hottest, labels, mass * values["mean_square_velocity"])
     share = np.sqrt(events) * 0.5 * plan.relaxation / (plan.step * plan.steps * plan.realizations)
-    with np.errstate(divide="ignore"):
-        velocity = hottest[labels[moved]] / mass[moved]
+    with np.errstate(divide="ignore", invalid="ignore"):  # nothing moves, or no spring holds it
+        velocity = share * hottest[labels[moved]] / mass[moved]
         squares = {"velocity": velocity, "displacement": velocity * mass[moved] / stiffness[moved]}
     for quantity, square in squares.items():
-        sizes = {f"mean_{quantity}": np.sqrt(share * square), f"mean_square_{quantity}": share * square}
-        sizes |= {"variance_displacement": share * square} if quantity == "displacement" else {}
+        sizes = {f"mean_{quantity}": np.sqrt(square), f"mean_square_{quantity}": square}
+        sizes |= {"variance_displacement": square} if quantity == "displacement" else {}
         for name, size in sizes.items():
             for key in {name, f"direct_{name}"} & set(errors):
                 known = np.where(np.isfinite(size) & (events > 0.0), size, np.nan)

@@ -93,8 +93,9 @@ def {name}_over_kick({place}, speed, response{fields}):
         middle = {name}_slowed({place}, speed, response, 1e-6{fields})
         near = 0.001 * (speed - middle)
         if near != 0.0:
-            steepness = 0.5 * ({above} - {below}) / near
-            stretched = response * stretch(2.0 * response * steepness)
+            above = {above}
+            below = {below}
+            stretched = response * stretch(response * (above - below) / near)
             middle = {name}_slowed({place}, speed, stretched, 1e-6{fields})
             force = (speed - middle) / stretched
     return force

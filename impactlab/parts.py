@@ -53,6 +53,8 @@ def joined(network: Network, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     both = xr.merge([busy, idle.drop_dims("contact", errors="ignore")], join="outer", compat="no_conflicts")
+    exact = {name: both[name].fillna(0.0) for name in both if str(name).endswith("_step_bias")}  # of the idle part
+    both = both.assign(exact)
     drifts = [part.attrs["drift"] for part in (busy, idle)]
     attributes = {**busy.attrs, "drift": max(drifts, key=lambda drift: (drift == drift, drift))}
     return both.sel(oscillator=list(network.oscillators)).assign_attrs(attributes)

@@ -244,8 +244,8 @@ def _simulate(
 
         plan, error = planned(), None
         try:
-            wanted = isinstance(integrator, ExactFlow) and not compared and plan.seconds(workers) <= seconds
-            if wanted and worth_measuring(plan, part, chosen):
+            affordable = not compared and plan.seconds(workers) <= seconds
+            if affordable and worth_measuring(plan, part, integrator, chosen):
                 plan, error = measured(planned, plan, part, initial, chosen is None)
             dataset = _run(plan, executor, progress, seconds, workers, configuration, temporary)
             return dataset if error is None else dataset.assign(error.variables())

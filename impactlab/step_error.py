@@ -18,13 +18,13 @@ import numpy as np
 from impactlab.block import Block
 from impactlab.dataset import VARIABLES
 from impactlab.errors import Diverged, heard_by, warn
-from impactlab.integrators import ExactFlow
+from impactlab.integrators import ExactFlow, Integrator
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.sums import FV, SLOTS
 from impactlab.model import Model
 from impactlab.moments import statistics_of
 from impactlab.plan import Plan, make_plan
-from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS
+from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 
 MOST_BIAS = 0.0025
 """Bias of the step, as a part of a statistic, up to which a step that is chosen will do."""
@@ -118,9 +118,10 @@ class StepError:
         return result
 
 
-def worth_measuring(plan: Plan, model: Model, given: float | None) -> bool:
+def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
     """Whether nothing but a measurement tells what the step of a plan does."""
-    if plan.coarse or not model.nonlinear_bodies.any():
+    wanted = isinstance(integrator, ExactFlow) and integrator.measured
+    if not wanted or plan.coarse or not model.nonlinear_bodies.any():
         return False
     beyond = 1.0 + 1e-9 if plan.certified else SURELY_FINE
     return (given is None and not plan.certified) or (given is not None and given > beyond * plan.automatic)
@@ -143,12 +144,14 @@ def measured(
     free : bool
         Whether the step may be changed.
     """
-    error = step_error(plan, model, initial)
+    first, error = plan, step_error(plan, model, initial)
     for _ in range(TRIALS - 1 if free else 0):
         if error.certain <= MOST_BIAS:
             break
         plan = plan_of(error.better)
         error = step_error(plan, model, initial)
+    if math.isinf(error.certain):
+        return first, error  # the run will say where it diverges
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
@@ -189,13 +192,15 @@ def step_error(plan: Plan, model: Model, initial: object) -> StepError:
 
 def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     """Return realizations, steps of the spin-up, stretches, and steps of each, for a share of the work of a plan."""
-    seconds = min(max(LEAST_SECONDS, SHARE * plan.seconds(1)), MOST_SECONDS)
-    bodies, links = len(model.mass), len(model.links)
-    least = 1 if plan.lanes == 1 else bodies // 16 + 2  # blocks of one lane have a text of their own
-    numbers = [1] if plan.lanes == 1 else [max(LANES >> power, least) for power in range(0, 9, 2)]
+    bodies, links, steps = len(model.mass), len(model.links), plan.spin_up_steps + plan.steps
+    lane = LANE_STEP_SECONDS * (bodies + links)
+    seconds = min(max(LEAST_SECONDS, SHARE * steps * (STEP_SECONDS + plan.realizations * lane)), MOST_SECONDS)
+    single = plan.realizations == 1 or most_lanes(model, plan.realizations, 1) == 1  # on any number of cores
+    least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
+    numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
     settling = math.ceil(min(plan.spin_up_steps, SPIN_UP * plan.relaxation / plan.step))
     for realizations in numbers:
-        cost = STEP_SECONDS * (1 + bodies // 10) + LANE_STEP_SECONDS * realizations * (bodies + links)
+        cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
         affordable = int(seconds / cost)
         if affordable >= 2 * settling + 3 * FEWEST * STRETCH:
             break
@@ -350,8 +355,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / (1.0 - finer**-2.0) / size[:, None]  # of second order
-        known = np.isfinite(relative).all(axis=-1)
-        relative = np.where(known[:, None], relative, 0.0)
+        relative = np.where(np.isfinite(relative).all(axis=-1, keepdims=True), relative, 0.0)  # 0/0: nothing moves
         bias[name] = relative.mean(axis=-1)
         error[name] = relative.std(axis=-1) / math.sqrt(relative.shape[-1]) if sampled else np.zeros(len(relative))
     return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})

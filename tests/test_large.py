@@ -78,7 +78,9 @@ def test_an_overflow_is_no_number_and_a_mistake_names_its_component():
     values = call_each([Steep(2.0), Steep(400.0)], "force", np.full((2, 1), 10.0), np.zeros((2, 1)))
     assert values[0] == 1e6
     assert np.isnan(values[1])
-    with pytest.raises(il.InvalidInput, match=r"Brittle\.force failed for Brittle\(limit=3\.0\): ZeroDivisionError"):
+    with pytest.raises(
+        il.InvalidInput, match=r"Brittle\.force failed for Brittle\(limit=3\.0\) at indentation = 0: ZeroDivisionError"
+    ):
         call_each([Brittle(1.0), Brittle(3.0)], "force", np.zeros((2, 4)), np.zeros((2, 1)))
 
 

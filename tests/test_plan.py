@@ -208,7 +208,7 @@ def test_bad_input_is_refused(options, message):
 
 
 def test_numbers_of_numpy_are_numbers():
-    options = {"realizations": np.int64(64), "step": np.float32(2**-8), "spin_up": np.float32(0.0)}
+    options = {"realizations": np.int64(64), "step": np.float32(2**-9), "spin_up": np.float32(0.0)}
     initial = {"displacement": {"one": np.float32(0.5)}}
     ds = il.simulate(base(), np.float32(0.25), rng=np.uint8(1), initial=initial, **options)
     again = il.rerun(ds)

@@ -81,9 +81,13 @@ class ExactFlow(Integrator):
         Whether realizations in which nothing can touch for a while take that time in one exact
         transition, where this saves work (default). It changes no path; statistics of
         displacements and velocities are sampled once per interval then, contacts at every step.
+    measured : bool
+        Whether the error of the step is measured on the scene before the run, where the automatic step is not
+        certified or a larger one is given (default); see `impactlab.step_error`. Else a run takes the step as it is.
     """
 
     jumps: bool = parameter(True)
+    measured: bool = parameter(True)
 
     order: ClassVar[float] = 2.0
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")

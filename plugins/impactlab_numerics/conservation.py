@@ -87,10 +87,11 @@ class ConservationStudy(Study):
             network, initial, frequency = bounces(kind, BOUNCES, self.seed)
             for index, step in enumerate(BOUNCE_STEPS):
                 step = BOUNCE_DURATION / math.ceil(BOUNCE_DURATION * frequency / step)
-                options = {"duration": BOUNCE_DURATION, "step": step, "record": il.Trajectory(BOUNCE_DURATION)}
-                items.append(Item(f"bounce_{kind}_{index}", network, {"initial": initial, **options, "rng": self.seed}))
+                options = {"duration": BOUNCE_DURATION, "record": il.Trajectory(BOUNCE_DURATION), "rng": self.seed}
+                given = {"step": step, "integrator": il.ExactFlow(measured=False), "initial": initial}
+                items.append(Item(f"bounce_{kind}_{index}", network, {**options, **given}))
         for name, path in paths().items():
-            for integrator in (il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()):
+            for integrator in (il.ExactFlow(measured=False), il.RungeKutta4(), il.EulerMaruyama()):
                 kind = type(integrator).__name__
                 for halving in range(self.order_steps):
                     options = {
@@ -139,4 +140,9 @@ def _sampled(duration: float, step: float) -> dict[str, Any]:
     """Return the options of a run that is sampled at whole steps, the step being made a little smaller."""
     interval = duration / SAMPLES
     step = interval / math.ceil(interval / step)
-    return {"duration": duration, "step": step, "record": il.Trajectory(interval)}
+    return {
+        "duration": duration,
+        "step": step,
+        "integrator": il.ExactFlow(measured=False),
+        "record": il.Trajectory(interval),
+    }

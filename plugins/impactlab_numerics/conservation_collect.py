@@ -179,7 +179,12 @@ def _reversals(study: ConservationStudy) -> xr.Dataset:
         for column, wanted in enumerate(study.reversed_contacts):
             step = 0.02
             duration = step * round(wanted / scene.rate / step)
-            options: dict[str, Any] = {"step": step, "record": il.Trajectory(duration), "rng": study.seed}
+            options: dict[str, Any] = {
+                "step": step,
+                "integrator": il.ExactFlow(measured=False),
+                "record": il.Trajectory(duration),
+                "rng": study.seed,
+            }
             there = il.simulate(network, duration, initial=initial, **options)
             # where a contact is closed the path shows where forces are read, not the state itself
             is_open = _by_copy(there.contact_force.values[0, -1:] > 0.0, copies)[0] == 0

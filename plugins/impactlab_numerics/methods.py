@@ -184,4 +184,5 @@ def integrator(scheme: str) -> il.Integrator:
         "Runge–Kutta": il.RungeKutta4,
         "Euler–Maruyama": il.EulerMaruyama,
     }
-    return kinds[scheme]()
+    kind = kinds[scheme]
+    return kind(measured=False) if issubclass(kind, il.ExactFlow) else kind()

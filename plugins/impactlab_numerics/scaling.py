@@ -111,7 +111,7 @@ class ScalingStudy(Study):
             rate = closing_rate(network)
             total = min(affordable, WANTED / rate) if affordable * rate >= SEEN else 0.0
             for name, jumps in METHODS.items():
-                options = {**self._length(total), "integrator": il.ExactFlow(jumps=jumps)}
+                options = {**self._length(total), "integrator": il.ExactFlow(jumps=jumps, measured=False)}
                 items.append(Item(f"{name}_{clearance:g}", network, options))
         network = self.apart(self.exact_clearance)
         items.append(Item("exactness", network, self._length(1.3**2 / closing_rate(network) / self.standard_error**2)))

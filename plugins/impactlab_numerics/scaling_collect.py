@@ -32,7 +32,7 @@ COMPARED = {
 }
 """Variable and label, or its beginning, of what is compared at each clearance."""
 
-FROM_REST: dict[str, Any] = {"integrator": il.ExactFlow(jumps=False), "initial": "rest", "spin_up": 0.0}
+FROM_REST: dict[str, Any] = {"integrator": il.ExactFlow(jumps=False, measured=False), "initial": "rest", "spin_up": 0.0}
 """How networks are run: every step is made, and no random start without overlaps is looked for."""
 
 FEW_STEPS = 0.1
@@ -114,7 +114,10 @@ def _clearance(study: ScalingStudy, results: Mapping[str, xr.Dataset]) -> xr.Dat
     places = [(clearance, method) for clearance in study.clearances for method in METHODS]
     timers = {}
     for clearance, method in places:
-        options = {"realizations": study.realizations, "integrator": il.ExactFlow(jumps=METHODS[method])}
+        options = {
+            "realizations": study.realizations,
+            "integrator": il.ExactFlow(jumps=METHODS[method], measured=False),
+        }
         timers[clearance, method] = Blocks(study.apart(clearance), options, study.timing_seconds, SHORTEST / 8.0)
     found = in_rounds(timers, study.rounds)
     cost = np.array([[rate for rate, _ in found[place]] for place in places])

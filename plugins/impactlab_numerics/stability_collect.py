@@ -32,7 +32,7 @@ from impactlab_numerics.wild import run_scene, wild_scene
 if TYPE_CHECKING:
     from impactlab_numerics.stability import StabilityStudy
 
-METHODS: tuple[il.Integrator, ...] = (il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama())
+METHODS: tuple[il.Integrator, ...] = (il.ExactFlow(measured=False), il.RungeKutta4(), il.EulerMaruyama())
 """The methods, the default one first."""
 
 DEFAULT = type(METHODS[0]).__name__

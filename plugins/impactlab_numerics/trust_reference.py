@@ -107,7 +107,7 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
             raise Unknown(f"{work(fine) * realizations:.2g} steps of a body are too many")
     count = math.ceil(duration / fine)
     options |= {"realizations": realizations, "duration": duration, "spin_up": spin_up, "step": duration / count}
-    method = il.ExactFlow(jumps=False)  # looks at every step
+    method = il.ExactFlow(jumps=False, measured=False)  # looks at every step
     result = il.simulate(network, rng=seed, record=PathMeans(), integrator=method, **options)
     path = path_statistics(result)
     values, errors, doubts = {}, {}, []

@@ -11,6 +11,7 @@ import numpy as np
 
 import impactlab as il
 from impactlab.kernels.jit import compilations
+from impactlab.model import Model
 
 FAMILIES = 32
 """Kinds of networks: scenes of a family share compiled code, since only numbers and graphs differ."""
@@ -328,7 +329,8 @@ def run_scene(scene: Scene) -> Outcome:
         return outcome("hanging", "before or after the steps")
     messages = [str(item.message) for item in said]
     noises = scene.network.excitations.values()
-    bad = _not_numbers(result, bool(messages), all(noise.kind == "force" for noise in noises))
+    quiet = not Model.of(scene.network).random.all()
+    bad = _not_numbers(result, bool(messages), quiet)
     if bad:
         return outcome("silent NaN", bad)
     steady = scene.options.get("initial") is None or isinstance(scene.options["initial"], str)
@@ -342,8 +344,8 @@ def run_scene(scene: Scene) -> Outcome:
 def _not_numbers(result: Any, warned: bool, quiet: bool) -> str:
     """Name the first variable that is not finite.
 
-    Standard errors may be NaN after a warning, or where nothing is random; those of contacts and bands where nothing
-    scattered. A body without spring or damping has no balance.
+    Standard errors may be NaN after a warning, or where nothing is random, as of bodies that no noise reaches; those
+    of contacts and bands where nothing scattered. A body without spring or damping has no balance.
     """
     for name, item in result.data_vars.items():
         error, of_contact = str(name).endswith("_standard_error"), "contact" in item.dims

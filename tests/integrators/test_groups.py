@@ -76,7 +76,8 @@ def test_paths_without_noise_are_exact_at_any_step(step):
     network = trio(0.4, excitations=dict.fromkeys("abc"))
     initial = {"displacement": {"a": 0.3, "c": -0.2}, "velocity": {"b": 1.5}}
     options = {"duration": 4.0 * step, "spin_up": 0.0, "step": step, "initial": initial}
-    result = il.simulate(network, **options, record=[il.Trajectory(interval=step)], rng=1)
+    method = il.ExactFlow(measured=False)  # of paths, not of means
+    result = il.simulate(network, **options, integrator=method, record=[il.Trajectory(interval=step)], rng=1)
     start = np.array([0.3, 0.0, -0.2, 0.0, 1.5, 0.0])
     for index, time in enumerate(result.time.values):
         expected = expm(time * drift_by_hand(0.4)) @ start
@@ -91,8 +92,8 @@ def test_a_constant_given_force_on_one_body_moves_all_exactly():
 
     network = trio(0.4, excitations={"a": None, "b": Push(), "c": None})
     initial = {"displacement": {}, "velocity": {}}
-    record = [il.Trajectory(interval=0.5)]
-    result = il.simulate(network, 2.0, spin_up=0.0, step=0.5, initial=initial, record=record, rng=1)
+    options = {"record": [il.Trajectory(interval=0.5)], "integrator": il.ExactFlow(measured=False)}
+    result = il.simulate(network, 2.0, spin_up=0.0, step=0.5, initial=initial, **options, rng=1)
     drift, acceleration = drift_by_hand(0.4), np.array([0, 0, 0, 0, 1.5, 0])
     for index, time in enumerate(result.time.values):
         expected = np.linalg.solve(drift, (expm(time * drift) - np.eye(6)) @ acceleration)
@@ -236,7 +237,7 @@ def test_the_law_of_a_group_under_kicks_is_the_predicted_one():
     model, stiffening = arranged(network)
     step = 0.98 * steps(network)[0]
     options = {"duration": 100_000 * step, "spin_up": 100.0, "step": step}
-    result = il.simulate(network, **options, realizations=128, rng=4)
+    result = il.simulate(network, **options, integrator=il.ExactFlow(measured=False), realizations=128, rng=4)
     scene = LinearizedNetwork.of(model, stiffening)
     exact, discrete = np.diag(scene.covariance()), np.diag(scene.discrete_covariance(il.ExactFlow(), step))
     for prefix in ("", "direct_"):
@@ -259,7 +260,8 @@ def test_a_stiffly_coupled_pair_with_contact_against_its_exact_law(between):
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_balances_of_a_group_hold_at_every_step_and_serve_as_controls(share):
     network = base(couplings={"s": spring("one", "two", 900.0, 2.0), "w": spring("two", il.WALL, 20.0)})
-    result = il.simulate(network, duration=100.0, step=share * steps(network)[0], realizations=256, rng=5)
+    options = {"step": share * steps(network)[0], "integrator": il.ExactFlow(measured=False)}
+    result = il.simulate(network, duration=100.0, **options, realizations=256, rng=5)
     for name in BALANCES:
         score = result[name] / result[f"{name}_standard_error"]
         assert (np.abs(score) < 3.5).all(), (name, score.values)
