@@ -292,8 +292,9 @@ def _run(
             plan = stack.enter_context(written(plan, file, file.parent))
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
-    drifting = plan.steady and estimates.drift > DRIFT
-    if estimates.unbalanced and (plan.settled or (plan.steady and not drifting)):
+    # without a spin-up means are those from the start on, as was asked for
+    drifting = plan.steady and plan.spin_up_steps > 0 and estimates.drift > DRIFT
+    if estimates.unbalanced and plan.steady and (plan.settled or not drifting):
         warn(estimates.unbalanced)
     if drifting:
         warn(

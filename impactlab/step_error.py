@@ -198,7 +198,8 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     single = plan.realizations == 1 or most_lanes(model, plan.realizations, 1) == 1  # on any number of cores
     least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
     numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
-    settling = math.ceil(min(plan.spin_up_steps, SPIN_UP * plan.relaxation / plan.step))
+    led = len(plan.forced) > 0  # to a motion that may depend on how it began
+    settling = plan.spin_up_steps if led else math.ceil(min(plan.spin_up_steps, SPIN_UP * plan.relaxation / plan.step))
     for realizations in numbers:
         cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
         affordable = int(seconds / cost)
@@ -207,7 +208,7 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     settling = min(settling, affordable // 3)
     left = max(affordable - settling, 3 * STRETCH) // 3
     steps = STRETCH
-    if not len(model.ends):  # paths do not part: as long as they remember
+    if not len(model.ends) or led:  # paths do not part: as long as they remember
         steps = max(steps, min(left // FEWEST, math.ceil(2.0 * plan.relaxation / plan.step)) // SLOTS * SLOTS)
     if not plan.steady or plan.lines:  # as long as the run, where time counts or a series must not repeat
         left = min(left, plan.steps)
