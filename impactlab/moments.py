@@ -194,9 +194,9 @@ def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
         return at_kicks
     share, increment = share[slowed, None], _increment(plan)[slowed]
     vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
-    result = at_kicks.copy()
-    result[slowed] = vv + increment * (2.0 * share - 1.0) * (fv - 0.5 * increment * ff)
-    result[slowed] += increment**2 * (share**2 - 0.25) * ff
+    result, own = at_kicks.copy(), vv + increment * (2.0 * share - 1.0) * (fv - 0.5 * increment * ff)
+    own += increment**2 * (share**2 - 0.25) * ff
+    result[slowed] = np.where(np.isfinite(own), own, at_kicks[slowed])  # units without a step of each phase
     return result
 
 

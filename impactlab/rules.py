@@ -113,6 +113,8 @@ def stopping_step(model: Model, step: float) -> float:
     between them gives the rate of contacts at ``c h/m`` of some 1 to 10 (up to 10 % off). Beyond, where a contact
     closes and opens many times in a step, the flux is right again.
     """
+    if model.lines:  # see `series_step`
+        return math.inf
     touching = np.unique(model.ends[model.ends < model.wall])
     rates = model.damping[touching] / model.mass[touching]
     fastest = rates[(step * rates > 1.0) & (step * rates < STOPPING)].max(initial=0.0)

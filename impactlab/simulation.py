@@ -292,11 +292,10 @@ def _run(
             plan = stack.enter_context(written(plan, file, file.parent))
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
-    # without a spin-up means are those from the start on, as was asked for
-    drifting = plan.steady and plan.spin_up_steps > 0 and estimates.drift > DRIFT
-    if estimates.unbalanced and plan.steady and (plan.settled or not drifting):
+    drifting, spun_up = plan.steady and estimates.drift > DRIFT, plan.spin_up_steps > 0
+    if estimates.unbalanced and plan.steady and (plan.settled or (spun_up and not drifting)):
         warn(estimates.unbalanced)
-    if drifting:
+    if drifting and spun_up:  # else means are those from the start on, as was asked for
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."

@@ -26,7 +26,7 @@ from impactlab.moments import statistics_of
 from impactlab.plan import Plan, make_plan
 from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 
-MOST_BIAS = 0.0025
+MOST_BIAS = 0.0015
 """Bias of the step, as a part of a statistic, up to which a step that is chosen will do."""
 
 SURELY_FINE = 0.2

@@ -6,6 +6,8 @@ from scenes import base, linear
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 LAW = {  # of scenes.linear(): mean squares under white noise
     "mean_square_displacement": np.pi / (0.4 * np.pi * 4.0 * np.pi**2),
     "mean_square_velocity": np.pi / (0.4 * np.pi),

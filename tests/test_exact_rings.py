@@ -11,6 +11,8 @@ import impactlab as il
 from impactlab.reference import exact
 from impactlab.reference.ring import RingLaw
 
+pytestmark = pytest.mark.campaign
+
 NULL = il.HertzContact(0.0)
 NAMES = ["mean_displacement", "variance_displacement", "contact_ratio", "contact_rate", "mean_contact_force"]
 

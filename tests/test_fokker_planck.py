@@ -16,6 +16,8 @@ from impactlab.phase_space.propagator import Basis, Propagator
 from impactlab.phase_space.reading import Reading
 from impactlab.phase_space.shears import Shears
 
+pytestmark = pytest.mark.campaign
+
 COARSE = {"gap": 45, "center": 17, "first": 19, "second": 19, "box": 5.0}
 BODIES = {
     "a": il.LinearOscillator(mass=1.0, damping=0.5, stiffness=1.0),

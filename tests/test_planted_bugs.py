@@ -17,7 +17,7 @@ RIGHT, CAUGHT = 5.0, 6.0
 BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS]
 SCENES = [*scenes.SCENES, *wider_scenes.SCENES]
 
-pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+pytestmark = [pytest.mark.campaign, pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")]
 
 
 @pytest.fixture(scope="module")

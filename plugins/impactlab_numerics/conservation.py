@@ -54,6 +54,11 @@ class ConservationStudy(Study):
         """The smoke form: few contacts."""
         return self.replace(contacts=2000.0, momentum_contacts=1000.0, reversed_contacts=(3.0, 10.0, 100.0))
 
+    @property
+    def path_copies(self) -> int:
+        """Copies whose paths are compared with those of a solver: what a kink does depends on the start."""
+        return 16 * self.copies
+
     def items(self) -> list[Item]:
         """The scenes of constant energy at several steps, a free chain, and short paths."""
         from impactlab_numerics.conservation_scenes import (
@@ -98,11 +103,12 @@ class ConservationStudy(Study):
                         "duration": PATH_DURATION,
                         "step": COARSEST[kind] / 2.0**halving,
                         "integrator": integrator,
-                        "initial": path_starts(self.copies),
+                        "initial": path_starts(self.path_copies),
                         "record": il.Trajectory(PATH_INTERVAL),
                         "rng": self.seed,
                     }
-                    items.append(Item(f"{kind}_{name}_{halving}", side_by_side(path.network, self.copies), options))
+                    network = side_by_side(path.network, self.path_copies)
+                    items.append(Item(f"{kind}_{name}_{halving}", network, options))
         return items
 
     def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:

@@ -52,8 +52,8 @@ def _bounded(energy: xr.Dataset) -> Claim:
         f"{energy.scene.item()}: where no contact opens or closes the energy stays where it is, on average.",
         f"At the automatic step it swings by {swing[0]:.1e} of the kinetic energy at the start and has drifted by "
         f"{drift[0]:.1e} in the end; at the smallest step by {swing[-1]:.1e} and {drift[-1]:.1e}.",
-        "drift below a fifth of the swing at each step, means over a tenth of the run",
-        verdict_of(bool((drift < 0.2 * swing).all())),
+        "drift below 1e-4 at each step, means over a tenth of the run",
+        verdict_of(bool((drift < 1e-4).all())),
     )
 
 

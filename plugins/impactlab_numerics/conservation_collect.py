@@ -182,12 +182,14 @@ def _reversals(study: ConservationStudy) -> xr.Dataset:
             options: dict[str, Any] = {
                 "step": step,
                 "integrator": il.ExactFlow(measured=False),
-                "record": il.Trajectory(duration),
+                "record": il.Trajectory(step),
                 "rng": study.seed,
             }
             there = il.simulate(network, duration, initial=initial, **options)
-            # where a contact is closed the path shows where forces are read, not the state itself
-            is_open = _by_copy(there.contact_force.values[0, -1:] > 0.0, copies)[0] == 0
+            # where a contact is closed the path shows where forces are read, not the state itself; velocities look
+            # a step back, at the start of the way there too, which is the end of the way back
+            touched = (there.contact_force.values[0, [0, 1, -2, -1]] > 0.0).any(axis=0, keepdims=True)
+            is_open = _by_copy(touched, copies)[0] == 0
             turned = {
                 quantity: dict(zip(network.oscillators, (sign * there[quantity].values[0, -1]).tolist(), strict=True))
                 for quantity, sign in (("displacement", 1.0), ("velocity", -1.0))
@@ -230,13 +232,13 @@ def _orders(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr.D
     shape = len(COARSEST), len(scenes), study.order_steps
     error, step = np.empty(shape), np.empty((shape[0], shape[2]))
     for column, (name, path) in enumerate(scenes.items()):
-        network = side_by_side(path.network, study.copies)
-        expected = _reference(network, path_starts(study.copies))
+        network = side_by_side(path.network, study.path_copies)
+        expected = _reference(network, path_starts(study.path_copies))
         for row, (kind, coarsest) in enumerate(COARSEST.items()):
             for halving in range(study.order_steps):
                 dataset = results[f"{kind}_{name}_{halving}"]
                 found = np.concatenate([dataset.displacement.values[0], dataset.velocity.values[0]], axis=1)
-                off = np.abs(found - expected).max(axis=0).reshape(2, study.copies, -1).max(axis=(0, 2))
+                off = np.sqrt(((found - expected) ** 2).mean(axis=0)).reshape(2, study.path_copies, -1).max(axis=(0, 2))
                 error[row, column, halving] = np.exp(np.log(off).mean())
                 step[row, halving] = coarsest / 2.0**halving
     slope = np.array([[np.polyfit(np.log(step[i]), np.log(error[i, j]), 1)[0] for j in range(shape[1])]
@@ -244,7 +246,7 @@ def _orders(study: ConservationStudy, results: Mapping[str, xr.Dataset]) -> xr.D
     dims = ("integrator", "force", "halving")
     return xr.Dataset(
         {
-            "error": (dims, error, _named("largest error of paths (m, m/s), mean over starts")),
+            "error": (dims, error, _named("error of paths (m, m/s), root mean square over time, mean over starts")),
             "step": (("integrator", "halving"), step, {"units": "s", "long_name": "step"}),
             "order": (dims[:2], slope, _named("slope of the error")),
             "power": ("force", [path.power for path in scenes.values()], _named("power of the indentation")),

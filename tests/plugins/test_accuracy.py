@@ -16,6 +16,8 @@ from impactlab_numerics.random_networks import LEAST_RATE, closing_rates, random
 import impactlab as il
 from impactlab.dataset import STATISTICS
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 

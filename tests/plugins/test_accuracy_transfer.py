@@ -9,6 +9,8 @@ from scenes import base
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 CLOSE = 1e-8
 
 

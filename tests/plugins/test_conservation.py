@@ -15,6 +15,8 @@ from impactlab_numerics.conservation_scenes import SCENES, bounces, free_chain, 
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -84,7 +86,7 @@ def test_the_small_run_finds_what_theory_says(run):
         assert of_n == pytest.approx(0.5, abs=0.2)
     pressed = energy.sel(scene="pressed chain, Hertz")
     swing = pressed.swing.mean("window").values
-    np.testing.assert_allclose(swing[:-1] / swing[1:], 4.0, rtol=0.15)  # the swing is of second order
+    assert (swing[:-1] / swing[1:] > 5.0).all()  # of the smooth path it is of more than second order
     reversal = run.tree["reversal"].to_dataset()
     assert (reversal.error.values[0, :2] < 1e-12).all()
     assert reversal.error.values[1, -1] > 10.0 * reversal.error.values[0, -1]  # the chain is chaotic

@@ -17,6 +17,8 @@ from impactlab_numerics.timing import Blocks, Stopwatch, peak_memory
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -16,6 +16,8 @@ from impactlab_numerics.wild import BAD, FAMILIES, Outcome, run_scene, wild_scen
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 

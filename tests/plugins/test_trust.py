@@ -23,6 +23,8 @@ from impactlab_numerics.trust_tables import class_rows, coverage, text_of, wrong
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -16,6 +16,8 @@ from impactlab_numerics.work_precision_results import time_text
 
 import impactlab as il
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[2]
 
 
