@@ -112,7 +112,7 @@ def _damped_couplings(plan: Plan) -> bool:
 
 def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:
     """Say which body has not the temperature of its part, where all noise there has one and forces are conservative."""
-    if plan.passes or not (plan.steady and plan.trusted) or plan.lines or _damped_couplings(plan):
+    if plan.passes or not (plan.steady and plan.settled and plan.trusted) or plan.lines or _damped_couplings(plan):
         return ""
     mass, damping, _ = plan.linear
     labels = connected_parts(len(mass), plan.links)
