@@ -62,7 +62,7 @@ _TIMETABLES = {
 
 
 _SLOWING = '''
-@scalar
+@subroutine
 def {name}_slowed({place}, speed, response, accuracy{fields}):
     """Solve ``r + response force(r) = speed`` for r by secants, bracketed if they can be."""
     given = response * {speed}
@@ -85,7 +85,7 @@ def {name}_slowed({place}, speed, response, accuracy{fields}):
     return result
 
 
-@scalar
+@subroutine
 def {name}_over_kick({place}, speed, response{fields}):
     """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
     force = {speed}
@@ -182,7 +182,9 @@ def _free(name: str, taken: Collection[str]) -> str:
 
 def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.kinds}
+    slowing = any(kind.slows for kind in model.kinds)
     tables = "forcing" in roles or model.time_varying
+    decorators = {"scalar": bool(kernels), "subroutine": slowing, "timetable": tables}
     text = "\n".join(kernels.values())
     kernels_of_contacts = "differences, gather" if single else "gather"
     lines = [
@@ -191,9 +193,9 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         *(["import math", ""] if "math." in text else []),
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
-        + ", ".join(["pointer", *(["scalar"] if kernels else []), *(["timetable"] if tables else [])]),
+        + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
         f"from impactlab.kernels.kick import {kernels_of_contacts if len(model.ends) else 'clear'}",
-        *(["from impactlab.kernels.slowing import stretch"] if any(kind.slows for kind in model.kinds) else []),
+        *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
     ]
     return "\n".join(lines) + "\n"
 

@@ -38,7 +38,7 @@ WORTH_SAYING = 0.005
 STRETCH = 32
 """Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
 
-SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.1, 2.0
+SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
 """Part of the work of a run that the measurement may take, what it always may, and what is enough for any scene (s, as
 a plan foresees it)."""
 

@@ -115,6 +115,11 @@ def scalar(function: Function) -> Function:
     return numba.njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
+def subroutine(function: Function) -> Function:
+    """Compile a function of scalars that is called: a long one takes long to compile where it is inlined."""
+    return numba.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
 @intrinsic
 def _unmanaged(typing_context, value):  # type: ignore[no-untyped-def]
     """Return an array, or a tuple of them, that does not count references."""
