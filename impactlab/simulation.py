@@ -292,10 +292,12 @@ def _run(
             plan = stack.enter_context(written(plan, file, file.parent))
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
-    drifting, spun_up = plan.steady and estimates.drift > DRIFT, plan.spin_up_steps > 0
-    if estimates.unbalanced and plan.steady and (plan.settled or (spun_up and not drifting)):
+    drifting = plan.steady and estimates.drift > DRIFT
+    # means are those of the whole transient, which is no start of a stationary motion
+    from_rest = isinstance(plan.start, str) and plan.start == "rest" and not plan.spin_up_steps
+    if estimates.unbalanced and plan.steady and (plan.settled or not (drifting or from_rest)):
         warn(estimates.unbalanced)
-    if drifting and spun_up:  # else means are those from the start on, as was asked for
+    if drifting and not from_rest:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."

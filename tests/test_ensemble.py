@@ -389,7 +389,7 @@ def test_interrupt_is_answered_while_compiling(call, tmp_path):
         assert process.stdout.readline().startswith("compiles")  # of two threads, maybe
         process.send_signal(signal.SIGINT)
         begin = time.monotonic()
-        assert process.stdout.readline() == "interrupted\n"
+        assert process.stdout.readline().endswith("interrupted\n")
         assert time.monotonic() - begin < 5.0
     finally:
         process.kill()
