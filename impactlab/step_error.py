@@ -350,12 +350,12 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             continue
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
         if name in _MAY_BE_ZERO:
-            size = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
+            scale = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
         else:
-            size = np.abs(value)
+            scale = np.abs(value)
             difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
         with np.errstate(divide="ignore", invalid="ignore"):
-            relative = difference / (1.0 - finer**-2.0) / size[:, None]  # of second order
+            relative = difference / (1.0 - finer**-2.0) / scale[:, None]  # of second order
         relative = np.where(np.isfinite(relative).all(axis=-1, keepdims=True), relative, 0.0)  # 0/0: nothing moves
         bias[name] = relative.mean(axis=-1)
         error[name] = relative.std(axis=-1) / math.sqrt(relative.shape[-1]) if sampled else np.zeros(len(relative))
