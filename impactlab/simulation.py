@@ -297,7 +297,7 @@ def _run(
     from_rest = isinstance(plan.start, str) and plan.start == "rest" and not plan.spin_up_steps
     if estimates.unbalanced and plan.steady and (plan.settled or not (drifting or from_rest)):
         warn(estimates.unbalanced)
-    if drifting and not from_rest:
+    if drifting:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
