@@ -174,7 +174,7 @@ def step_error(plan: Plan, model: Model, initial: object) -> StepError:
         return make_plan(
             model.network, duration=stretches * steps * step, realizations=realizations, step=size,
             integrator=ExactFlow(jumps=False), spin_up=spin_up * step, initial=initial, records=[], seed=SEED,
-            workers=1, coarse=coarse, model=Model.of(model.network),
+            workers=1, coarse=coarse, model=model,
         )  # fmt: skip
 
     with heard_by(lambda message, category: None):
@@ -235,8 +235,9 @@ class _Pair:
     def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
         self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
         self.mass, _, stiffness = (item[:, None] for item in coarse.linear)
-        of_couplings = np.concatenate([np.zeros(len(model.ends)), model.coupling[0] * model.flowing])
-        self.stiffness = np.diag(stiffness[:, 0]) + model.of_links(of_couplings)
+        self.stiffness = np.diag(stiffness[:, 0])
+        for group in coarse.flows.groups if coarse.flows is not None else ():  # couplings that do not kick
+            self.stiffness[np.ix_(group.slots, group.slots)] = group.system.stiffness
         self.labels = model.connected()
         self.coarse.advance(coarse.spin_up_steps, None)
         if coarse.counted:
