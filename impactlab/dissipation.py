@@ -10,7 +10,7 @@ import numpy as np
 
 from impactlab.component import call_each
 from impactlab.model import Model
-from impactlab.scene import Stiffening
+from impactlab.scene import Stiffening, of_unique
 
 OF_CONTACTS, OF_BODIES = 0.2, 0.07
 """Rate times step up to which a contact, and what always acts, is resolved: E[v²] within 0.5 %."""
@@ -103,23 +103,22 @@ def _rates(
     """
     result = np.zeros(len(members))
     slowing = [row for row, item in enumerate(members) if not _VELOCITIES.isdisjoint(item.kernel(kernel)[1])]
-    rows: dict[Any, list[int]] = {}
-    for row in slowing:
-        rows.setdefault((members[row], mobility[row], energy[row], *places[row]), []).append(row)
-    if not rows:
-        return result
-    first = [same[0] for same in rows.values()]
-    chosen = [members[row] for row in first]
-    deviation = np.sqrt(energy[first] * mobility[first])
-    place, speed = np.broadcast_arrays(places[first][:, :, None], deviation[:, None, None] * SPEEDS)
-    force = call_each(chosen, kernel, place.reshape(len(first), -1), speed.reshape(len(first), -1)).reshape(speed.shape)
-    change = np.abs(np.diff(force, axis=2)).swapaxes(1, 2)
-    mean = (_DENSITY @ change).mean(axis=1)
-    root = np.sqrt((_DENSITY @ change**2).mean(axis=1) / (SPEEDS[1] - SPEEDS[0]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rates = np.where(deviation > 0.0, np.minimum(root, most * mean) * mobility[first] / deviation, 0.0)
-    for rate, same in zip(rates, rows.values(), strict=True):
-        result[same] = rate
+    rows = [(members[row], float(mobility[row]), float(energy[row]), *places[row].tolist()) for row in slowing]
+
+    def of_members(chosen: Sequence[Any], mobility: np.ndarray, energy: np.ndarray, *at: np.ndarray) -> np.ndarray:
+        deviation = np.sqrt(energy * mobility)
+        place, speed = np.broadcast_arrays(np.stack(at, axis=1)[:, :, None], deviation[:, None, None] * SPEEDS)
+        flat = len(chosen), -1
+        force = call_each(chosen, kernel, place.reshape(flat), speed.reshape(flat)).reshape(speed.shape)
+        change = np.abs(np.diff(force, axis=2)).swapaxes(1, 2)
+        mean = (_DENSITY @ change).mean(axis=1)
+        root = np.sqrt((_DENSITY @ change**2).mean(axis=1) / (SPEEDS[1] - SPEEDS[0]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rates = np.where(deviation > 0.0, np.minimum(root, most * mean) * mobility / deviation, 0.0)
+        return np.asarray(rates)
+
+    found, places = of_unique(of_members, rows, 1)
+    result[slowing] = found[0, places]
     return result
 
 

@@ -121,7 +121,7 @@ class Stiffening:
         compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
         laws = [contact.law for contact in model.network.contacts.values()]
         columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
-        found, places = _of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
+        found, places = of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         profiles = [(Profiles.of(found[3:]), places)]
         rest = np.zeros(len(model.mass) + 1)
@@ -133,14 +133,14 @@ class Stiffening:
         forces = [coupling.law for coupling in model.network.couplings.values()]
         heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
         rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
-        found, places = _of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
+        found, places = of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
         couplings[nonlinear] = found[0, places]
         profiles.append((Profiles.of(found[1:]), _at(nonlinear, places, len(couplings))))
         bodies = np.zeros(len(model.mass))
         oscillators = list(model.network.oscillators.values())
         residual = np.flatnonzero(model.residual)
         stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
-        found, places = _of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
+        found, places = of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
         bodies[residual] = found[0, places]
         profiles.append((Profiles.of(found[1:]), _at(residual, places, len(bodies))))
         return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
@@ -185,7 +185,7 @@ class _Residuals(_Forces):
         return call_each(self.members, "residual", place, np.zeros_like(place))
 
 
-def _of_unique(
+def of_unique(
     function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return ``function(members, *arrays)``, (count, place), for rows that differ, and the place of each row."""

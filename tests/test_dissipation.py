@@ -140,6 +140,14 @@ def test_rates_of_linear_dampers_are_damping_over_mass():
     assert couplings.size == 0
 
 
+def test_rates_of_equal_laws_are_those_of_each():
+    laws = [KelvinVoigt(100.0, dashpot=dashpot) for dashpot in (5.0, 9.0, 5.0)]
+    model = Model.of(il.chain(4, BODY, laws))
+    contacts, _, bodies = damping_rates(model, Stiffening.of(model, np.ones(4)))
+    assert contacts[0] == contacts[2] < contacts[1]
+    assert (bodies == 0.0).all()
+
+
 STRENGTHS = [
     at_wall(KelvinVoigt(100.0, dashpot=8.0)),
     at_wall(KelvinVoigt(100.0, dashpot=40.0)),
