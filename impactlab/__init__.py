@@ -30,7 +30,8 @@ _HOME = {
     "reference": ["ExactReference", "compare", "exact"],
     "phase_space": ["FokkerPlanckReference", "fokker_planck"],
     "dataset": ["network_of", "save"],
-    "study": ["Study", "run_study"],
+    "studies": ["Study"],
+    "studies.running": ["run_study"],
     "errors": [
         "AccuracyWarning",
         "Diverged",

@@ -49,8 +49,8 @@ from impactlab.reference import compare as compare
 from impactlab.reference import exact as exact
 from impactlab.simulation import simulate as simulate
 from impactlab.spectrum import Spectrum as Spectrum
-from impactlab.study import Study as Study
-from impactlab.study import run_study as run_study
+from impactlab.studies import Study as Study
+from impactlab.studies.running import run_study as run_study
 from impactlab.sweeps import sweep as sweep
 
 __version__: str

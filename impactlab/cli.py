@@ -17,7 +17,7 @@ import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
 
 if TYPE_CHECKING:
-    from impactlab.study import Item, Study, StudyResult
+    from impactlab.studies import Item, Study, StudyResult
 
 DONE, FAILED, USAGE, INCOMPLETE, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _list(_: argparse.Namespace) -> int:
-    from impactlab.plugins import plugins
+    from impactlab.studies.discovery import plugins
 
     found = plugins()
     width = max((len(plugin.name) for plugin in found), default=0)
@@ -128,7 +128,7 @@ def _list(_: argparse.Namespace) -> int:
 
 
 def _plugins(_: argparse.Namespace) -> int:
-    from impactlab.plugins import plugins
+    from impactlab.studies.discovery import plugins
 
     found = plugins()
     for plugin in found:
@@ -137,8 +137,8 @@ def _plugins(_: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from impactlab.plugins import make_study, parse_setting
-    from impactlab.run import checked_workers, simulations
+    from impactlab.studies.discovery import make_study, parse_setting
+    from impactlab.studies.simulations import checked_workers, simulations
 
     checked_workers(options.workers)
     study = make_study(options.study, quick=options.quick)
@@ -151,8 +151,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _resume(options: argparse.Namespace) -> int:
-    from impactlab.folder import Folder
-    from impactlab.plugins import make_study
+    from impactlab.studies.discovery import make_study
+    from impactlab.studies.run_folder import Folder
 
     manifest = Folder(options.out).manifest()
     if manifest["complete"]:
@@ -163,7 +163,7 @@ def _resume(options: argparse.Namespace) -> int:
 
 
 def _execute(study: Study, options: argparse.Namespace) -> int:
-    from impactlab.study import run_study
+    from impactlab.studies.running import run_study
 
     progress = not options.quiet and (options.verbose or sys.stderr.isatty())
     with _stoppable():
@@ -172,16 +172,16 @@ def _execute(study: Study, options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from impactlab.folder import Folder
-    from impactlab.report import republish
+    from impactlab.studies.report import republish
+    from impactlab.studies.run_folder import Folder
 
     return _finish(republish(Folder(options.out)), options)
 
 
 def _finish(result: StudyResult, options: argparse.Namespace) -> int:
     """Say what was found and where it is."""
-    from impactlab.folder import REPORT, Folder
-    from impactlab.report import claim_rows, summary
+    from impactlab.studies.report import claim_rows, summary
+    from impactlab.studies.run_folder import REPORT, Folder
 
     if options.json:
         manifest = Folder(options.out).manifest()
@@ -226,8 +226,8 @@ def _doctor(_: argparse.Namespace) -> int:
     import time
 
     from impactlab.ensemble import cores
-    from impactlab.folder import versions
     from impactlab.kernels.jit import cache_folder
+    from impactlab.studies.run_folder import versions
 
     for name, version in versions().items():
         print(f"{name:12} {version}")
@@ -262,7 +262,7 @@ def _stoppable() -> Iterator[None]:
 
 def _resumable(options: argparse.Namespace) -> str:
     """Return what is kept of a run that was stopped and how to go on, nothing if there is no such run."""
-    from impactlab.folder import ITEMS, Folder
+    from impactlab.studies.run_folder import ITEMS, Folder
 
     try:
         if Folder(options.out).manifest()["complete"]:

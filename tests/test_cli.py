@@ -16,7 +16,7 @@ import pytest
 
 import impactlab as il
 from impactlab.cli import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
-from impactlab.plugins import study_class
+from impactlab.studies.discovery import study_class
 
 PLUGIN = Path(__file__).parent / "plugin_example"
 SHORT = ["--set", "duration=20.0", "--set", "clearances=[0.5]"]

@@ -16,7 +16,7 @@ LAYERS = [
     {"oscillator", "contact", "excitation", "potentials"},
     {"coupling"},
     {"network"},
-    {"items", "model", "dataset", "plot"},
+    {"model", "dataset", "plot"},
     {"linear", "given", "regression", "certified"},
     {"damping"},
     {"generate", "integrators", "reference", "profiles"},
@@ -33,10 +33,7 @@ LAYERS = [
     {"points"},
     {"sweeps"},
     {"again"},
-    {"folder", "plugins"},
-    {"run"},
-    {"study"},
-    {"report"},
+    {"studies"},
     {"cli"},
     {"__main__"},
 ]
@@ -47,8 +44,6 @@ DOORS = {
     ("network", "compiled"),
     ("network", "generate"),
     ("network", "model"),
-    ("study", "report"),
-    ("plugins", "study"),
 }
 """Imports inside a function that point up, so that a person can write ``network.compile()``."""
 

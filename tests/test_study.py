@@ -16,9 +16,9 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.errors import warn
-from impactlab.plugins import make_study, parse_setting, plugins, study_class, toml
-from impactlab.run import simulations
-from impactlab.study import Item, Study, SweepItem
+from impactlab.studies import Item, Study, SweepItem
+from impactlab.studies.discovery import make_study, parse_setting, plugins, study_class, toml
+from impactlab.studies.simulations import simulations
 
 PLUGIN = Path(__file__).parent / "plugin_example"
 CONFIGURATIONS = sorted((Path(__file__).parents[1] / "studies").glob("*.toml"))
@@ -421,7 +421,7 @@ def test_modules_of_studies_are_light():
     import subprocess
 
     code = (
-        "import sys; from impactlab.plugins import plugins; plugins();"
+        "import sys; from impactlab.studies.discovery import plugins; plugins();"
         "print([name for name in ('numba', 'xarray', 'matplotlib') if name in sys.modules])"
     )
     path = os.pathsep.join([str(PLUGIN), *sys.path])

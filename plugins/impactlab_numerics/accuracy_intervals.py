@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.special import stdtr, stdtrit
 
 import impactlab as il
-from impactlab.items import Item
+from impactlab.studies import Item
 from impactlab_numerics.random_networks import closing_rates, random_network
 
 if TYPE_CHECKING:

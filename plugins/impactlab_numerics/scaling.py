@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import impactlab as il
-from impactlab.study import Check, Item, Study
+from impactlab.studies import Check, Item, Study
 from impactlab_numerics.scenes import TEMPERATURE, scene
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.study import Check
+from impactlab.studies import Check
 from impactlab_numerics.verdicts import Claim, table_of, verdict_of
 
 ENSEMBLE, SINGLE, LARGE = 1.5, 2.5, 1000

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from impactlab.study import Check
+from impactlab.studies import Check
 from impactlab_numerics.stability_cells import ALLOWED, CLASSES, SURE
 from impactlab_numerics.stability_collect import AUTOMATIC, DEFAULT, METHODS
 from impactlab_numerics.verdicts import Claim, table_of, verdict_of

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 
-from impactlab.study import Check
+from impactlab.studies import Check
 
 
 class Claim(NamedTuple):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import impactlab as il
-from impactlab.study import Check, Item, Study
+from impactlab.studies import Check, Item, Study
 
 if TYPE_CHECKING:
     import xarray as xr

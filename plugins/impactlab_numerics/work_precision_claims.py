@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from impactlab.study import Check
+from impactlab.studies import Check
 from impactlab_numerics.scenes import STATISTICS
 from impactlab_numerics.verdicts import Claim, table_of, verdict_of
 from impactlab_numerics.work_precision import PAIR

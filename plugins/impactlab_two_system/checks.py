@@ -12,7 +12,7 @@ from scipy.special import ndtri
 
 import impactlab as il
 from impactlab.dataset import BALANCES, STATISTICS
-from impactlab.study import Check
+from impactlab.studies import Check
 from impactlab_two_system.corrections import artefact
 from impactlab_two_system.results import Missing, Results
 

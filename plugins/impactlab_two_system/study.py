@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import impactlab as il
 from impactlab.component import suggestion
-from impactlab.study import Check, Item, Study, SweepItem
+from impactlab.studies import Check, Item, Study, SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,8 +12,8 @@ from impactlab_two_system.claims import CLAIMS
 from impactlab_two_system.results import Measured, Results
 
 import impactlab as il
-from impactlab.run import run_simulations, simulations
-from impactlab.study import VERDICTS
+from impactlab.studies import VERDICTS
+from impactlab.studies.simulations import run_simulations, simulations
 
 ROOT = Path(__file__).parents[2]
 

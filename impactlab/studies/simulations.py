@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.folder import plain
-from impactlab.items import Item, SweepItem
+from impactlab.studies.items import Item, SweepItem
+from impactlab.studies.run_folder import plain
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from impactlab.folder import Folder
-    from impactlab.study import Study
+    from impactlab.studies.run_folder import Folder
+    from impactlab.studies.study import Study
     from impactlab.sweeps import Sweep
     from impactlab.together import Job
 

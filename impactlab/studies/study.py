@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
-import sys
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from impactlab.component import Component, finite
 from impactlab.errors import InvalidInput
-from impactlab.items import Item as Item
-from impactlab.items import SweepItem as SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from impactlab.folder import Folder
+    from impactlab.studies.items import Item, SweepItem
 
 VERDICTS = ("holds", "holds partly", "does not hold", "sampling error", "not testable")
 """What can be said of a claim."""
@@ -161,64 +156,8 @@ class StudyResult:
             return dict(self.study.figures(self.tree))
 
 
-def run_study(
-    study: str | os.PathLike[str] | Study | type[Study],
-    *,
-    settings: Mapping[str, Any] | None = None,
-    quick: bool = False,
-    out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: bool | None = None,
-) -> StudyResult:
-    """Run a study: all simulations, then the verdicts, and with `out` the files.
-
-    Parameters
-    ----------
-    study : str, path, Study or subclass of Study
-        Name of a study, a TOML file, an instance or a class.
-    settings : mapping, optional
-        Values that replace those of the study.
-    quick : bool
-        Whether to run the study's smoke form.
-    out : str or path, optional
-        Folder for ``result.nc``, the figures, ``report.html`` and ``manifest.json``. It
-        also keeps what is complete when a run is stopped: the same call continues it.
-    workers : int, optional
-        Number of threads; by default one per core. The numbers do not depend on it.
-    progress : bool, optional
-        Whether to show the progress on stderr; by default only on a terminal.
-
-    Returns
-    -------
-    StudyResult
-
-    Raises
-    ------
-    InvalidInput
-        If the study, a setting or the folder cannot be used. Nothing has been computed then.
-    """
-    from impactlab.folder import Folder
-    from impactlab.plugins import make_study
-    from impactlab.run import checked_workers, run_simulations, simulations
-
-    checked_workers(workers)
-    made = make_study(study, settings, quick)
-    wanted = simulations(made)
-    folder = None if out is None else Folder(out)
-    if folder is not None:
-        folder.claim(made)
-    begin = time.perf_counter()
-    results = run_simulations(wanted, folder, workers, sys.stderr.isatty() if progress is None else progress)
-    result = judged(made, made.collect(results), folder)
-    if folder is not None:
-        from impactlab.report import publish
-
-        publish(result, folder, begin)
-    return result
-
-
-def judged(study: Study, tree: xr.DataTree, folder: Folder | None = None) -> StudyResult:
-    """Return the result of a study from its tree: with attributes, claims and checks."""
+def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> StudyResult:
+    """Return the result of a study from its tree, with attributes, claims and checks, and the folder it is kept in."""
     import xarray as xr
 
     from impactlab.dataset import provenance
@@ -229,4 +168,4 @@ def judged(study: Study, tree: xr.DataTree, folder: Folder | None = None) -> Stu
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)
     tree["claims"] = xr.DataTree(study.claims(tree))
-    return StudyResult(study, tree, study.checks(tree), None if folder is None else folder.path)
+    return StudyResult(study, tree, study.checks(tree), folder)

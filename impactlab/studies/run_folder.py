@@ -26,8 +26,8 @@ from impactlab.network import Network
 if TYPE_CHECKING:
     import xarray as xr
 
-    from impactlab.items import Item
-    from impactlab.study import Study
+    from impactlab.studies.items import Item
+    from impactlab.studies.study import Study
 
 MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
 

@@ -8,13 +8,11 @@ import tomllib
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from impactlab.component import suggestion
 from impactlab.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from impactlab.study import Study
+from impactlab.studies.study import Study
 
 GROUP = "impactlab.studies"
 """Group of entry points in which a distribution names its studies."""
@@ -38,8 +36,6 @@ def plugins() -> list[Plugin]:
 
 
 def _load(entry: EntryPoint) -> Plugin:
-    from impactlab.study import Study
-
     distribution = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "unknown"
     study, problem = None, ""
     try:
@@ -96,8 +92,6 @@ def make_study(
     InvalidInput
         If the study or the file does not exist, or a setting is unknown or of the wrong type.
     """
-    from impactlab.study import Study
-
     if isinstance(study, os.PathLike) or (isinstance(study, str) and study.endswith(".toml")):
         made = _from_toml(Path(study))
     elif isinstance(study, str):

@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from impactlab.folder import FIGURES, REPORT, RESULT, Folder
-from impactlab.plugins import make_study, toml
-from impactlab.study import VERDICTS, StudyResult, judged
+from impactlab.studies.discovery import make_study, toml
+from impactlab.studies.run_folder import FIGURES, REPORT, RESULT, Folder
+from impactlab.studies.study import VERDICTS, StudyResult, judged
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,7 +61,7 @@ def republish(folder: Folder) -> StudyResult:
     begin = time.perf_counter()
     manifest = folder.manifest()
     study = make_study(manifest["study"], manifest["settings"])
-    result = judged(study, folder.load_result(), folder)
+    result = judged(study, folder.load_result(), folder.path)
     publish(result, folder, begin)
     return result
 

@@ -1,0 +1,65 @@
+"""A study from its configuration to its result and files."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from impactlab.studies.discovery import make_study
+from impactlab.studies.report import publish
+from impactlab.studies.run_folder import Folder
+from impactlab.studies.simulations import checked_workers, run_simulations, simulations
+from impactlab.studies.study import Study, StudyResult, judged
+
+
+def run_study(
+    study: str | os.PathLike[str] | Study | type[Study],
+    *,
+    settings: Mapping[str, Any] | None = None,
+    quick: bool = False,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> StudyResult:
+    """Run a study: all simulations, then the verdicts, and with `out` the files.
+
+    Parameters
+    ----------
+    study : str, path, Study or subclass of Study
+        Name of a study, a TOML file, an instance or a class.
+    settings : mapping, optional
+        Values that replace those of the study.
+    quick : bool
+        Whether to run the study's smoke form.
+    out : str or path, optional
+        Folder for ``result.nc``, the figures, ``report.html`` and ``manifest.json``. It
+        also keeps what is complete when a run is stopped: the same call continues it.
+    workers : int, optional
+        Number of threads; by default one per core. The numbers do not depend on it.
+    progress : bool, optional
+        Whether to show the progress on stderr; by default only on a terminal.
+
+    Returns
+    -------
+    StudyResult
+
+    Raises
+    ------
+    InvalidInput
+        If the study, a setting or the folder cannot be used. Nothing has been computed then.
+    """
+    checked_workers(workers)
+    made = make_study(study, settings, quick)
+    wanted = simulations(made)
+    folder = None if out is None else Folder(out)
+    if folder is not None:
+        folder.claim(made)
+    begin = time.perf_counter()
+    results = run_simulations(wanted, folder, workers, sys.stderr.isatty() if progress is None else progress)
+    result = judged(made, made.collect(results), None if folder is None else folder.path)
+    if folder is not None:
+        publish(result, folder, begin)
+    return result
