@@ -26,10 +26,10 @@ _HOME = {
     "spectrum": ["Spectrum"],
     "simulation": ["simulate"],
     "sweeps": ["sweep"],
-    "again": ["rerun"],
+    "again": ["network_of", "rerun"],
     "reference": ["ExactReference", "compare", "exact"],
     "phase_space": ["FokkerPlanckReference", "fokker_planck"],
-    "dataset": ["network_of", "save"],
+    "dataset": ["save"],
     "studies": ["Study"],
     "studies.running": ["run_study"],
     "errors": [

@@ -1,5 +1,6 @@
 """The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
 
+from impactlab.again import network_of as network_of
 from impactlab.again import rerun as rerun
 from impactlab.check import NetworkCheck as NetworkCheck
 from impactlab.compiled import CompiledNetwork as CompiledNetwork
@@ -14,7 +15,6 @@ from impactlab.contact import PowerLawContact as PowerLawContact
 from impactlab.coupling import Coupling as Coupling
 from impactlab.coupling import CouplingLaw as CouplingLaw
 from impactlab.coupling import LinearCoupling as LinearCoupling
-from impactlab.dataset import network_of as network_of
 from impactlab.dataset import save as save
 from impactlab.density import Density as Density
 from impactlab.density import JointDensity as JointDensity

@@ -1,4 +1,4 @@
-"""Simulations and sweeps done again."""
+"""What a file was made from: its network, and its simulation or sweep done again."""
 
 from __future__ import annotations
 
@@ -49,6 +49,26 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
         advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
         raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
     return repeat(configuration, executor)
+
+
+def network_of(source: xr.Dataset | str | os.PathLike[str]) -> Network:
+    """Return the network that a dataset or a file was made from.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` returned, or a netCDF file of it.
+
+    Raises
+    ------
+    InvalidInput
+        If no network is stored, or a class of its components is not defined.
+    """
+    configuration = configuration_of(source)
+    if "network" not in configuration:
+        advice = " Select one point of the sweep." if "sweep" in configuration else ""
+        raise InvalidInput(f"The configuration that is stored describes no network.{advice}")
+    return Network.from_dict(configuration["network"])
 
 
 def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:

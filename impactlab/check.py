@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from impactlab.composition import Composition
 from impactlab.damping import damped
 from impactlab.errors import InvalidInput
 from impactlab.forces import stiffening_of
@@ -16,7 +17,6 @@ from impactlab.integrators import ExactFlow, Integrator
 from impactlab.linear import hottest, linear_variances, relaxation_time
 from impactlab.linearized import LinearizedNetwork
 from impactlab.model import Model
-from impactlab.network import Network
 from impactlab.rules import RELAXATION_TIMES, check_integrator, choose_step, positive
 from impactlab.scene import Stiffening, energies
 
@@ -59,7 +59,7 @@ class NetworkCheck:
         return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys([*reasons, data.attrs["note"]]) if note)])
 
 
-def check(network: Network, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+def check(network: Composition, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
     """Find the time scales of a network and predict the bias of a step.
 
     Parameters

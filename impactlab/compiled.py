@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 
 from impactlab.build import build
+from impactlab.composition import Composition
 from impactlab.generate import generate
 from impactlab.kernels.jit import evaluate
 from impactlab.model import Model
-from impactlab.network import Network
 from impactlab.rules import start_of
 
 
@@ -26,7 +26,7 @@ class CompiledNetwork:
         act, noise does not.
     """
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Composition) -> None:
         self.network = network
         self.model = Model.of(network)
         self._module = build(generate(self.model))

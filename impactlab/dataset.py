@@ -19,7 +19,6 @@ import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.network import Network
 from impactlab.uninterrupted import UninterruptedLock
 
 CONFIGURATION = "impactlab_configuration"
@@ -170,26 +169,6 @@ def parsed(stored: Any) -> dict[str, Any]:
     if not isinstance(configuration, dict):
         raise InvalidInput(f"The configuration that is stored is not a mapping: {reprlib.repr(configuration)}.")
     return configuration
-
-
-def network_of(source: xr.Dataset | str | os.PathLike[str]) -> Network:
-    """Return the network that a dataset or a file was made from.
-
-    Parameters
-    ----------
-    source : Dataset, str or path
-        What `simulate` returned, or a netCDF file of it.
-
-    Raises
-    ------
-    InvalidInput
-        If no network is stored, or a class of its components is not defined.
-    """
-    configuration = configuration_of(source)
-    if "network" not in configuration:
-        advice = " Select one point of the sweep." if "sweep" in configuration else ""
-        raise InvalidInput(f"The configuration that is stored describes no network.{advice}")
-    return Network.from_dict(configuration["network"])
 
 
 def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from impactlab.component import Component, call_each, finite
+from impactlab.composition import Composition
 from impactlab.contact import Wall
 from impactlab.incidence import differences, gathering, runs
-from impactlab.network import Network
 
 Result = TypeVar("Result")
 
@@ -112,7 +112,7 @@ class Model:
         Slots of the bodies under white noise, under lines, and under a given force.
     """
 
-    network: Network
+    network: Composition
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
     couplings: tuple[str, ...]
@@ -133,7 +133,7 @@ class Model:
     forced: tuple[int, ...]
 
     @classmethod
-    def of(cls, network: Network, flowing: Collection[str] = ()) -> Model:
+    def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
         slots = {name: slot for slot, name in enumerate(network.oscillators)}
         bodies = list(network.oscillators.values())

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from impactlab.composition import Composition
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.model import Model
-from impactlab.network import Network
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def split(
     model: Model, integrator: Integrator, initial: object, records: Iterable[Record]
-) -> tuple[Network, Network] | None:
+) -> tuple[Composition, Composition] | None:
     """Return the part of a network where something can touch, and the rest, if they can be simulated apart.
 
     Parts that no contact and no coupling connects know nothing of each other. The rest are bodies on
@@ -36,11 +36,11 @@ def split(
     return _only(model, ~idle), _only(model, idle)
 
 
-def _only(model: Model, chosen: np.ndarray) -> Network:
+def _only(model: Model, chosen: np.ndarray) -> Composition:
     """Return the network of some bodies, which nothing connects with the others."""
     network = model.network
     names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
-    return Network(
+    return type(network)(
         {name: body for name, body in network.oscillators.items() if name in names},
         {name: item for name, item in network.contacts.items() if not names.isdisjoint((item.first, item.second))},
         {name: item for name, item in network.excitations.items() if name in names},
@@ -48,7 +48,7 @@ def _only(model: Model, chosen: np.ndarray) -> Network:
     )
 
 
-def joined(network: Network, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
+def joined(network: Composition, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
     """Return one dataset of both parts, its bodies in the order of the network."""
     import xarray as xr
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.certified import certified
 from impactlab.component import finite
+from impactlab.composition import Composition
 from impactlab.counting import counts_closings, jitter
 from impactlab.damping import damped
 from impactlab.errors import InvalidInput
@@ -32,7 +33,6 @@ from impactlab.linear import (
     responses,
 )
 from impactlab.model import Model, connected_parts
-from impactlab.network import Network
 from impactlab.relaxation import Relaxation, closing_rates, spin_up_of, warn_of_unknown_damping
 from impactlab.rules import (
     CALL_SECONDS,
@@ -312,7 +312,7 @@ class Plan:
 
 
 def make_plan(
-    network: Network,
+    network: Composition,
     *,
     duration: float,
     realizations: int,

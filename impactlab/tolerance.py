@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from impactlab.component import finite, suggestion
+from impactlab.composition import Composition
 from impactlab.damping import undamped
-from impactlab.dataset import STATISTICS, network_of
+from impactlab.dataset import STATISTICS, configuration_of
 from impactlab.errors import InvalidInput
 from impactlab.linear import linear_variances
 from impactlab.model import Model
@@ -185,9 +186,10 @@ def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
         np.stack([item[name].values for item in (fine, coarse)])
         for name in ("mean_contact_force", "mean_contact_force_standard_error", "contact_ratio")
     )
+    contacts = Composition.from_dict(configuration_of(fine)["network"]).contacts
     for slot in np.flatnonzero((forces == 0.0).all(axis=0) & (closed > 0.0).all(axis=0)):
         name = str(fine.contact.values[slot])
-        if (network_of(fine).contacts[name].law.evaluate(10.0 ** np.arange(-9.0, 4.0)) > 0.0).any():
+        if (contacts[name].law.evaluate(10.0 ** np.arange(-9.0, 4.0)) > 0.0).any():
             raise InvalidInput(
                 f"tolerance: {name!r} was closed in {100.0 * closed[0, slot]:.2g} % of the time without any force at a "
                 f"step of {fine.attrs['step']:.3g} s, which is too large. Give a smaller step=."

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from impactlab.composition import Composition
 from impactlab.dataset import provenance, statistics
-from impactlab.network import Network
 from impactlab.phase_space.convergence import Convergence, Values
 from impactlab.phase_space.propagator import Propagator
 from impactlab.phase_space.reading import Characteristic, Reading
@@ -37,7 +37,7 @@ class FokkerPlanckReference(Densities):
         Statistics on this grid and on coarser ones.
     """
 
-    network: Network
+    network: Composition
     propagator: Propagator
     phase_density: np.ndarray
     errors: Convergence

@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
+from impactlab.composition import Composition
 from impactlab.contact import Contact
 from impactlab.errors import NoExactReference
-from impactlab.network import Network
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
 _SAMPLES = 20_001
@@ -49,7 +49,7 @@ class Pair:
     intensity: np.ndarray
 
     @classmethod
-    def of(cls, network: Network) -> Pair:
+    def of(cls, network: Composition) -> Pair:
         """Return the pair that a network is.
 
         Raises
@@ -220,7 +220,7 @@ def _hurwitz(power: float, place: float) -> float:
     return float(total - rest)
 
 
-def _reasons(network: Network) -> Iterator[str]:
+def _reasons(network: Composition) -> Iterator[str]:
     """Say why a network is not a pair of linear bodies under white noise with one contact."""
     if len(network.oscillators) != 2:
         yield f"it has {len(network.oscillators)} bodies; two are allowed."

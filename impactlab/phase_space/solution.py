@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from impactlab.component import suggestion
+from impactlab.composition import Composition
 from impactlab.ensemble import cores
 from impactlab.errors import InvalidInput, NoExactReference, warn
 from impactlab.memory import available
-from impactlab.network import Network
 from impactlab.phase_space.convergence import RELATIVE_BALANCES, Convergence
 from impactlab.phase_space.law import FokkerPlanckReference
 from impactlab.phase_space.march import March
@@ -48,7 +48,7 @@ _BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 200.0, 2e7, 6
 
 
 def fokker_planck(
-    network: Network, *, basis: Mapping[str, float] | None = None, tolerance: float = 1e-4
+    network: Composition, *, basis: Mapping[str, float] | None = None, tolerance: float = 1e-4
 ) -> FokkerPlanckReference:
     """Find the stationary law of two bodies in contact under white noise, without random numbers.
 
@@ -88,7 +88,7 @@ def fokker_planck(
     With unit masses and natural frequencies from 1 to 16 Hz the grid has 0.5 to 3 million points.
     While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
     """
-    if not isinstance(network, Network):
+    if not isinstance(network, Composition):
         raise InvalidInput(f"fokker_planck takes an il.Network, {network!r} was given.")
     given = _checked(basis)
     if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
@@ -106,7 +106,7 @@ class _Solver:
     tolerance: float
     pool: Executor
 
-    def solved(self, network: Network, given: Mapping[str, Any]) -> FokkerPlanckReference:
+    def solved(self, network: Composition, given: Mapping[str, Any]) -> FokkerPlanckReference:
         """Refine a basis until the errors are within the tolerance."""
         hottest = float(self.pair.temperatures.max())
         temperature, last = hottest, self._propagator(self.pair.well(hottest), given, _PILOTS[0][0])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from impactlab.composition import Composition
 from impactlab.contact import Contact
 from impactlab.coupling import Coupling
-from impactlab.network import Network
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
@@ -21,7 +21,7 @@ Law = GibbsLaw | TreeLaw | RingLaw | GaussianLaw
 _FORCED = "a contact or a coupling that pushes it would."
 
 
-def laws_of(network: Network) -> tuple[tuple[Law, ...], frozenset[str]]:
+def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
     """Return the laws of the independent parts of a network, and the contacts that are left out since they never close.
 
     Raises

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from impactlab.composition import Composition
 from impactlab.contact import Contact
 from impactlab.coupling import Coupling, LinearCoupling
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.network import Network
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
 UNHEATED = (
@@ -23,7 +23,7 @@ _REFUSAL = "There is no exact stationary law that is known here:"
 class Group:
     """Bodies that contacts and couplings connect."""
 
-    network: Network
+    network: Composition
     bodies: tuple[str, ...]
     contacts: Mapping[str, Contact]
     couplings: Mapping[str, Coupling]
@@ -106,9 +106,9 @@ class Group:
         dampings = {name: self.network.oscillators[name].damping for name in self.bodies}
         return {name: math.pi * S / dampings[name] for name, S in densities.items() if S and dampings[name]}
 
-    def without_contacts(self) -> Network:
+    def without_contacts(self) -> Composition:
         """Return the bodies with their couplings and excitations only."""
-        return Network(
+        return Composition(
             {name: self.network.oscillators[name] for name in self.bodies},
             None,
             {name: self.network.excitations[name] for name in self.bodies if name in self.network.excitations},
@@ -116,7 +116,7 @@ class Group:
         )
 
 
-def groups_of(network: Network) -> list[Group]:
+def groups_of(network: Composition) -> list[Group]:
     """Return the bodies, in order, the contacts and the couplings of every connected component.
 
     Couplings of strength 0 connect nothing and are left out.
@@ -170,7 +170,7 @@ def named(bodies: Sequence[str]) -> str:
     return " and ".join([*shown, *([f"{rest} others"] if rest else [])])
 
 
-def spectral_density(network: Network, name: str) -> float | None:
+def spectral_density(network: Composition, name: str) -> float | None:
     """Return the density S of a body's noise (N2 s rad-1); None if it is not constant white noise."""
     excitation = network.excitations.get(name)
     if excitation is None:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from impactlab.component import suggestion
+from impactlab.composition import Composition
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.network import Network
 from impactlab.reference.conditions import Law
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
@@ -29,7 +29,7 @@ _SHOWN = 6
 class Laws:
     """Laws of the parts of a network; `ExactReference` says more."""
 
-    network: Network
+    network: Composition
     laws: tuple[Law, ...]
     untouched: frozenset[str] = frozenset()
 

@@ -9,10 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
+from impactlab.composition import Composition
 from impactlab.errors import NoExactReference
 from impactlab.linear import LinearSystem, lines_of, responses
 from impactlab.model import Model
-from impactlab.network import Network
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 
@@ -21,7 +21,7 @@ NEVER = 1e-12
 matter."""
 
 
-def linear_law_of(network: Network, body: str) -> GaussianLaw:
+def linear_law_of(network: Composition, body: str) -> GaussianLaw:
     """Return the law of a body and what is connected to it, where nothing but linear motion matters.
 
     Raises

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
+from impactlab.composition import Composition
 from impactlab.dataset import provenance, statistics
 from impactlab.errors import InvalidInput
-from impactlab.network import Network
 from impactlab.reference.conditions import laws_of
 from impactlab.reference.densities import Curves, Densities
 from impactlab.reference.gaussian import GaussianLaw
@@ -184,7 +184,7 @@ class ExactReference(Levels, Densities):
         }
 
 
-def exact(network: Network) -> ExactReference:
+def exact(network: Composition) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
     Parts of a network that neither contacts nor couplings connect are independent. Known are
@@ -218,6 +218,6 @@ def exact(network: Network) -> ExactReference:
     InvalidInput
         If `network` is not a network, or a potential is not the integral of its force.
     """
-    if not isinstance(network, Network):
+    if not isinstance(network, Composition):
         raise InvalidInput(f"exact takes an il.Network, {network!r} was given.")
     return ExactReference(network, *laws_of(network))
