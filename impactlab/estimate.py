@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from impactlab.ergodicity import memory_of
 from impactlab.errors import warn
 from impactlab.heating import Heating, heating_of
 from impactlab.joint import LOAD
@@ -61,6 +62,8 @@ class Estimates:
         How often each contact closed in a unit, on average.
     heating : Heating
         Heat that the step made.
+    remembered : str
+        Says that realizations settle into different motions; empty if they do not.
     """
 
     values: Values
@@ -70,6 +73,7 @@ class Estimates:
     unbalanced: str
     contacts_per_sample: np.ndarray
     heating: Heating
+    remembered: str
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
@@ -92,6 +96,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
     sums, of_contacts, of_products = bodies.sum(axis=0), contacts.sum(axis=0), products.sum(axis=0)
+    of_batches = bodies.sum(axis=1)
     total = np.repeat(counts.sum(axis=0)[:, None], realizations, axis=1)
     if enough_alone:
         units = whole = statistics_of(plan, sums, total, of_contacts / plan.steps, of_products / plan.steps)
@@ -126,6 +131,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
     closings = values["contact_rate"] * plan.step * plan.steps * realizations
     _forget(plan, values, errors)
+    memory = memory_of(plan, of_batches, steps, enough_alone)
     if random:
         moved = plan.cold if len(pushes) else np.zeros(0, dtype=np.int64)
         pushed = _pushed(pushes)
@@ -136,6 +142,10 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         for name, item in scattered.items():  # what was the same in all units is not known exactly
             for key in {name, f"direct_{name}"} & set(errors):
                 errors[key][(np.ptp(item, axis=-1) == 0.0) | (events == 0.0)] = np.nan
+        widening = memory.widening(len(weights))
+        of_ends = np.append(widening, 1.0)[plan.ends].max(axis=1, initial=1.0)
+        for name, error in errors.items():
+            error *= of_ends if "contact" in name else widening
         if plan.trusted:
             _warn_of_rare(
                 plan, np.where((closings < 1.0) & np.isfinite(events), np.maximum(closings, events), closings)
@@ -147,10 +157,11 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
         values,
         errors,
         {name: item.T for name, item in by_realization.items()},
-        _drift(plan, bodies.sum(axis=1), contacts, steps),
+        _drift(plan, of_batches, contacts, steps),
         unbalanced,
         closings / len(weights),
         heating_of(plan, units, weights, seldom),
+        memory.warning,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -107,6 +108,14 @@ def warn_of_unknown_damping(model: Model, spin_up: float) -> None:
             f"{model.bodies[unknown[0]]!r} is excited, and only contacts or couplings damp it, at a rate that is not "
             f"known: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up=."
         )
+
+
+def correlation_of_neighbours(times: Any) -> Any:
+    """Return the correlation of the means over two stretches, one after the other, each of so many relaxation times.
+
+    Of what is correlated by ``exp(−t)`` it is ``(1 − e^(−a))²/2(a − 1 + e^(−a))`` for a length a.
+    """
+    return np.expm1(-times) ** 2 / (2.0 * (times + np.expm1(-times)))
 
 
 def _rounded(value: float) -> float:

@@ -293,15 +293,19 @@ def _run(
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
     drifting = plan.steady and estimates.drift > DRIFT
-    # means are those of the whole transient, which is no start of a stationary motion
     from_rest = isinstance(plan.start, str) and plan.start == "rest" and not plan.spin_up_steps
+    asked = configuration["simulate"]
+    # means are those of the whole transient, as from any state that is given
+    transient = from_rest and asked["initial"] == "rest" and asked["spin_up"] == 0.0
     if estimates.unbalanced and plan.steady and (plan.settled or not (drifting or from_rest)):
         warn(estimates.unbalanced)
-    if drifting:
+    if drifting and not transient:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
+    if estimates.remembered:
+        warn(estimates.remembered)
     if not plan.coarse and not drifting:
         name = "mean_square_velocity"
         partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])

@@ -24,6 +24,7 @@ from impactlab.kernels.sums import FV, SLOTS
 from impactlab.model import Model
 from impactlab.moments import statistics_of
 from impactlab.plan import Plan, make_plan
+from impactlab.relaxation import correlation_of_neighbours
 from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 
 MOST_BIAS = 0.0015
@@ -399,8 +400,8 @@ def _joined(plan: Plan, steps: int, sums: list[list[Sums]]) -> dict[str, np.ndar
 def _memory(energy: np.ndarray, length: float) -> np.ndarray:
     """Return for how long energies are correlated (s), from their means over stretches, (part, stretch, lane).
 
-    Means over stretches of length s correlate by ``(1 − e^(−a))²/2(a − 1 + e^(−a))`` with the next, a being s over
-    the time that is looked for. Infinite where it is longer than can be seen.
+    It is the time for which means over stretches that follow each other correlate as they do. Infinite where it is
+    longer than can be seen.
     """
     result = np.full(len(energy), np.inf)
     if energy.shape[1] < FEWEST:
@@ -409,7 +410,7 @@ def _memory(energy: np.ndarray, length: float) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = (offset[:, 1:] * offset[:, :-1]).mean(axis=(1, 2)) / (offset**2).mean(axis=(1, 2))
     times = np.geomspace(1e-2, 1e2, 400)
-    expected = np.expm1(-times) ** 2 / (2.0 * (times + np.expm1(-times)))
+    expected = correlation_of_neighbours(times)
     seen = correlation < expected[0]
     result[seen] = length / np.interp(-correlation[seen], -expected, times)
     return result

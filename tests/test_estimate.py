@@ -158,7 +158,13 @@ def test_the_rate_of_a_soft_contact_beside_a_stiff_one():
 
 def test_a_start_far_from_stationary_is_seen():
     with pytest.warns(il.AccuracyWarning, match=r"two halves of the run differ by \d+\.\d standard errors"):
-        il.simulate(linear(), 5.0, realizations=1024, spin_up=0.0, initial="rest", rng=1)
+        il.simulate(linear(), 5.0, realizations=1024, spin_up=0.5, initial="rest", rng=1)
+
+
+def test_a_transient_from_rest_that_is_asked_for_is_no_drift(recwarn):
+    ds = il.simulate(linear(), 5.0, realizations=1024, spin_up=0.0, initial="rest", rng=1)
+    assert ds.drift > 6.0
+    assert not recwarn
 
 
 @pytest.mark.parametrize("rng", range(5))

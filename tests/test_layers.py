@@ -27,7 +27,7 @@ LAYERS = [
     {"network"},
     {"plot", "plan"},
     {"record", "moments", "block", "memory", "groups"},
-    {"heating", "step_error"},
+    {"heating", "ergodicity", "step_error"},
     {"density", "peaks", "spectrum", "estimate", "tolerance", "ensemble", "trajectories"},
     {"parts", "together", "derived", "phase_space"},
     {"simulation"},
