@@ -56,6 +56,9 @@ BALANCES: dict[str, tuple[str, str, str]] = {
 VARIABLES = {**STATISTICS, **DIRECT, **BALANCES}
 """Everything that is estimated: name to dimension, units and long name."""
 
+ALLOWANCE = "_step_allowance"
+"""End of the names of variables that say how much of a standard error allows for the bias of the step."""
+
 LOCK = UninterruptedLock()
 """Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
 
@@ -107,6 +110,14 @@ def statistics(
     ordered = {name: data[name] for name in sorted(data, key=_order(values))}
     coordinates = {name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]}
     return xr.Dataset(ordered, coordinates, attributes)
+
+
+def scatter_of(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return the standard error of a statistic without what allows for the bias of the step."""
+    error, allowance = f"{name}_standard_error", f"{name.removeprefix('direct_')}{ALLOWANCE}"
+    if allowance not in dataset:
+        return dataset[error]
+    return (dataset[error] ** 2 - dataset[allowance].fillna(0.0) ** 2).clip(min=0.0) ** 0.5
 
 
 def _order(values: Mapping[str, Any]) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from impactlab.dataset import BALANCES, STATISTICS
+from impactlab.dataset import BALANCES, STATISTICS, scatter_of
 from impactlab.errors import InvalidInput
 from impactlab.estimate import UNITS_PER_CONTROL
 from impactlab.regression import Regression
@@ -137,7 +137,7 @@ def effective_samples(dataset: xr.Dataset) -> xr.Dataset:
     for name, variance in variances.items():
         for key in (name, f"direct_{name}"):
             if f"{key}_standard_error" in dataset:
-                number = variance / dataset[f"{key}_standard_error"] ** 2
+                number = variance / scatter_of(dataset, key) ** 2
                 text = f"independent samples that would have the standard error of the {key.replace('_', ' ')}"
                 result[f"{key}_effective_samples"] = number.assign_attrs({"units": "1", "long_name": text})
     return xr.Dataset(result)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impactlab.composition import Composition
+from impactlab.dataset import ALLOWANCE
 from impactlab.integrators import ExactFlow, Integrator
 from impactlab.model import Model
 
@@ -53,8 +54,8 @@ def joined(network: Composition, busy: xr.Dataset, idle: xr.Dataset) -> xr.Datas
     import xarray as xr
 
     both = xr.merge([busy, idle.drop_dims("contact", errors="ignore")], join="outer", compat="no_conflicts")
-    exact = {name: both[name].fillna(0.0) for name in both if str(name).endswith("_step_bias")}  # of the idle part
-    both = both.assign(exact)
+    of_idle = [name for name in both if str(name).endswith(("_step_bias", ALLOWANCE))]  # whose flow is exact
+    both = both.assign({name: both[name].fillna(0.0) for name in of_idle})
     drifts = [part.attrs["drift"] for part in (busy, idle)]
     attributes = {**busy.attrs, "drift": max(drifts, key=lambda drift: (drift == drift, drift))}
     return both.sel(oscillator=list(network.oscillators)).assign_attrs(attributes)

@@ -114,7 +114,8 @@ def simulate(
     -------
     xarray.Dataset
         Default statistics with dims ``oscillator`` or ``contact``, each with
-        ``<name>_standard_error``; ``balance_*`` diagnostics; what the records add.
+        ``<name>_standard_error``; ``balance_*`` diagnostics; what the records add. Where the bias of the
+        step was measured it is ``<name>_step_bias``, a part of the value, and standard errors allow for it.
 
     Raises
     ------
@@ -248,7 +249,7 @@ def _simulate(
             if affordable and worth_measuring(plan, part, integrator, chosen):
                 plan, error = measured(planned, plan, part, initial, chosen is None)
             dataset = _run(plan, executor, progress, seconds, workers, configuration, temporary)
-            return dataset if error is None else dataset.assign(error.variables())
+            return dataset if error is None else error.added_to(dataset, plan.automatic)
         except Diverged as error:
             raise Diverged(f"{error}{explanation(part, plan.window)}") from None
 

@@ -11,14 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from impactlab.block import Block
-from impactlab.dataset import VARIABLES
+from impactlab.dataset import ALLOWANCE, VARIABLES
 from impactlab.errors import Diverged, heard_by, warn
 from impactlab.integrators import ExactFlow, Integrator
+from impactlab.joint import LOAD
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.sums import FV, SLOTS
 from impactlab.model import Model
@@ -26,6 +27,9 @@ from impactlab.moments import statistics_of
 from impactlab.plan import Plan, make_plan
 from impactlab.relaxation import correlation_of_neighbours
 from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 MOST_BIAS = 0.0015
 """Bias of the step, as a part of a statistic, up to which a step that is chosen will do."""
@@ -36,8 +40,14 @@ SURELY_FINE = 0.2
 WORTH_SAYING = 0.005
 """Bias of a step from which on there is a warning."""
 
+USUAL_BIAS = 0.5 * MOST_BIAS
+"""Standard deviation of the biases of chosen steps, before a measurement: few are beyond what is allowed."""
+
 STRETCH = 32
 """Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
+
+FARTHEST = 10.0
+"""Times the automatic step from which on biases are not expected to grow: hardly any larger step is let through."""
 
 SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
 """Part of the work of a run that the measurement may take, what it always may, and what is enough for any scene (s, as
@@ -104,19 +114,60 @@ class StepError:
         bias = abs(self.worst[2])
         return self.step * max(0.25, 0.8 * math.sqrt(MOST_BIAS / bias)) if bias > MOST_BIAS else self.step
 
-    def variables(self) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
-        """Return the biases as variables of a dataset."""
+    def allowance(self, name: str, usual: float = USUAL_BIAS) -> np.ndarray:
+        """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
+
+        A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
+        s that is `usual`. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
+        q = s²/(s² + σ²).
+        """
+        known = 1.0 / (1.0 + (self.error[name] / usual) ** 2)
+        result: np.ndarray = np.hypot(known * self.bias[name], np.sqrt(1.0 - known) * usual)
+        return result
+
+    def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
+        """Return a dataset with the biases, and with standard errors that allow for them.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            Statistics with the standard errors of their scatter.
+        automatic : float
+            The step that the rules allow (s): biases of larger ones are as much larger as the square of the step.
+        """
+        usual = USUAL_BIAS * min(max(1.0, self.step / max(automatic, 1e-300)), FARTHEST) ** 2
         result = {}
         for name, bias in self.bias.items():
-            dimension, _, long_name = VARIABLES[name]
+            dimension, units, long_name = VARIABLES[name]
             part = "the root mean square" if name in _MAY_BE_ZERO else "it"
-            attrs = {
-                "units": "1",
-                "long_name": f"bias of the step in {long_name}, as a part of {part}",
-                "comment": f"measured in short stretches; standard error at most {np.max(self.error[name]):.1g}",
-            }
-            result[f"{name}_step_bias"] = (dimension, bias, attrs)
-        return result
+            seen = self.error[name][np.isfinite(self.error[name])].max(initial=0.0)
+            result[f"{name}_step_bias"] = (
+                dimension,
+                bias,
+                {
+                    "units": "1",
+                    "long_name": f"bias of the step in {long_name}, as a part of {part}",
+                    "comment": f"measured in short stretches; standard error at most {seen:.1g}",
+                },
+            )
+            size = dataset[_MAY_BE_ZERO[name]].values ** 0.5 if name in _MAY_BE_ZERO else abs(dataset[name].values)
+            allowance = size * self.allowance(name, usual)
+            result[f"{name}{ALLOWANCE}"] = (
+                dimension,
+                allowance,
+                {
+                    "units": units,
+                    "long_name": f"part of the standard error of {long_name} that allows for the bias of the step",
+                    "comment": "root mean square of the bias, given what was measured of it",
+                },
+            )
+            for key in (name, f"direct_{name}"):
+                if key in dataset:
+                    error = dataset[f"{key}_standard_error"]
+                    comment = f"of the scatter, and beside it {name}{ALLOWANCE}: square root of the sum of squares"
+                    attrs = {**error.attrs, "comment": comment}
+                    result[str(error.name)] = dimension, np.hypot(error.values, allowance), attrs
+        return dataset.assign(result)
 
 
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
@@ -346,6 +397,9 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         gained = (energy * memory / (length * size[:, None, None])).reshape(parts, -1)
     gained = np.where(np.isfinite(gained), gained, 0.0)
     sampled = bool(coarse.random.any()) or stretches * steps < most
+    of_coarse, of_fine = (
+        _with_variance(item, of_fine["mean_displacement"].mean(axis=-1)) for item in (of_coarse, of_fine)
+    )
     bias, error = {}, {}
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
@@ -358,15 +412,19 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / (1.0 - finer**-2.0) / scale[:, None]  # of second order
-        relative = np.where(np.isfinite(relative).all(axis=-1, keepdims=True), relative, 0.0)  # 0/0: nothing moves
-        bias[name] = relative.mean(axis=-1)
-        error[name] = relative.std(axis=-1) / math.sqrt(relative.shape[-1]) if sampled else np.zeros(len(relative))
+        unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
+        relative[unseen] = 0.0
+        bias[name], units = relative.mean(axis=-1), relative.shape[-1]
+        unseen |= sampled and units == 1
+        error[name] = relative.std(axis=-1) / math.sqrt(units) if sampled else np.zeros(len(relative))
+        error[name][unseen] = np.inf
     return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})
 
 
 BIASED = (
     "mean_displacement",
     "mean_square_displacement",
+    "variance_displacement",
     "mean_square_velocity",
     "contact_ratio",
     "contact_rate",
@@ -376,6 +434,13 @@ BIASED = (
 
 _MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement"}
 _POWER = "power of kicks"
+
+
+def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, np.ndarray]:
+    """Add the variance of the displacement about a mean: that of x² − 2 E[x] x is of the first order."""
+    square = units["mean_square_displacement"] + units[LOAD]
+    variance = square - 2.0 * mean[:, None] * units["mean_displacement"] + mean[:, None] ** 2
+    return units | {"variance_displacement": variance}
 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:

@@ -13,7 +13,7 @@ import xarray as xr
 from impactlab.component import finite, suggestion
 from impactlab.composition import Composition
 from impactlab.damping import undamped
-from impactlab.dataset import STATISTICS, configuration_of
+from impactlab.dataset import ALLOWANCE, STATISTICS, configuration_of, scatter_of
 from impactlab.errors import InvalidInput
 from impactlab.linear import linear_variances
 from impactlab.model import Model
@@ -158,7 +158,7 @@ def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) ->
         if name not in fine:
             raise InvalidInput(f"tolerance: this network has no {name}.")
         allowed = relative * _scale(fine, name)
-        error = fine[f"{name}_standard_error"].values
+        error = scatter_of(fine, name).values
         bias, uncertainty = _bias(fine, coarse, name)
         for one in zip(allowed, np.abs(bias), error, uncertainty, strict=True):
             most, off, scatter, doubt = map(float, one)
@@ -182,9 +182,8 @@ def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
     """
     if "mean_contact_force" not in fine:
         return False
-    forces, scatter, closed = (
-        np.stack([item[name].values for item in (fine, coarse)])
-        for name in ("mean_contact_force", "mean_contact_force_standard_error", "contact_ratio")
+    forces, closed = (
+        np.stack([item[name].values for item in (fine, coarse)]) for name in ("mean_contact_force", "contact_ratio")
     )
     contacts = Composition.from_dict(configuration_of(fine)["network"]).contacts
     for slot in np.flatnonzero((forces == 0.0).all(axis=0) & (closed > 0.0).all(axis=0)):
@@ -194,7 +193,8 @@ def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
                 f"tolerance: {name!r} was closed in {100.0 * closed[0, slot]:.2g} % of the time without any force at a "
                 f"step of {fine.attrs['step']:.3g} s, which is too large. Give a smaller step=."
             )
-    difference, error = np.abs(forces[0] - forces[1]), np.hypot(*scatter)
+    error = np.hypot(*(scatter_of(item, "mean_contact_force").values for item in (fine, coarse)))
+    difference = np.abs(forces[0] - forces[1])
     return bool((difference > UNLIKE * forces.max(axis=0) + 3.0 * np.nan_to_num(error)).any())
 
 
@@ -204,7 +204,7 @@ def _bias(fine: xr.Dataset, coarse: xr.Dataset, name: str) -> tuple[np.ndarray, 
     Of the difference of the two values and the mean difference of pairs of realizations, the better known.
     """
     both = (coarse[name].values - fine[name].values) / 3.0
-    of_both = np.hypot(coarse[f"{name}_standard_error"].values, fine[f"{name}_standard_error"].values) / 3.0
+    of_both = np.hypot(scatter_of(coarse, name).values, scatter_of(fine, name).values) / 3.0
     pairs = (coarse[f"{name}_by_realization"].values - fine[f"{name}_by_realization"].values) / 3.0
     of_pairs = pairs.std(axis=0, ddof=1) / math.sqrt(len(pairs))
     better = of_pairs < of_both
@@ -225,7 +225,7 @@ def _scale(dataset: xr.Dataset, name: str) -> np.ndarray:
     square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(name)
     if square is None:
         return value
-    zero = value < 5.0 * dataset[f"{name}_standard_error"].values
+    zero = value < 5.0 * scatter_of(dataset, name).values
     return np.where(zero, np.sqrt(dataset[square].values), value)
 
 
@@ -233,6 +233,12 @@ def _labelled(
     fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float], attempts: int, seconds: float
 ) -> xr.Dataset:
     for name in tolerance:
+        if f"{name}{ALLOWANCE}" in fine:  # the bias stands beside the standard error, which does not allow for it
+            for key in {name, f"direct_{name}"} & set(fine):
+                error = fine[f"{key}_standard_error"]
+                attrs = {item: text for item, text in error.attrs.items() if item != "comment"}
+                fine[str(error.name)] = error.dims, scatter_of(fine, key).values, attrs
+            fine = fine.drop_vars(f"{name}{ALLOWANCE}")
         attrs = {**fine[name].attrs, "long_name": f"estimated bias of the step in {fine[name].attrs['long_name']}"}
         attrs.pop("ancillary_variables", None)
         fine[f"{name}_bias"] = (fine[name].dims, _bias(fine, coarse, name)[0], attrs)

@@ -5,11 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import impactlab as il
 from impactlab.certified import certified
+from impactlab.dataset import scatter_of
 from impactlab.model import Model
-from impactlab.step_error import MOST_BIAS
+from impactlab.step_error import BIASED, MOST_BIAS, USUAL_BIAS, StepError
 
 BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
 HEAT = il.WhiteNoise(0.2 / np.pi)
@@ -122,6 +124,59 @@ def test_what_is_measured_is_what_is_true(dashpot, step):
                 0.33 * true < coarse[f"{name}_step_bias"].item() < 3.0 * true
                 or 3.0 * true < coarse[f"{name}_step_bias"].item() < 0.33 * true
             ), name
+
+
+@pytest.mark.parametrize(
+    ("bias", "error", "allowance"),
+    [
+        (2e-6, 0.0, 2e-6),  # tiny and certain
+        (MOST_BIAS, 1e-9, MOST_BIAS),
+        (0.03, np.inf, USUAL_BIAS),  # nothing was seen
+        (0.03, 10.0, USUAL_BIAS),
+        (0.0, USUAL_BIAS, USUAL_BIAS / math.sqrt(2.0)),
+    ],
+)
+def test_what_is_allowed_for_a_bias_follows_what_is_known_of_it(bias, error, allowance):
+    found = StepError(0.1, {"contact_ratio": np.array([bias])}, {"contact_ratio": np.array([error])}, {})
+    assert found.allowance("contact_ratio") == pytest.approx(allowance, rel=1e-3)
+
+
+def test_the_allowance_is_the_root_mean_square_of_a_bias_that_was_measured():
+    rng, error = np.random.default_rng(3), 0.6 * USUAL_BIAS
+    biases = USUAL_BIAS * rng.standard_normal(100_000)
+    name = "mean_contact_force"
+    found = StepError(0.1, {name: biases + error * rng.standard_normal(100_000)}, {name: np.full(100_000, error)}, {})
+    ratio = biases**2 - found.allowance(name) ** 2
+    assert abs(ratio.mean()) < 4.0 * ratio.std() / math.sqrt(len(ratio))
+
+
+def test_standard_errors_allow_for_the_bias_of_a_measured_step():
+    """They are those of the scatter beside the allowance, for the plain means too; the scatter is not lost."""
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, 20.0, realizations=64, rng=1)
+    plain = il.simulate(
+        network, 20.0, realizations=64, rng=1, step=result.attrs["step"], integrator=il.ExactFlow(measured=False)
+    )
+    for name in BIASED:
+        allowance = result[f"{name}_step_allowance"].values
+        for key in {name, f"direct_{name}"} & set(result):
+            error, scatter = (item[f"{key}_standard_error"].values for item in (result, plain))
+            np.testing.assert_array_equal(result[key], plain[key])
+            np.testing.assert_allclose(error, np.hypot(scatter, allowance), rtol=1e-12)
+            np.testing.assert_allclose(scatter_of(result, key), scatter, rtol=1e-9)
+            np.testing.assert_array_equal(scatter_of(plain, key), scatter)
+    assert result.mean_velocity_standard_error.equals(plain.mean_velocity_standard_error)
+    assert 0.0 < result.contact_ratio_step_allowance.item() < 3.0 * MOST_BIAS * result.contact_ratio.item()
+    xr.testing.assert_allclose(il.effective_samples(result), il.effective_samples(plain), rtol=1e-9)
+
+
+def test_a_tolerance_counts_the_bias_for_itself():
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, tolerance={"mean_square_displacement": 0.1}, rng=1)
+    assert "mean_square_displacement_bias" in result
+    assert "mean_square_displacement_step_allowance" not in result
+    assert "comment" not in result.mean_square_displacement_standard_error.attrs
+    assert "contact_ratio_step_allowance" in result
 
 
 def test_a_coarse_step_of_a_certified_network_is_told():

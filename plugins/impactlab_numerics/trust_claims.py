@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,11 +11,12 @@ from impactlab_numerics.trust_collect import found_of
 from impactlab_numerics.trust_judge import ALLOWED, ERRORS
 from impactlab_numerics.trust_tables import (
     NEEDLESS,
-    RESOLVED,
     SILENT,
+    Coverage,
     by_class,
     class_rows,
     coverage,
+    percent,
     share,
     worst_of,
     wrong_rows,
@@ -28,6 +28,9 @@ MOST_NEEDLESS = 0.05
 
 COVERED, COVERED_IN_CLASS = (0.93, 0.97), (0.90, 0.98)
 """Share of intervals of 95 % that may hold what is right: of all, and in each class."""
+
+SAMPLING = "± is one standard error from the scatter between networks, whose intervals hold or miss together"
+"""What is said of standard errors of a coverage."""
 
 MOST_UNKNOWN = 0.05
 """Share of networks for which there may be no reference."""
@@ -56,25 +59,25 @@ def _claims(found: list[dict[str, Any]]) -> Iterator[Claim]:
         verdict_of(needless <= MOST_NEEDLESS),
     )
     low, high = COVERED
-    covered, count = coverage(found)
+    covered = coverage(found)
     yield Claim(
         section,
         f"95 % intervals hold what is right in {100.0 * low:g} to {100.0 * high:g} % of cases.",
-        f"{100.0 * covered:.1f} % of {count} of standard errors of {100.0 * RESOLVED:g} % or more."
-        if count
-        else "there are none.",
-        _covered(covered, (low, high), len(found)) if count else "not testable",
+        f"{percent(covered)} % of {covered.intervals}; {SAMPLING}." if covered.intervals else "there are none.",
+        _covered(covered, (low, high)),
     )
     low, high = COVERED_IN_CLASS
     parts = {name: coverage(part) for name, part in by_class(found).items()}
-    known = {name: value for name, (value, number) in parts.items() if number}
-    verdicts = [_covered(value, (low, high), len(by_class(found)[name])) for name, value in known.items()]
+    known = {name: part for name, part in parts.items() if part.intervals}
+    verdicts = [_covered(part, (low, high)) for part in known.values()]
     order = ("does not hold", "sampling error", "holds")
-    ends = [pick(known.items(), key=lambda item: item[1]) for pick in (min, max)] if known else []
+    ends = [pick(known.items(), key=lambda item: item[1].share) for pick in (min, max)] if known else []
     yield Claim(
         section,
         f"95 % intervals hold what is right in {100.0 * low:g} to {100.0 * high:g} % of cases of each class.",
-        " to ".join(f"{100.0 * value:.1f} % ({name})" for name, value in ends) or "there are none.",
+        (" to ".join(f"{percent(part)} % ({name})" for name, part in ends) + f"; {SAMPLING}.")
+        if ends
+        else "there are none.",
         min(verdicts, key=order.index) if verdicts else "not testable",
     )
     unknown = share(found, ("not judged",))
@@ -86,11 +89,12 @@ def _claims(found: list[dict[str, Any]]) -> Iterator[Claim]:
     )
 
 
-def _covered(share: float, limits: tuple[float, float], networks: int) -> str:
-    """Judge a share; statistics of a network may hold or miss together, as so many independent cases as networks."""
-    outside = max(limits[0] - share, share - limits[1], 0.0)
-    chance = 2.0 * math.sqrt(0.95 * 0.05 / networks)
-    return "holds" if outside == 0.0 else "sampling error" if outside <= chance else "does not hold"
+def _covered(covered: Coverage, limits: tuple[float, float]) -> str:
+    """Judge a share; what is within two standard errors of the limits may be chance."""
+    if not covered.intervals:
+        return "not testable"
+    outside = max(limits[0] - covered.share, covered.share - limits[1], 0.0)
+    return "holds" if outside == 0.0 else "sampling error" if outside <= 2.0 * covered.error else "does not hold"
 
 
 def tables(tree: xr.DataTree) -> Iterator[tuple[str, list[dict[str, Any]]]]:

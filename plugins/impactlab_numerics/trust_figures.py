@@ -60,10 +60,11 @@ def _coverage(classes: dict[str, list]) -> Figure:  # type: ignore[type-arg]
     axes = figure.subplots()
     axes.axvspan(90.0, 98.0, color="#e8e8e8")
     for row, part in enumerate(classes.values()):
-        share, count = coverage(part)
-        if count:
-            error = 200.0 * np.sqrt(0.05 * 0.95 / len(part))  # as many independent cases as networks
-            axes.errorbar(100.0 * share, row, xerr=error, fmt="o", ms=4, lw=0.8, color=COLORS[0])
+        covered = coverage(part)
+        if covered.intervals:
+            axes.errorbar(
+                100.0 * covered.share, row, xerr=200.0 * covered.error, fmt="o", ms=4, lw=0.8, color=COLORS[0]
+            )
     axes.axvline(95.0, color="black", lw=0.7, ls="--")
     axes.set_yticks(range(len(classes)), list(classes))
     axes.invert_yaxis()

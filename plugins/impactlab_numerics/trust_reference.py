@@ -12,6 +12,7 @@ import impactlab as il
 from impactlab.dataset import STATISTICS
 from impactlab.linear import relaxation_time
 from impactlab.model import Model
+from impactlab.step_error import USUAL_BIAS
 from impactlab_numerics.trust_networks import RELAXATIONS, Scene
 from impactlab_numerics.trust_path import COUNTED, PathMeans, path_statistics
 
@@ -115,9 +116,9 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
         if name not in path:
             continue
         value, error = path[name].values, path[f"{name}_standard_error"].values
+        scale = scale_of(name, {item: path[item].values for item in JUDGED if item in path})
         if not scene.transient and name != "contact_rate" and name in result:
             other, scatter = result[name].values, result[f"{name}_standard_error"].values
-            scale = scale_of(name, {item: path[item].values for item in JUDGED if item in path})
             if (np.abs(value - other) > _DOUBT * scale + _DOUBT_ERRORS * np.hypot(error, scatter)).any():
                 doubts.append(name)
             else:
@@ -126,7 +127,7 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
         if "contact" in name:
             known = path["closings"].values >= COUNTED
             value = np.where(known, value, np.nan)
-        values[name], errors[name] = value, error
+        values[name], errors[name] = value, np.hypot(error, USUAL_BIAS * (options["step"] / step) ** 2 * scale)
     return Reference("fine step", values, errors, options["step"], tuple(doubts))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,23 +25,35 @@ def by_class(found: Found) -> dict[str, list[Mapping[str, Any]]]:
     return result
 
 
-RESOLVED = 2e-3
-"""Relative standard error from which on an interval is judged: shorter ones show the bias of the step, of which there
-may be 0.1 %, before they show whether they have the right length."""
+class Coverage(NamedTuple):
+    """Share of intervals of 95 % that hold what is right, its standard error, and how many they are."""
+
+    share: float
+    error: float
+    intervals: int
 
 
-def coverage(found: Found, least: float = RESOLVED) -> tuple[float, int]:
-    """Return the share of intervals of 95 % that hold what is right, and their number.
+def coverage(found: Found) -> Coverage:
+    """Return the share of intervals of 95 % that hold what is right.
 
-    Intervals count whose relative standard errors, that of the reference with them, are not below the `least`.
+    Those of one network hold or miss together, as its statistics follow from the same paths and share energy: the
+    standard error of the share is that of a ratio of sums over networks, but not less than that of independent
+    intervals of 95 %, or where there is one network of one interval.
     """
-    held = [
-        row["held"]
-        for item in found
-        for row in item["rows"]
-        if row["held"] is not None and not row["relative_error"] < least  # nothing was seen where it is not a number
-    ]
-    return (float(np.mean(held)) if held else math.nan), len(held)
+    held = np.array([sum(_held(item)) for item in found], dtype=float)
+    number = np.array([len(_held(item)) for item in found])
+    networks, intervals = np.count_nonzero(number), int(number.sum())
+    if not intervals:
+        return Coverage(math.nan, math.nan, 0)
+    share = held.sum() / intervals
+    independent = math.sqrt(0.95 * 0.05 / (intervals if networks > 1 else 1))
+    scatter = math.sqrt(((held - share * number) ** 2).sum() * networks / max(networks - 1, 1)) / intervals
+    return Coverage(float(share), max(scatter, independent), intervals)
+
+
+def _held(item: Mapping[str, Any]) -> list[bool]:
+    """Return which intervals of a network hold what is right."""
+    return [row["held"] for row in item["rows"] if row["held"] is not None]
 
 
 def share(found: Found, outcomes: Iterable[str]) -> float:
@@ -57,19 +69,22 @@ def class_rows(found: Found) -> list[dict[str, Any]]:
 def _row(name: str, part: Found) -> dict[str, Any]:
     count = Counter(item["outcome"] for item in part)
     errors = [row["relative_error"] for item in part for row in item["rows"] if row["relative_error"] > 0.0]
-    covered, number = coverage(part)
-    everywhere, _ = coverage(part, 0.0)
+    covered = coverage(part)
     return {
         "class": name,
         "networks": len(part),
         **{outcome: count[outcome] for outcome in OUTCOMES},
         "off by chance": sum(any(row["chance"] for row in item["rows"]) for item in part),
-        "coverage (%)": f"{100.0 * covered:.1f}" if number else "",
-        "intervals": number,
-        "of all intervals (%)": f"{100.0 * everywhere:.1f}" if not math.isnan(everywhere) else "",
+        "coverage (%)": percent(covered),
+        "intervals": covered.intervals,
         "standard error (%)": f"{100.0 * float(np.median(errors)):.2g}" if errors else "",
         "worst": worst_of(part),
     }
+
+
+def percent(covered: Coverage) -> str:
+    """Return a coverage and its standard error as text."""
+    return f"{100.0 * covered.share:.1f} ± {100.0 * covered.error:.1f}" if covered.intervals else ""
 
 
 def worst_of(found: Found) -> str:
