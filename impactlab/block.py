@@ -119,7 +119,7 @@ class Block:
             plan.window,
             plan.half_kick,
             np.zeros((4, contacts * self.single, lanes)),
-            np.zeros((len(plan.half_kick) * self.single, lanes)),
+            np.zeros((plan.half_kick.size // max(len(plan.half_kick), 1) * self.single, lanes)),
             np.zeros((contacts * self.single, lanes)),
             np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
             plan.pairs,

@@ -21,11 +21,6 @@ density of the gap within any window."""
 STEADY_KICK = 0.05
 """Largest half kick by a static load, in thermal velocities; a third of its square is the error of the flux."""
 
-STOPPED = 0.3, 1.5
-"""Friction over a step, ``c h/m``, between which velocities at kicks are not those that contacts close with, but paths
-between them are seen still: of three overdamped bodies under preload at 0.75 the flux is up to 4.3 % off, the count
-0.4."""
-
 OWN_KICKS = 0.005
 """Largest ``h² K/6m`` of kicks by residual forces and couplings, which the flux corrects on average only."""
 
@@ -44,10 +39,8 @@ def counts_closings(
     if varying or not model.white or not integrator.kicks or model.dissipative:
         return bool(len(model.ends))
     touching = np.unique(model.ends[model.ends < model.wall])
-    stopped = step * model.damping[touching] / model.mass[touching]
     return bool(
-        ((stopped > STOPPED[0]) & (stopped < STOPPED[1])).any()
-        or (_abrupt(model, stiffening) | _together(model, stiffening)).any()
+        (_abrupt(model, stiffening) | _together(model, stiffening)).any()
         or _kicked(model, stiffening, step)[touching].any()
     )
 

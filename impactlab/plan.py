@@ -19,6 +19,7 @@ from impactlab.forces import stiffening_of
 from impactlab.generate import generate
 from impactlab.given import kinds_of
 from impactlab.integrators.base import Cross, Flows, Integrator
+from impactlab.integrators.exact_flow import kick_share, kick_width
 from impactlab.integrators.jumps import Jumps, WholeFlow
 from impactlab.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.kernels.random import addresses, streams_of
@@ -94,9 +95,10 @@ class Plan:
         Whether rates are counts of closings, not fluxes through the windows.
     jitter : (contact,) ndarray
         What noise changes closing velocities by in a step, root mean square (m s-1).
-    half_kick : ndarray
-        Half the velocity that a unit force of a kick gives each body and the wall; nothing where no
-        body feels another force than that of one contact.
+    half_kick : (0 to 2, body) ndarray
+        Of what a unit force of a kick gives the velocity of each body and the wall: how far velocities are spread
+        around their own time, half of it without friction; and, where friction slows bodies within a step, what those
+        in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
     likely : (contact,) ndarray of bool
         Whether each contact may close in the run.
     kicked : (body,) ndarray of bool
@@ -365,7 +367,7 @@ def make_plan(
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = min(choose_step(model, integrator, stiffening, given, -spin_up, duration), ceiling)
+    chosen = min(choose_step(model, integrator, stiffening, given, -spin_up, duration, start), ceiling)
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
@@ -433,13 +435,13 @@ def make_plan(
         window=window,
         counted=counted,
         jitter=jitter(model, step, duration) if counted else np.zeros(len(model.ends)),
-        half_kick=_half_kick(model, step) if integrator.kicks else np.zeros(0),
+        half_kick=_half_kick(model, step) if integrator.kicks else np.zeros((0, model.wall + 1)),
         links=model.links,
         likely=likely,
         kicked=_kicked(model, likely),
         passes=model.passes,
         certified=certified(model, stiffening.penetration),
-        automatic=step if given is None else _automatic(model, integrator, stiffening, spin_up, duration),
+        automatic=step if given is None else _automatic(model, integrator, stiffening, spin_up, duration, start),
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,
@@ -483,10 +485,17 @@ def make_plan(
     )
 
 
-def _automatic(model: Model, integrator: Integrator, stiffening: Stiffening, spin_up: float, duration: float) -> float:
+def _automatic(
+    model: Model,
+    integrator: Integrator,
+    stiffening: Stiffening,
+    spin_up: float,
+    duration: float,
+    start: str | np.ndarray,
+) -> float:
     """Return the step that is chosen where none is given (s), 0 if none can be."""
     try:
-        return choose_step(model, integrator, stiffening, None, -spin_up, duration)
+        return choose_step(model, integrator, stiffening, None, -spin_up, duration, start)
     except InvalidInput:
         return 0.0
 
@@ -524,7 +533,12 @@ def _half_kick(model: Model, step: float) -> np.ndarray:
     touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
     alone = (touching <= 1) & ~model.residual
     of_contacts = np.unique(model.ends[model.ends < model.wall])
-    return np.zeros(0) if alone[of_contacts].all() else np.append(0.5 * step / model.mass, 0.0)
+    friction = step * model.damping / model.mass
+    for slots, _ in flowing_systems(model):
+        friction[slots] = 0.0
+    shares = np.stack([kick_width(friction), kick_share(friction) - 0.5])
+    rows = 0 if alone[of_contacts].all() else 1 + bool(shares[1].any())
+    return np.pad(step / model.mass * shares, ((0, 0), (0, 1)))[:rows]
 
 
 def _start_deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.component import finite, suggestion
+from impactlab.counting import counts_closings
 from impactlab.dissipation import damping_step
 from impactlab.errors import InvalidInput, warn
 from impactlab.given import resolving_step
@@ -54,7 +55,7 @@ SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
 
 STOPPING = 10.0
-"""Friction over a step, ``c h/m``, from which on the rate of contacts does not see how bodies are stopped."""
+"""Friction over a step, ``c h/m``, from which on counts of closings do not see how bodies are stopped."""
 
 SERIES_FRICTION = 3.0
 """Largest friction over an automatic step, ``c h/m``, of a body under a sum of cosines that is kicked."""
@@ -65,9 +66,9 @@ CALL_SECONDS, LANE_STEP_SECONDS, STEP_SECONDS = 0.05, 5e-9, 1e-6
 
 def choose_step(
     model: Model, integrator: Integrator, stiffening: Stiffening, given: float | None, begin: float = 0.0,
-    end: float = 0.0,
+    end: float = 0.0, start: str | np.ndarray = "stationary",
 ) -> float:  # fmt: skip
-    """Return the given step, checked, or the recommended one for a run between two times.
+    """Return the given step, checked, or the recommended one for a run between two times from a start.
 
     Raises
     ------
@@ -98,7 +99,9 @@ def choose_step(
     step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))
     if integrator.kicks:
         step = min(step, kink_step(model, stiffening), series_step(model))
-        step = min(step, stopping_step(model, step))
+        slow = stopping_step(model, step)
+        if slow < step and counts_closings(model, integrator, start, stiffening, step):
+            step = slow
     if end > begin:
         step = resolving_step(model, begin, end, step)
     if not math.isfinite(step):
@@ -109,9 +112,8 @@ def choose_step(
 def stopping_step(model: Model, step: float) -> float:
     """Return a step within which friction hardly stops bodies with contacts, where one a little smaller does that (s).
 
-    Their contacts close with velocities that friction forgets within a step: neither a flux at kicks nor the path
-    between them gives the rate of contacts at ``c h/m`` of some 1 to 10 (up to 10 % off). Beyond, where a contact
-    closes and opens many times in a step, the flux is right again.
+    Their contacts close with velocities that friction forgets within a step, so that the path between kicks does not
+    give the rate of contacts at ``c h/m`` of some 1 to 10 (up to 10 % off). A flux at kicks does.
     """
     if model.lines:  # see `series_step`
         return math.inf

@@ -141,7 +141,7 @@ def restricted(plan: Plan, tile: Tile) -> Plan:
         clearance=plan.clearance[contacts],
         window=plan.window[contacts],
         jitter=plan.jitter[contacts],
-        half_kick=plan.half_kick[with_wall] if len(plan.half_kick) else plan.half_kick,
+        half_kick=plan.half_kick[:, with_wall],
         noise_rows=noise_rows,
         noise_runs=noise_runs(noise_rows, len(bodies)),
         amplitude=np.ascontiguousarray(plan.amplitude[:, :, rows]),

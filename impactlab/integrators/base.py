@@ -91,7 +91,7 @@ class Sums(NamedTuple):
     ends: np.ndarray  # (contact, 2)
     indices: np.ndarray  # `impactlab.model.Model.indices`
     window: np.ndarray  # (contact,) half width for the rate (m)
-    half_kick: np.ndarray  # (body,) h/2m, nothing where bodies feel no force but that of one contact
+    half_kick: np.ndarray  # (0 to 2, body) of a unit force: see `Plan`
     closing: np.ndarray  # [step, contact, lane] closing velocities in four steps
     push: np.ndarray  # [body, lane] half of what a kick gives to velocities
     kick: np.ndarray  # [contact, lane] the same of closing velocities
@@ -136,7 +136,7 @@ def _signature(forces: Any, lane: int) -> Any:
             pairs,
             slots,
             numbers,
-            numbers,
+            table,
             blocks,
             block,
             block,

@@ -94,7 +94,7 @@ ADVANCE_JUMPS = void(
     ),
     _typeof(
         Sums(
-            _FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _VECTOR, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES, _CUBE, _VECTOR,
+            _FOUR, _CUBE, _PLACES, _INTEGERS, _VECTOR, _MATRIX, _CUBE, _MATRIX, _MATRIX, _CUBE, _PLACES, _CUBE, _VECTOR,
             1.0,
         )
     ),

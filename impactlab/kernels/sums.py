@@ -243,6 +243,9 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
     second moment on either side, so that neither slope nor curvature of the density of
     the gap count. Counting sign changes between samples would miss the short contacts.
 
+    Velocities in the middle of kicks are what friction makes of them within the step, if that is much, later: see
+    `impactlab.integrators.exact_flow.kick_share`.
+
     At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
     and by h²K/12 on either side. Where bodies feel other forces than that of the contact,
     the mean of the three is right to second order.
@@ -259,14 +262,26 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
             flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
             flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
             sums[FLUX, contact, lane] += flux
-        if target.half_kick.shape[0]:
-            of_first, of_second = target.half_kick[first], target.half_kick[second]
+        if target.half_kick.shape[0] == 1:
+            of_first, of_second = target.half_kick[0, first], target.half_kick[0, second]
             for slot in slots:
                 for lane in range(sums.shape[2]):
                     closing = v[slot, first, lane] - v[slot, second, lane]
                     kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
                     depth = indentation[slot, contact, lane]
                     sums[FLUX, contact, lane] += change_around(depth, closing, kick, half, curvature)
+        if target.half_kick.shape[0] > 1:  # friction slows bodies within a step
+            of_first, of_second = target.half_kick[0, first], target.half_kick[0, second]
+            late_first, late_second = target.half_kick[1, first], target.half_kick[1, second]
+            for slot in slots:
+                for lane in range(sums.shape[2]):
+                    middle = v[slot, first, lane] - v[slot, second, lane]
+                    kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
+                    late = late_first * force[slot, first, lane] - late_second * force[slot, second, lane]
+                    depth = indentation[slot, contact, lane]
+                    sums[FLUX, contact, lane] += change_around(depth, middle + late, kick, half, curvature)
+                    sums[FLUX, contact, lane] += weighted(depth, middle + late, half, curvature)
+                    sums[FLUX, contact, lane] -= weighted(depth, middle, half, curvature)
 
 
 @instead_of(add_flux)
@@ -281,7 +296,16 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
         target.push,
     )
     for place in range(4):
-        differences(target.indices, history.v[slots[place]], closing[place])
+        if target.half_kick.shape[0] > 1:  # friction slows bodies within a step
+            for body in range(push.shape[0]):
+                late = target.half_kick[1, body]
+                for lane in range(push.shape[1]):
+                    push[body, lane] = (
+                        history.v[slots[place], body, lane] + late * history.force[slots[place], body, lane]
+                    )
+            differences(target.indices, push, closing[place])
+        else:
+            differences(target.indices, history.v[slots[place]], closing[place])
     for contact in range(sums.shape[1]):
         half = target.window[contact]
         curvature = 5.0 / 3.0 / half**2
@@ -295,7 +319,7 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
         for place in range(4):
             slot = slots[place]
             for body in range(push.shape[0]):
-                of_body = target.half_kick[body]
+                of_body = target.half_kick[0, body]
                 for lane in range(push.shape[1]):
                     push[body, lane] = of_body * history.force[slot, body, lane]
             differences(target.indices, push, kick)

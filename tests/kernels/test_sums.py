@@ -50,10 +50,11 @@ def empty_sums(phases, rows, half_kick=(), jitter=None):
     )
     tables = differences(ENDS), gathering(ENDS, BODIES), ENDS.ravel()
     indices = np.concatenate([np.cumsum([3, *map(len, tables[:2])]), *tables])
-    work = np.zeros((4, 2, LANES)), np.zeros((len(half_kick), LANES)), np.zeros((2, LANES))
+    half_kicks = np.array(half_kick).reshape(-1, BODIES + 1)
+    work = np.zeros((4, 2, LANES)), np.zeros(((BODIES + 1) * bool(half_kick), LANES)), np.zeros((2, LANES))
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
     counting = before, np.zeros(0) if jitter is None else np.array(jitter), 0.1
-    return Sums(bodies, contacts, ENDS, indices, WINDOW, np.array(half_kick), *work, products, PAIRS, *counting)
+    return Sums(bodies, contacts, ENDS, indices, WINDOW, half_kicks, *work, products, PAIRS, *counting)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -110,15 +111,20 @@ def test_a_state_is_kept_in_its_slot(states):
         assert not kept[index][[0, *range(2, SLOTS)]].any()
 
 
-@pytest.mark.parametrize("half_kick", [(), (0.1, 0.2, 0.3, 0.0)], ids=["alone", "other forces"])
+WIDTHS, LATE = (0.1, 0.2, 0.3, 0.0), (-0.1, 0.0, -0.2, 0.0)
+
+
+@pytest.mark.parametrize("half_kick", [(), (WIDTHS,), (WIDTHS, LATE)], ids=["alone", "other forces", "slowed"])
 def test_contacts(states, half_kick):
     sums = empty_sums(2, 9, half_kick)
     closing = states.v[:, [0, 2]] - states.v[:, [1, 3]]
     readings = [closing]
     if half_kick:
-        kicks = states.force * np.array(half_kick)[:, None]
-        kick = kicks[:, [0, 2]] - kicks[:, [1, 3]]
-        readings = [closing - kick, closing, closing + kick]
+        kick, late = (
+            np.diff((states.force * np.array(row)[:, None])[:, ::-1].reshape(STEPS, 2, 2, LANES), axis=2)[:, ::-1, 0]
+            for row in (half_kick[0], half_kick[1] if len(half_kick) > 1 else np.zeros(BODIES + 1))
+        )
+        readings = [closing + late - kick, closing + late, closing + late + kick]
     weight = 1.0 - 5.0 / 3.0 * (states.indentation / WINDOW[:, None]) ** 2
     weight *= np.abs(states.indentation) < WINDOW[:, None]
     flux = weight * np.mean([np.maximum(reading, 0.0) for reading in readings], axis=0)
