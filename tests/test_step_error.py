@@ -9,8 +9,9 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.certified import certified
-from impactlab.dataset import scatter_of
+from impactlab.dataset import scatter_of, statistics
 from impactlab.model import Model
+from impactlab.parts import joined
 from impactlab.step_error import BIASED, MOST_BIAS, USUAL_BIAS, StepError
 
 BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
@@ -168,6 +169,16 @@ def test_standard_errors_allow_for_the_bias_of_a_measured_step():
     assert result.mean_velocity_standard_error.equals(plain.mean_velocity_standard_error)
     assert 0.0 < result.contact_ratio_step_allowance.item() < 3.0 * MOST_BIAS * result.contact_ratio.item()
     xr.testing.assert_allclose(il.effective_samples(result), il.effective_samples(plain), rtol=1e-9)
+
+
+def test_bodies_that_nothing_touches_have_no_bias():
+    name, network = "mean_square_velocity", il.Network({"b": BODY, "a": BODY})
+    busy, idle = (statistics([body], [], {name: [1.0]}, {name: [0.1]}, drift=0.0) for body in "ab")
+    measured = StepError(0.1, {name: np.array([1e-3])}, {name: np.array([0.0])}, {"oscillator": ("a",)})
+    both = joined(network, measured.added_to(busy, 0.1), idle)
+    np.testing.assert_array_equal(both[f"{name}_step_bias"], [0.0, 1e-3])
+    np.testing.assert_array_equal(both[f"{name}_step_allowance"], [0.0, 1e-3])
+    np.testing.assert_array_equal(both[f"{name}_standard_error"], [0.1, math.hypot(0.1, 1e-3)])
 
 
 def test_a_tolerance_counts_the_bias_for_itself():
