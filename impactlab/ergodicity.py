@@ -2,16 +2,18 @@
 
 Given forces may keep several motions up. Each realization then settles into one of them, and the mean over realizations
 counts how many began near each. What realizations remember shows: their means over time differ by more than parts
-of one.
+of one. Where nothing is random, a few more runs begin elsewhere.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from impactlab.block import Block
+from impactlab.errors import Diverged
 from impactlab.kernels.sums import VV, XX, X
 from impactlab.plan import Plan
 from impactlab.relaxation import correlation_of_neighbours
@@ -24,6 +26,10 @@ AGREEING = 2.0
 
 CERTAIN = 6.0
 """Standard errors of the logarithm of that ratio: its tails are wider than of normal samples."""
+
+STARTS, SECONDS = (3.0, -3.0, 10.0, -10.0), 1.0
+"""Velocities, by their root mean square, with which a motion without noise begins elsewhere; and the time that this may
+take, as a plan foresees it (s)."""
 
 _ROWS = {X: "mean_displacement", XX: "mean_square_displacement", VV: "mean_square_velocity"}
 
@@ -64,14 +70,11 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
     """
     batches, _, count, realizations = bodies.shape
     nothing = Memory(np.zeros(count))
-    settles = isinstance(plan.start, str) and plan.spin_up_steps and plan.settled and plan.relaxation > 0.0
-    if not (len(plan.forced) and settles and plan.trusted and batches > 1 and realizations > 1):
+    if not (_settles(plan) and plan.trusted and batches > 1 and realizations > 1):
         return nothing
     rows = list(_ROWS)
     means = bodies[:, rows] / steps[:, None, None, None]
-    values = means.mean(axis=(0, -1))
-    scale = np.abs(values)
-    scale[0] = np.sqrt(values[1])
+    scale = _scale(means.mean(axis=(0, -1)))
     between = means.mean(axis=0).var(axis=-1, ddof=1)
     offsets = means - means.mean(axis=-1, keepdims=True)  # what forces do to all of them alike is none
     within = offsets.var(axis=0, ddof=1).mean(axis=-1) / batches
@@ -95,3 +98,58 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
         "begin, and standard errors say by how much: give initial=, or a longer spin_up= if they change over."
     )
     return Memory(np.where(remembered, share, 0.0).max(axis=0), warning)
+
+
+def begun_elsewhere(plan: Plan, bodies: np.ndarray) -> str:
+    """Say what becomes of a motion without noise that begins otherwise than at rest; empty if the same does.
+
+    Parameters
+    ----------
+    plan : Plan
+    bodies : (batch, phase, row, body, 1) ndarray
+        Sums of the run.
+    """
+    affordable = int(SECONDS / plan.seconds(1))
+    if plan.random.any() or not (_settles(plan) and plan.kicked.any()) or plan.tiles or not affordable:
+        return ""
+    usual = _means(plan, bodies)
+    scale, largest = _scale(usual), (MOST_REMEMBERED, 0, 0)
+    velocity = np.sqrt(usual[2])
+    for times in STARTS[:affordable]:
+        block = Block(replace(plan, start=np.stack([plan.rest, times * velocity]), records=(), every=0), 0, _unheard)
+        try:
+            block.advance(plan.spin_up_steps, None)
+            other = _means(plan, block.measure().bodies)
+        except Diverged:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.nan_to_num(np.abs(other - usual) / scale, posinf=0.0)
+        row, body = np.unravel_index(change.argmax(), change.shape)
+        largest = max(largest, (float(change[row, body]), int(row), int(body)))
+    size, row, body = largest
+    if size <= MOST_REMEMBERED:
+        return ""
+    return (
+        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.bodies[body]!r} differs by "
+        f"{100.0 * size:.3g} % if it does not begin at rest. Give initial=, or a longer duration= if it is chaotic."
+    )
+
+
+def _settles(plan: Plan) -> bool:
+    """Whether given forces lead to motions, of which linear ones have forgotten their start."""
+    begun = isinstance(plan.start, str) and plan.spin_up_steps > 0
+    return bool(len(plan.forced) and begun and plan.settled and plan.relaxation > 0.0)
+
+
+def _means(plan: Plan, bodies: np.ndarray) -> np.ndarray:
+    """Means of x, x² and v² of one realization, (row, body)."""
+    return np.asarray(bodies.sum(axis=(0, 1))[list(_ROWS), :, 0] / plan.steps)
+
+
+def _scale(means: np.ndarray) -> np.ndarray:
+    """Return the sizes by which differences of means are measured: their own, for x the root mean square."""
+    return np.stack([np.sqrt(means[1]), means[1], means[2]])
+
+
+def _unheard(steps: int) -> None:
+    """Take note of steps that nobody waits for."""

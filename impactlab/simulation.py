@@ -20,6 +20,7 @@ from impactlab.build import digest
 from impactlab.damping import damped
 from impactlab.dataset import VARIABLES, opened, path_of, provenance, replacing, statistics, told, write
 from impactlab.ensemble import merged, run, shares_memory, workers_of
+from impactlab.ergodicity import begun_elsewhere
 from impactlab.errors import Diverged, InvalidInput, warn
 from impactlab.estimate import Estimates, estimate
 from impactlab.forces import explanation
@@ -305,8 +306,9 @@ def _run(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
-    if estimates.remembered:
-        warn(estimates.remembered)
+    elsewhere = begun_elsewhere(plan, results[0].bodies) if asked["initial"] is None else ""
+    if message := estimates.remembered or elsewhere:
+        warn(message)
     if not plan.coarse and not drifting:
         name = "mean_square_velocity"
         partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])
