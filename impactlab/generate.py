@@ -28,10 +28,11 @@ from impactlab.model import HEADER, LEADING, PLACES, Kind, Model
 _MODULES = {math: "math", np: "np"}
 
 _TAKEN = frozenset({
-    "at", "body", "clear", "clearance", "contact_force", "count", "differences", "extension", "first", "force",
-    "forces_of", "forces_on", "gap", "gaps", "gather", "indentation", "index", "indices", "lane", "math", "max",
-    "half_step", "member", "middle", "mobility", "np", "parameters", "range", "rate", "response", "result", "row",
-    "run", "second", "slot", "some_v", "some_x", "start", "times", "total", "v", "velocity", "x",
+    "above", "after", "at", "below", "body", "clear", "clearance", "contact_force", "count", "differences", "end",
+    "enough", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step",
+    "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
+    "off", "off_after", "off_end", "parameters", "r", "range", "rate", "refined", "response", "result", "row", "run",
+    "second", "share", "slot", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v", "velocity", "x",
 })  # fmt: skip
 
 _FORCES = '''
@@ -62,56 +63,55 @@ _TIMETABLES = {
 
 
 _SLOWING = '''
-@subroutine
-def {name}_slowed({place}, speed, response, accuracy{fields}):
-    """Solve ``r + response force(r) = speed`` for r by secants, bracketed if they can be."""
-    given = response * {speed}
-    end, result, off_end, off = speed, speed, given, 0.0
-    if given != 0.0:
-        nudged = response * {nudged}
-        result = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
-        off = result - speed + response * {result}
-    enough = accuracy * abs(given)
-    for _ in range(50):
-        if abs(off) <= enough or abs(result - end) <= enough or off == off_end:
-            break
-        after = result - off * (result - end) / (off - off_end)
-        off_after = after - speed + response * {after}
-        if off * off_after < 0.0 or off * off_end > 0.0:
-            end, off_end = result, off
-        else:
-            off_end *= 0.5
-        result, off = after, off_after
-    return result
-
-
-@subroutine
+@scalar
 def {name}_over_kick({place}, speed, response{fields}):
-    """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle."""
-    force = {speed}
-    if response > 0.0 and force != 0.0:
-        middle = {name}_slowed({place}, speed, response, 1e-6{fields})
-        near = 0.001 * (speed - middle)
-        if near != 0.0:
-            above = {above}
-            below = {below}
-            stretched = response * stretch(response * (above - below) / near)
-            middle = {name}_slowed({place}, speed, stretched, 1e-6{fields})
-            force = (speed - middle) / stretched
-    return force
+    """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle.
+
+    It acts at r of ``r + share force(r) = speed``, found by secants, bracketed if they can be; the
+    share is the response, then what the slope of the force at that r makes of it.
+    """
+    result = force = {speed}
+    share = response
+    for refined in range(2):
+        given = share * force
+        if given == 0.0:
+            break
+        nudged = share * {nudged}
+        end, off_end, r, off = speed, given, speed, given
+        after = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
+        enough = 1e-6 * abs(given)
+        for _ in range(51):
+            off_after = after - speed + share * {after}
+            if off * off_after < 0.0 or off * off_end > 0.0:
+                end, off_end = r, off
+            else:
+                off_end *= 0.5
+            r, off = after, off_after
+            if abs(off) <= enough or abs(r - end) <= enough or off == off_end:
+                break
+            after = r - off * (r - end) / (off - off_end)
+        if refined:
+            result = (speed - r) / share
+            break
+        near = 0.001 * (speed - r)
+        if near == 0.0:
+            break
+        above = {above}
+        below = {below}
+        share = response * stretch(response * (above - below) / near)
+    return result
 '''
 
 
 def _slowing(kind: Kind, name: str) -> str:
-    """Text of the functions that solve a force for the velocity that it changes."""
+    """Text of the function that solves a force for the velocity that it changes."""
     place, speed = kind.component.kernels[kind.kernel]
     at = {
         "speed": "speed",
         "nudged": "speed - 0.001 * given",
-        "result": "result",
         "after": "after",
-        "above": "middle + near",
-        "below": "middle - near",
+        "above": "r + near",
+        "below": "r - near",
     }
     calls = {item: _call(kind, name, {place: place, speed: value}) for item, value in at.items()}
     fields = "".join(f", {_local(field)}" for field in kind.fields)
@@ -184,9 +184,9 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.kinds}
     slowing = any(kind.slows for kind in model.kinds)
     tables = "forcing" in roles or model.time_varying
-    decorators = {"scalar": bool(kernels), "subroutine": slowing, "timetable": tables}
+    called = (["differences", "gather"] if single else ["gather"]) if len(model.ends) else []
+    decorators = {"resident": bool(called), "scalar": bool(kernels), "timetable": tables}
     text = "\n".join(kernels.values())
-    kernels_of_contacts = "differences, gather" if single else "gather"
     lines = [
         '"""Forces of a network of oscillators; generated by impactlab, not to be edited."""',
         "",
@@ -194,8 +194,9 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
-        f"from impactlab.kernels.kick import {kernels_of_contacts if len(model.ends) else 'clear'}",
+        f"from impactlab.kernels.kick import {', '.join(called) or 'clear'}",
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
+        *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if called else []),
     ]
     return "\n".join(lines) + "\n"
 

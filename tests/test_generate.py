@@ -163,6 +163,20 @@ def test_law_that_depends_on_the_rate():
     assert names(text).isdisjoint({"math", "np", "residual", "forcing"})
 
 
+def test_fields_may_have_names_that_the_solver_of_velocities_uses():
+    class Named(il.ContactLaw):
+        speed: float = il.parameter(1.0)
+        given: float = il.parameter(1.0)
+
+        def force(indentation, rate, speed, given):
+            return speed * indentation + given * rate
+
+    text = text_of(Named())
+    compile(text, "text", "exec")  # no argument twice
+    assert "given_ = column_" in text
+    assert "speed_ = column_" in text
+
+
 def test_duffing_oscillators():
     text = text_of(il.DuffingOscillator(2.0))
     assert loops(text) == ["# DuffingOscillator: residual of body with cubic"]

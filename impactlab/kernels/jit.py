@@ -25,6 +25,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite.binding import add_symbol
 from numba import f8, i8, types, void
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -50,6 +51,7 @@ _EVALUATE_ONE = void(FORCES_OF_ONE, *[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLO
 
 config: Any = numba.config
 _unpack_tuple: Any = cgutils.unpack_tuple
+_declared: Any = cgutils.get_or_insert_function
 _populate_array: Any = populate_array
 
 DISABLED = bool(config.DISABLE_JIT)
@@ -115,9 +117,33 @@ def scalar(function: Function) -> Function:
     return numba.njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
-def subroutine(function: Function) -> Function:
-    """Compile a function of scalars that is called: a long one takes long to compile where it is inlined."""
-    return numba.njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+def resident(compiled: Function, function_type: types.FunctionType) -> Function:
+    """Return a kernel that takes `Model.indices` and two blocks for functions of a type, which call it where it is.
+
+    Called as other kernels are, it would be compiled again with every function that is generated.
+    """
+    if DISABLED:
+        return compiled
+    block = function_type.signature.args[0]
+    signature, symbol = void(i8[::1], block, block), f"impactlab_{compiled.__name__}"
+    kernel: Any = compiled
+    kernel.compile(signature.args)
+    found = kernel.overloads[signature.args]
+    add_symbol(symbol, found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+
+    @intrinsic
+    def call(typing_context, indices, one, other):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            convention, kinds = context.call_conv, signature.args
+            there = _declared(builder.module, convention.get_function_type(types.none, kinds), symbol)
+            status, _ = convention.call_function(builder, there, types.none, kinds, arguments)
+            with builder.if_then(status.is_error, likely=False):
+                convention.return_status_propagate(builder, status)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return call  # type: ignore[no-any-return]
 
 
 @intrinsic
