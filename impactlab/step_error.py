@@ -120,10 +120,11 @@ class StepError:
 
         A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
         s that is `usual`. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
-        q = s²/(s² + σ²).
+        q = s²/(s² + σ²). What is `CERTAIN` is no unusual measurement but an unusual bias, and known: q = 1.
         """
-        known = 1.0 / (1.0 + (self.error[name] / usual) ** 2)
-        result: np.ndarray = np.hypot(known * self.bias[name], np.sqrt(1.0 - known) * usual)
+        bias, error = self.bias[name], self.error[name]
+        known = np.where(np.abs(bias) > CERTAIN * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
+        result: np.ndarray = np.hypot(known * bias, np.sqrt(1.0 - known) * usual)
         return result
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
