@@ -63,6 +63,9 @@ SPIN_UP = 3.0
 CERTAIN = 2.5
 """Standard errors within which a bias is not known, with some ten statistics looked at."""
 
+STILL = 1e-9
+"""Part of the mean square of a displacement below which its variance is rounding, or what a spin-up has left."""
+
 TRIALS = 6
 """Steps that are tried before the best is taken as it is."""
 
@@ -368,7 +371,8 @@ def _begin(block: Block, x: np.ndarray, v: np.ndarray) -> None:
 def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[list[Stretch]]) -> StepError:
     """Turn the sums of all stretches into biases and their standard errors.
 
-    Where nothing is random and the stretches are all steps of a run, of which there are `most`, nothing is sampled.
+    Where nothing is random, what stretches leave out of a run, of which `most` steps can be looked at, alone is not
+    known.
     """
     stretches, labels = len(found[0]), model.connected()
     of_coarse = _joined(coarse, steps, [[item.coarse for item in block] for block in found])
@@ -398,7 +402,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             memory = np.minimum(memory, length * np.arange(stretches)[::-1, None])
         gained = (energy * memory / (length * size[:, None, None])).reshape(parts, -1)
     gained = np.where(np.isfinite(gained), gained, 0.0)
-    sampled = bool(coarse.random.any()) or stretches * steps < most
+    left_out = 1.0 if coarse.random.any() else 1.0 - stretches * steps / most
     of_coarse, of_fine = (
         _with_variance(item, of_fine["mean_displacement"].mean(axis=-1)) for item in (of_coarse, of_fine)
     )
@@ -411,14 +415,16 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             scale = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
         else:
             scale = np.abs(value)
+            if name == "variance_displacement":  # of a body that a load holds still
+                scale = np.maximum(scale, STILL * of_fine["mean_square_displacement"].mean(axis=-1))
             difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / (1.0 - finer**-2.0) / scale[:, None]  # of second order
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name], units = relative.mean(axis=-1), relative.shape[-1]
-        unseen |= sampled and units == 1
-        error[name] = relative.std(axis=-1) / math.sqrt(units) if sampled else np.zeros(len(relative))
+        unseen |= left_out > 0.0 and units == 1
+        error[name] = relative.std(axis=-1) * math.sqrt(left_out / units)
         error[name][unseen] = np.inf
     return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})
 

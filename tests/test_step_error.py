@@ -207,3 +207,27 @@ def test_one_path_without_noise_is_measured_whole():
     fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
     assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
     assert result.mean_contact_force.item() == pytest.approx(fine.mean_contact_force.item(), rel=5e-3)
+
+
+class Load(il.Excitation):
+    load: float = il.parameter(units="N")
+
+    @staticmethod
+    def force(time, load):
+        return load
+
+
+def test_a_body_that_a_load_holds_still_asks_for_no_step():
+    """Its variance is what the start has left, 10⁻⁷ of its mean square, or rounding."""
+    contacts = {
+        "left": il.Contact(il.WALL, "still", il.LinearContact(680.0), clearance=-0.2),
+        "far": il.Contact("shaken", "still", il.LinearContact(7.0), clearance=0.2),
+        "right": il.Contact("shaken", il.WALL, il.LinearContact(17.0)),
+    }
+    bodies = {
+        "still": il.LinearOscillator(mass=0.26, damping=0.94, stiffness=12.0),
+        "shaken": il.LinearOscillator(mass=0.95, damping=1.8, stiffness=24.0),
+    }
+    network = il.Network(bodies, contacts, {"still": Load(74.0), "shaken": HEAT})
+    result = il.simulate(network, 65.0, realizations=64, rng=1)
+    assert result.attrs["step"] > 2e-3

@@ -13,19 +13,23 @@ from scipy.special import stdtrit
 
 import impactlab as il
 from impactlab_numerics.trust_networks import BODY_STEPS, CLASSES, Draw, Scene, class_of, scene_of
-from impactlab_numerics.trust_reference import JUDGED, Reference, Unknown, reference_of, scale_of
+from impactlab_numerics.trust_reference import JUDGED, Reference, Sensitive, Unknown, reference_of, scale_of
 
 ALLOWED, ERRORS = 5e-3, 3.0
 """Relative error that is allowed, beside so many standard errors of the difference."""
 
-SURE, AGAIN = 5.0, 8
-"""Standard errors beyond which chance explains no difference; runs with other noise that judge a smaller one."""
+SURE, AGAIN, MANY = 5.0, 8, 32
+"""Standard errors beyond which chance explains no difference; runs with other noise that judge a smaller one, and that
+judge a warning where nothing is off."""
 
 REFERENCE_BODY_STEPS = 20.0 * BODY_STEPS
 """Steps of a body that a reference may take."""
 
 SCARCE = ("too few", "too seldom", "closed less than")
 """Words of warnings that say that there are few data, which they do whether or not a value is off."""
+
+STARTS_COUNT = "depends on how"
+"""Words of warnings that say that another start leads to another answer."""
 
 OUTCOMES = (
     "right",
@@ -74,13 +78,45 @@ def judge(
         try:
             reference = reference_of(scene, found["step"], [seed, 2], body_steps)
         except (Unknown, il.ImpactLabError) as error:
-            return found | {"outcome": "not judged", "kind": f"{type(error).__name__}: {error}"}
+            told = isinstance(error, Sensitive) and _says(found, STARTS_COUNT)
+            found["kind"] = f"{type(error).__name__}: {error}"
+            return found | {"outcome": "warned rightly" if told else "not judged"}
     found |= {"kind": reference.kind, "reference_step": reference.step, "doubts": list(reference.doubts)}
     found["reference_seconds"] = time.process_time() - begin
     found["rows"] = compared(scene, result, reference)
     if any(row["excess"] > 1.0 for row in found["rows"]) and not scene.deterministic:
         _look_again(scene, found, body_steps)
-    return found | {"outcome": outcome(found["rows"], found["messages"])}
+    found["outcome"] = outcome(found["rows"], found["messages"])
+    if found["outcome"] == "warned needlessly" and _needed(scene, found, result, reference, body_steps):
+        found["outcome"] = "warned rightly"
+    return found
+
+
+def _says(found: Mapping[str, Any], words: str) -> bool:
+    return any(words in message for message in found["messages"])
+
+
+def _needed(scene: Scene, found: dict[str, Any], result: Any, reference: Reference, body_steps: float) -> bool:
+    """Whether a warning is right though the numbers are: another start, or more runs, show what it says."""
+    other = None
+    if _says(found, STARTS_COUNT):
+        speeds = 3.0 * np.sqrt(result["mean_square_velocity"].values)
+        fast = {"velocity": dict(zip(scene.network.oscillators, speeds.tolist(), strict=True))}
+        other = scene.options | {"initial": fast, "spin_up": float(result.attrs["spin_up"])}
+    elif _says(found, "spin-up") and "spin_up" in scene.options:
+        other = {name: value for name, value in scene.options.items() if name not in ("initial", "spin_up")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if other is None:
+            runs = [il.simulate(scene.network, rng=[found["seed"], 1, run], **scene.options) for run in range(MANY)]
+            return any(row["excess"] > 1.0 for row in compared(scene, _mean_of(runs, by_scatter=True), reference))
+        begun = reference_of(scene._replace(options=other), found["step"], [found["seed"], 2, 2], body_steps)
+    for name in set(begun.values) & set(reference.values):
+        scatter = np.hypot(begun.errors[name], reference.errors[name])
+        allowed = ALLOWED * scale_of(name, reference.values) + ERRORS * scatter
+        if (np.abs(begun.values[name] - reference.values[name]) > allowed).any():
+            return True
+    return False
 
 
 def reduced(scene: Scene, share: float) -> Scene:

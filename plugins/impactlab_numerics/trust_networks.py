@@ -548,7 +548,11 @@ def rows_of_undamped_bodies(rng: np.random.Generator) -> Scene:
             sketch.touch(f"body_{index - 1}", f"body_{index}", law, clearance=(-0.5, 0.5))
     if not equal:
         _heat_unequally(sketch, 2.0)
-    return sketch.scene(work=2.0, settling=1.0 if equal else 3.0)
+        return sketch.scene(work=2.0, settling=3.0)
+    network = sketch.network()  # at one temperature the law is the same whoever is damped
+    damped = {name: body.replace(damping=sketch.mass * sketch.frequency) for name, body in network.oscillators.items()}
+    noises = {name: il.WhiteNoise(sketch.temperature * body.damping / math.pi) for name, body in damped.items()}
+    return sketch.scene(work=2.0, equivalent=network.replace(oscillators=damped, excitations=noises))
 
 
 def starts(rng: np.random.Generator) -> Scene:

@@ -25,6 +25,12 @@ FINER, FINE_ENOUGH = 16, 4
 SENSITIVE = 2e-3
 """Change of a mean by which a path without noise depends on its start too much to be judged."""
 
+STILL = 1e-9
+"""Part of the largest mean square of all bodies below which another is rounding, or what a spin-up has left."""
+
+MOST_BODY_STEPS = 1.5e9
+"""Steps of a body that are taken if fewer tell nothing: half a minute or so."""
+
 POINTS = 200
 """Samples of a path in the time in which its fastest motion turns by 2π."""
 
@@ -38,6 +44,10 @@ _PLACES, _SHARES = 0.5 * (_PLACES + 1.0), 0.5 * _SHARES
 
 class Unknown(Exception):
     """There is no reference; the message says why."""
+
+
+class Sensitive(Unknown):
+    """What is right depends on the start too much."""
 
 
 class Reference(NamedTuple):
@@ -109,7 +119,7 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     if work(fine) * realizations > body_steps:
         fine = max(fine, min(step / FINE_ENOUGH, scene.fine, work(1.0) * realizations / body_steps))
         realizations = max(64, min(realizations, int(body_steps / work(fine))))
-        if work(fine) * realizations > 6.0 * body_steps:
+        if work(fine) * realizations > MOST_BODY_STEPS:
             raise Unknown(f"{work(fine) * realizations:.2g} steps of a body are too many")
     count = math.ceil(duration / fine)
     options |= {"realizations": realizations, "duration": duration, "spin_up": spin_up, "step": duration / count}
@@ -137,10 +147,17 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
 
 
 def scale_of(name: str, values: Mapping[str, Any]) -> np.ndarray:
-    """Return the size by which the difference of a statistic is measured: its own, for means the root mean square."""
+    """Return the size by which the difference of a statistic is measured: its own, for means the root mean square.
+
+    Bodies hardly move below `STILL` of the largest mean square.
+    """
     if name in ("mean_displacement", "mean_velocity"):
-        return np.asarray(np.sqrt(values[name.replace("mean", "mean_square")]))
-    return np.asarray(np.abs(values[name]))
+        return np.asarray(np.sqrt(scale_of(name.replace("mean", "mean_square"), values)))
+    size = np.asarray(np.abs(values[name]))
+    if "contact" in name:
+        return size
+    square = np.abs(values["mean_square_velocity" if "velocity" in name else "mean_square_displacement"])
+    return np.asarray(np.maximum(size, STILL * square.max(initial=0.0)))
 
 
 def _path(scene: Scene) -> Reference:
@@ -150,7 +167,7 @@ def _path(scene: Scene) -> Reference:
     errors = {name: np.zeros_like(value) for name, value in values.items()}
     for name, value in values.items():
         if (np.abs(shifted[name] - value) > SENSITIVE * scale_of(name, values)).any():
-            raise Unknown(f"{name} depends on the start too much")
+            raise Sensitive(f"{name} depends on the start too much")
     return Reference("path", values, errors)
 
 
