@@ -242,7 +242,8 @@ class Block:
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         plan, state = self.plan, self.state
-        x, v, *result = map(self._seen, (x, v, state.indentation, state.contact_force, state.total))
+        arrays = x, v, state.indentation, state.contact_force, state.total
+        x, v, *result = (self._seen(item)[None] for item in arrays)
         evaluate(self.module.forces, x, v, plan.parameters, plan.indices, *result)
 
     def _seen(self, block: np.ndarray) -> np.ndarray:
@@ -430,13 +431,15 @@ class Block:
         mass = plan.linear[0][:, None]
         x, f = state.x[:-1], state.total[:-1]
         v = state.v[:-1] - 0.5 * plan.step / mass * f if plan.integrator.kicks else state.v[:-1]
-        bodies = np.stack([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
+        bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
         one, other = plan.ends.T
         contacts = np.zeros_like(self.sums.contacts)
         contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.clearance[:, None]
         contacts[FORCE] = state.contact_force
-        i, j = plan.pairs.T
-        products = np.stack([one[i] * other[j] for one in (x, v, f) for other in (x, v, f)])
+        products = np.zeros_like(self.sums.products)
+        if products.size:
+            i, j = self.sums.pairs.T
+            products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
         return Edge(bodies, contacts, products)
 
     def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -454,7 +457,7 @@ class Block:
         products = sums.products + half[2]
         if kicks:
             # the flow of each step begins at the kick before, of the phase before
-            bodies[:, BEGUN:INTENSITY] = np.roll(sums.bodies[:, :count], 1, axis=0)
+            bodies[1:, BEGUN:INTENSITY], bodies[0, BEGUN:INTENSITY] = sums.bodies[:-1, :count], sums.bodies[-1, :count]
             bodies[(plan.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
             bodies[(plan.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
             bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]

@@ -31,8 +31,8 @@ class CompiledNetwork:
         self.model = Model.of(network)
         self._module = build(generate(self.model))
         bodies, contacts = len(self.model.bodies), len(self.model.contacts)
-        self._x, self._v, self._total = (np.zeros((bodies + 1, 1)) for _ in range(3))
-        self._contacts = np.zeros((contacts, 1)), np.zeros((contacts, 1))
+        self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))
+        self._contacts = np.zeros((1, contacts, 1)), np.zeros((1, contacts, 1))
         self._given = np.zeros((1, len(self.model.forced)))
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ class CompiledNetwork:
 
     def _forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the non-linear forces on the bodies; the contacts' are kept."""
-        self._x[:-1, 0], self._v[:-1, 0] = x, v
+        self._x[0, :-1, 0], self._v[0, :-1, 0] = x, v
         model = self.model
         evaluate(
             self._module.forces,
@@ -59,7 +59,7 @@ class CompiledNetwork:
             *self._contacts,
             self._total,
         )
-        return self._total[:-1, 0].copy()
+        return self._total[0, :-1, 0].copy()
 
     def state(
         self, *, displacement: Mapping[str, float] | None = None, velocity: Mapping[str, float] | None = None
@@ -102,7 +102,7 @@ class CompiledNetwork:
         forces = np.empty((len(t), len(self.model.contacts)))
         for index, column in enumerate(np.asarray(y).T):
             self._forces(column[:bodies], column[bodies:])
-            forces[index] = self._contacts[1][:, 0]
+            forces[index] = self._contacts[1][0, :, 0]
         variables: dict[str, Any] = {
             "displacement": (
                 ("time", "oscillator"),

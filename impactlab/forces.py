@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.component import Component, call_each
 from impactlab.errors import InvalidInput
 from impactlab.linear import spread
-from impactlab.model import Model
+from impactlab.model import Model, kept
 from impactlab.scene import Stiffening
 
 LARGEST = 1e100
@@ -56,6 +56,12 @@ def stiffening_of(model: Model, energy: np.ndarray) -> Stiffening:
     InvalidInput
         As `check_forces`.
     """
+    return _stiffening(model, np.asarray(energy, dtype=float).tobytes())
+
+
+@kept
+def _stiffening(model: Model, energies: bytes) -> Stiffening:
+    energy = np.frombuffer(energies)
     with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
         stiffening = Stiffening.of(model, energy)
     check_forces(model, stiffening.penetration, energy)

@@ -23,7 +23,7 @@ import numpy as np
 
 from impactlab.errors import InvalidInput
 from impactlab.kernels.single import single_text
-from impactlab.model import HEADER, LEADING, PLACES, Kind, Model
+from impactlab.model import HEADER, LEADING, PLACES, Kind, Model, kept
 
 _MODULES = {math: "math", np: "np"}
 
@@ -138,6 +138,11 @@ def generate(model: Model, single: bool = False) -> str:
         If the source of a kernel cannot be found, or reads something that is neither a
         number, nor a function, nor from ``math`` or ``numpy``.
     """
+    return _generated(model, single)
+
+
+@kept
+def _generated(model: Model, single: bool) -> str:
     names = _kernel_names(model.kinds)
     kernels: dict[str, str] = {}
     taken = set(names.values())

@@ -57,6 +57,9 @@ a plan foresees it)."""
 LANES, STRETCHES, FEWEST = 256, 64, 8
 """Most realizations and stretches of a measurement, and the fewest stretches."""
 
+TOGETHER = 8
+"""Realizations that are one in the statistics of a measurement where there are many: each takes time."""
+
 SPIN_UP = 3.0
 """Relaxation times before the first stretch: states need be typical only."""
 
@@ -275,13 +278,13 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     return realizations, settling, max(1, min(STRETCHES, left // steps)), steps
 
 
-Sums = tuple[np.ndarray, np.ndarray, np.ndarray]
+Sums = tuple[np.ndarray, ...]
 
 
 class Stretch(NamedTuple):
     """What is known of a stretch."""
 
-    coarse: Sums  # of bodies, contacts and pairs, (…, lane)
+    coarse: Sums  # of bodies, contacts and pairs, (…, lane), each lane a mean over some realizations
     fine: Sums
     energy: np.ndarray  # (part, lane) that the coarse run has more at its end (J)
 
@@ -305,21 +308,21 @@ class _Pair:
 
         The coarse block goes on from stretch to stretch; the fine one begins anew where it is.
         """
-        result = []
+        result, here = [], _smooth(self.coarse)
         for _ in range(stretches):
-            _begin(self.fine, *_smooth(self.coarse))
+            _begin(self.fine, *here)
             self.fine.now = finer * self.coarse.now
             coarse, fine = self.coarse.stretch(steps), self.fine.stretch(finer * steps)
-            result.append(Stretch(coarse, fine, self._energy(*_smooth(self.coarse), *_smooth(self.fine))))
+            here = _smooth(self.coarse)
+            energy = self._energy(*here, *_smooth(self.fine))
+            result.append(Stretch(tuple(map(_together, coarse)), tuple(map(_together, fine)), _together(energy)))
         return result
 
     def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
         """Energy of one state less that of another, by connected part and lane: conservative forces do the work."""
         way = x - from_x
-        push = sum(
-            weight * _forces(self.coarse, from_x + 0.5 * (node + 1.0) * way)
-            for node, weight in zip(_NODES, 0.5 * _WEIGHTS, strict=True)
-        )
+        forces = _forces(self.coarse, *(from_x + 0.5 * (node + 1.0) * way for node in _NODES))
+        push = sum(weight * force for weight, force in zip(0.5 * _WEIGHTS, forces, strict=True))
         pull = self.stiffness @ (0.5 * (x + from_x)) - push
         energy = 0.5 * self.mass * (v**2 - from_v**2) + pull * way
         result = np.zeros((self.labels.max() + 1, energy.shape[1]))
@@ -330,22 +333,33 @@ class _Pair:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def _forces(block: Block, x: np.ndarray) -> np.ndarray:
-    """Forces of kicks on bodies at rest at some displacements, (body, lane)."""
-    place, rest = np.zeros((2, len(x) + 1, x.shape[1]))
-    place[:-1] = x
-    contacts = np.zeros((2, len(block.plan.ends), x.shape[1]))
-    total = np.zeros_like(place)
+def _together(values: np.ndarray) -> np.ndarray:
+    """Means over `TOGETHER` lanes where there are many, (…, lane)."""
+    *rows, lanes = values.shape
+    if lanes % TOGETHER or lanes < TOGETHER**2:
+        return values
+    together: np.ndarray = values.reshape(*rows, TOGETHER, lanes // TOGETHER).mean(axis=-2)
+    return together
+
+
+def _forces(block: Block, *displacements: np.ndarray) -> np.ndarray:
+    """Forces of kicks on bodies at rest at some displacements, (body, lane) each: (displacement, body, lane)."""
+    states, (bodies, lanes) = len(displacements), displacements[0].shape
+    place, rest, total = np.zeros((3, states, bodies + 1, lanes))
+    np.stack(displacements, out=place[:, :-1])
+    contacts = np.zeros((2, states, len(block.plan.ends), lanes))
     seen = [block._seen(item) for item in (place, rest, *contacts, total)]
     evaluate(block.module.forces, *seen[:2], block.plan.parameters, block.plan.indices, *seen[2:])
-    return total[:-1]
+    forces: np.ndarray = total[:, :-1]
+    return forces
 
 
 def _gradient(block: Block, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``a = F/m`` of the forces of kicks, and its change in time, at some displacements, (body, lane) each."""
     mass, ahead = block.plan.linear[0][:, None], 0.25 * block.plan.step
-    change = _forces(block, x + ahead * v) - _forces(block, x - ahead * v)
-    return _forces(block, x) / mass, change / (2.0 * ahead * mass)
+    way = ahead * v
+    before, here, after = _forces(block, x - way, x, x + way)
+    return here / mass, (after - before) / (2.0 * ahead * mass)
 
 
 def _smooth(block: Block) -> tuple[np.ndarray, np.ndarray]:

@@ -46,8 +46,9 @@ FORCES = types.FunctionType(void(BLOCK, BLOCK, BLOCK, f8, f8[::1], i8[::1], BLOC
 
 FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 3, f8, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
 
-_EVALUATE = void(FORCES, *[BLOCK] * 2, f8[::1], i8[::1], *[BLOCK] * 3)
-_EVALUATE_ONE = void(FORCES_OF_ONE, *[BLOCK_OF_ONE] * 2, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3)
+_BLOCKS, _BLOCKS_OF_ONE = f8[:, :, ::1], f8[:, ::1]
+_EVALUATE = void(FORCES, *[_BLOCKS] * 2, f8[::1], i8[::1], *[_BLOCKS] * 3)
+_EVALUATE_ONE = void(FORCES_OF_ONE, *[_BLOCKS_OF_ONE] * 2, f8[::1], i8[::1], *[_BLOCKS_OF_ONE] * 3)
 
 config: Any = numba.config
 _unpack_tuple: Any = cgutils.unpack_tuple
@@ -96,20 +97,25 @@ def timetable(function: Function) -> Function:
 
 
 def evaluate(forces: Any, x: np.ndarray, *arrays: np.ndarray) -> None:
-    """Call a network's forces once, at these velocities, for what is outside the loops.
+    """Call a network's forces in some states, at their velocities, for what is outside the loops.
 
-    `arrays` are velocities, parameters, indices, and the results: indentation, contact force, total.
+    `arrays` are velocities, parameters, indices, and the results: indentation, contact force, total; x and all but
+    parameters and indices are blocks of states, [state, body or contact, lane].
     """
-    evaluator(x.ndim == 1)(forces, x, *arrays)
+    evaluator(x.ndim == 2)(forces, x, *arrays)
 
 
 def evaluator(single: bool) -> Function:
-    """Return the compiled function that calls a network's forces once, for blocks or for single lanes."""
+    """Return the compiled function that calls a network's forces, for blocks or for single lanes."""
     return loop(_EVALUATE_ONE if single else _EVALUATE, _evaluate)
 
 
 def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
-    forces(x, v, v, 0.0, parameters, indices, indentation, contact_force, total)
+    for state in range(x.shape[0]):
+        forces(
+            x[state], v[state], v[state], 0.0, parameters, indices, indentation[state], contact_force[state],
+            total[state],
+        )  # fmt: skip
 
 
 def scalar(function: Function) -> Function:
@@ -214,8 +220,9 @@ def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]
         if DISABLED:
             return function
         with _cached_here():
-            compiled = numba.cfunc(function_type.signature, cache=True, error_model="numpy")(function)
+            compiled: Any = numba.cfunc(function_type.signature, cache=True, error_model="numpy")(function)
         _dispatchers.append(compiled)
+        compiled._numba_type_ = function_type  # else numba makes it anew for each call
         return compiled  # type: ignore[no-any-return]
 
     return decorate
