@@ -18,7 +18,7 @@ from impactlab_numerics.trust_judge import OUTCOMES, compared, judge, outcome, r
 from impactlab_numerics.trust_laws import Harmonic
 from impactlab_numerics.trust_networks import CLASSES, Scene, class_of, scene_of
 from impactlab_numerics.trust_path import PathMeans, path_statistics
-from impactlab_numerics.trust_reference import Reference, reference_of
+from impactlab_numerics.trust_reference import Reference, reference_of, scale_of
 from impactlab_numerics.trust_tables import class_rows, coverage, text_of, wrong_rows
 
 import impactlab as il
@@ -320,3 +320,23 @@ def test_realizations_are_not_fewer_than_errors_need():
     assert reduced(scene, 0.01).options["realizations"] == 64
     few = next(scene_of(seed) for seed in range(12, 400, 16))
     assert reduced(few, 0.1).options == few.options
+
+
+def test_a_body_that_rests_is_measured_by_what_moves():
+    values = {"mean_square_displacement": np.array([38.0, 0.1]), "variance_displacement": np.array([1e-13, 0.1])}
+    np.testing.assert_allclose(scale_of("variance_displacement", values), [3.8e-8, 0.1])
+    np.testing.assert_allclose(scale_of("mean_displacement", values), np.sqrt([38.0, 0.1]))
+
+
+def test_rows_at_one_temperature_have_an_exact_law():
+    scenes = [scene_of(seed) for seed in range(10, 400, 16)]
+    equal = [scene for scene in scenes if scene.equivalent is not None]
+    assert 5 < len(equal) < len(scenes)
+    for scene in equal:
+        temperatures = {
+            round(math.pi * noise.spectral_density / network.oscillators[name].damping, 9)
+            for network in (scene.network, scene.equivalent)
+            for name, noise in network.excitations.items()
+        }
+        assert len(temperatures) == 1
+        assert scene.equivalent.contacts == scene.network.contacts
