@@ -11,7 +11,7 @@ from impactlab.oscillator import DuffingOscillator
 EXPONENTS, UNIFORM = (0.95, 4.0), 0.3
 """Exponents ``d ln F/d ln δ`` of forces whose step is known from theory and tests, and how much they may vary."""
 
-_PLACES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.5])
+_PLACES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.5, 3.0])
 
 
 def certified(model: Model, penetration: np.ndarray) -> bool:

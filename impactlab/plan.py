@@ -48,12 +48,13 @@ from impactlab.rules import (
     choose_step,
     enough_units,
     fit_step,
+    highest_step,
     most_lanes,
     positive,
     start_of,
     warn_of_bands,
 )
-from impactlab.scene import Stiffening, energies, gap_scale, start_factors
+from impactlab.scene import Stiffening, energies, gap_scale, met_energies, start_factors
 from impactlab.series import sample_count, sampling_seconds
 from impactlab.tiles import Tile, make_tiles, noise_runs
 
@@ -108,7 +109,8 @@ class Plan:
     certified : bool
         Whether the automatic step of such a network is right without a measurement.
     automatic : float
-        The step that is chosen where none is given (s); 0 where none can be.
+        The step that is chosen where none is given (s); 0 where none can be. Where a larger one was measured, that from
+        which its biases are to be expected to grow with its square.
     time_varying : bool
         Whether white noise depends on time.
     white : (white,) ndarray of int
@@ -328,12 +330,14 @@ def make_plan(
     coarse: bool = False,
     model: Model | None = None,
     ceiling: float = math.inf,
+    velocity: np.ndarray | None = None,
 ) -> Plan:
     """Decide everything about a simulation before it runs.
 
     Parameters are those of `simulate`; `workers` is the number of blocks that run at once, and a
     coarse run has the noise of one at half the step. The `model` of the network, if it is there already. An
-    automatic step is at most the `ceiling`.
+    automatic step is at most the `ceiling`; it may be larger than the rules want where the mean square `velocity` of
+    each body is known (m2 s-2), (body,), since it will be measured.
 
     Raises
     ------
@@ -364,10 +368,17 @@ def make_plan(
     if automatic:
         spin_up = spin_up_of(relaxed, spin_up, duration)
         warn_of_unknown_damping(model, spin_up)
+    met = stiffening
+    if velocity is not None:
+        met = Stiffening.of(model, np.minimum(stiffening.energy, met_energies(model, velocity)))
     model = integrator.arrange(model, stiffening.links, stiffening.bodies)
     period = check_periods(model, duration + spin_up)
     given = None if step is None else positive("step", step)
-    chosen = min(choose_step(model, integrator, stiffening, given, -spin_up, duration, start), ceiling)
+    chosen = choose_step(model, integrator, met, given, -spin_up, duration, start)
+    rule = chosen
+    if given is None and velocity is not None:
+        chosen = max(chosen, highest_step(model, integrator, met, -spin_up, duration, start))
+    chosen = min(chosen, ceiling)
     settled = isinstance(start, str) and (start == "stationary" or spin_up >= SETTLED * settling * (1.0 - 1e-9))
     sampled = settled and sampled_will_do(model, integrator, records)
     still = sampled and not model.nonlinear_bodies.any()
@@ -421,6 +432,11 @@ def make_plan(
     tile_steps, tiles = make_tiles(model, integrator.reach + model.passes if alone and integrator.reach else 0)
     white = np.array(model.white, dtype=np.int64)
     noise_rows, amplitude = integrator.noise(model, step)
+    automatic_step = step
+    if given is not None:
+        automatic_step = _automatic(model, integrator, stiffening, spin_up, duration, start)
+    elif velocity is not None:
+        automatic_step = min(step, rule)
     return Plan(
         text=generate(model, single=lanes == 1 and not jumping),
         integrator=integrator,
@@ -441,7 +457,7 @@ def make_plan(
         kicked=_kicked(model, likely),
         passes=model.passes,
         certified=certified(model, stiffening.penetration),
-        automatic=step if given is None else _automatic(model, integrator, stiffening, spin_up, duration, start),
+        automatic=automatic_step,
         time_varying=model.time_varying,
         white=white,
         noise_rows=noise_rows,

@@ -17,6 +17,7 @@ from impactlab.integrators.base import Integrator
 from impactlab.kinks import kink_step
 from impactlab.linear import linear_variances, lines_of, regular_lines
 from impactlab.model import Model
+from impactlab.profiles import STABLE_REACH
 from impactlab.scene import Stiffening
 
 LANES = 520
@@ -53,6 +54,9 @@ MOST_SAMPLES = 4096
 
 SERIES_BYTES = 160e6
 """Memory that the series of a block may take."""
+
+FURTHER = 2.0
+"""Multiple of the step at which rules take forces for resolved, up to which a measurement may find one to be right."""
 
 STOPPING = 10.0
 """Friction over a step, ``c h/m``, from which on counts of closings do not see how bodies are stopped."""
@@ -107,6 +111,25 @@ def choose_step(
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
     return step
+
+
+def highest_step(
+    model: Model, integrator: Integrator, stiffening: Stiffening, begin: float, end: float, start: str | np.ndarray
+) -> float:
+    """Return the largest step that a measurement may find to be right (s).
+
+    Forces are resolved nearly as well as the rules want, and steps are stable for all energies that occur: of laws
+    that are no powers the stiffness is known with its weight only, at which the rules' step is as large as that.
+    """
+    step = integrator.recommended_step(model, stiffening.links, stiffening.bodies)
+    if stiffening.plain:
+        hot = Stiffening.of(model, STABLE_REACH * stiffening.energy)
+        stable = integrator.largest_step(model, hot.links, hot.bodies)
+        step = min(max(step, stable), FURTHER * step)
+    step = min(step, FURTHER * damping_step(model, stiffening), series_step(model))
+    if counts_closings(model, integrator, start, stiffening, step):
+        step = min(step, stopping_step(model, step))
+    return resolving_step(model, begin, end, step)
 
 
 def stopping_step(model: Model, step: float) -> float:

@@ -29,6 +29,9 @@ from impactlab.profiles import COLUMNS, REACH, Profiles, of_force
 PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
 """Laws that have no kinks but where they begin, and a stiffness that is a power of the energy."""
 
+SCATTER = 1.5
+"""Factor between energies that a short pilot finds and those that the step is made for."""
+
 LARGER = 1.1
 """Factor from which on another stiffness of a law takes the place of the tangent at the thermal energy."""
 
@@ -53,6 +56,18 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     for slot in model.forced:
         heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
     return hottest(model, heat)
+
+
+def met_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
+    """Return the energy that bodies bring into collisions where their mean square velocities are known (J), (body,).
+
+    Of contacts and couplings it is that of their relative motion at most, ``E[v₁²] + E[v₂²]`` over 1/m₁ + 1/m₂: a heavy
+    base that is shaken brings no more of its own.
+    """
+    inverse, square = np.append(1.0 / model.mass, 0.0)[model.links], np.append(velocity, 0.0)[model.links]
+    energy = np.append(np.where(model.residual, model.mass * velocity, 0.0), 0.0)
+    np.maximum.at(energy, model.links.ravel(), np.repeat(square.sum(axis=1) / inverse.sum(axis=1), 2))
+    return SCATTER * energy[:-1]
 
 
 def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
@@ -103,6 +118,11 @@ class Stiffening:
     bodies: np.ndarray
     rest: np.ndarray
     profiles: tuple[tuple[Profiles, np.ndarray], ...]
+
+    @property
+    def plain(self) -> bool:
+        """Whether all forces are known powers, whose stiffness at larger energies is that of no other branch."""
+        return not any((places >= 0).any() and not np.isnan(known.room).all() for known, places in self.profiles)
 
     @property
     def links(self) -> np.ndarray:

@@ -237,11 +237,11 @@ def _simulate(
     def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
         workers = workers_of(executor)
 
-        def planned(ceiling: float = math.inf) -> Plan:
+        def planned(ceiling: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
             return make_plan(
                 part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
                 spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
-                model=part, ceiling=ceiling,
+                model=part, ceiling=ceiling, velocity=velocity,
             )  # fmt: skip
 
         plan, error = planned(), None

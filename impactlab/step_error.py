@@ -72,6 +72,9 @@ STILL = 1e-9
 TRIALS = 6
 """Steps that are tried before the best is taken as it is."""
 
+WORTHWHILE, WORTH_SECONDS = 1.2, 0.3
+"""Factor from which on a larger step, and time of a run from which on looking for it (s), is worth its work."""
+
 SEED = 7, 2023
 """Seed of all measurements: the step of a scene does not depend on that of the run."""
 
@@ -92,12 +95,15 @@ class StepError:
         standard errors.
     labels : dict of str to tuple of str
         Names of bodies and contacts by dimension.
+    velocity : (body,) ndarray or None
+        Mean squares of velocities as met on the way (m2 s-2).
     """
 
     step: float
     bias: dict[str, np.ndarray]
     error: dict[str, np.ndarray]
     labels: dict[str, tuple[str, ...]]
+    velocity: np.ndarray | None = None
 
     @property
     def worst(self) -> tuple[str, str, float, float]:
@@ -133,6 +139,16 @@ class StepError:
         result: np.ndarray = np.hypot(known * bias, np.sqrt(1.0 - known) * usual)
         return result
 
+    def usual(self, automatic: float) -> float:
+        """Return the standard deviation of biases that is to be expected, from the step that rules allow (s)."""
+        return USUAL_BIAS * min(max(1.0, self.step / max(automatic, 1e-300)), FARTHEST) ** 2
+
+    def will_do(self, automatic: float) -> bool:
+        """Whether no bias is too large, nor may well be."""
+        usual = self.usual(automatic)
+        largest = max(self.allowance(name, usual).max(initial=0.0) for name in self.bias)
+        return self.certain <= MOST_BIAS and largest <= MOST_BIAS
+
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
         """Return a dataset with the biases, and with standard errors that allow for them.
 
@@ -143,7 +159,7 @@ class StepError:
         automatic : float
             The step that the rules allow (s): biases of larger ones are as much larger as the square of the step.
         """
-        usual = USUAL_BIAS * min(max(1.0, self.step / max(automatic, 1e-300)), FARTHEST) ** 2
+        usual = self.usual(automatic)
         result = {}
         for name, bias in self.bias.items():
             dimension, units, long_name = VARIABLES[name]
@@ -188,14 +204,15 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
 
 
 def measured(
-    plan_of: Callable[[float], Plan], plan: Plan, model: Model, initial: object, free: bool
+    plan_of: Callable[..., Plan], plan: Plan, model: Model, initial: object, free: bool
 ) -> tuple[Plan, StepError]:
     """Return a plan whose step makes no large error in the scene, and the error that it makes; warn if there is none.
 
     Parameters
     ----------
     plan_of : callable
-        Makes the plan of the run whose step is at most so large (s).
+        Makes the plan of the run whose step is at most so large (s), and may be larger than the rules want where mean
+        square velocities of the bodies are given.
     plan : Plan
         The plan with the step to begin with.
     model : Model
@@ -212,6 +229,8 @@ def measured(
         error = step_error(plan, model, initial)
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges
+    if free and plan is first and error.certain <= MOST_BIAS:
+        plan, error = _larger(plan_of, plan, error, model, initial)
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
@@ -222,10 +241,31 @@ def measured(
     return plan, error
 
 
-def step_error(plan: Plan, model: Model, initial: object) -> StepError:
+def _larger(
+    plan_of: Callable[..., Plan], plan: Plan, error: StepError, model: Model, initial: object
+) -> tuple[Plan, StepError]:
+    """Return a plan of a larger step that was found to do as well, or the same plan, and the error of its step.
+
+    A step is no more than twice one that was found to do, so that the differences of all of them add up to its bias.
+    """
+    factor, too_large = 2.0, math.inf
+    while plan.steady and plan.seconds(1) > WORTH_SECONDS:
+        trial = plan_of(min(factor * plan.step, too_large / WORTHWHILE), error.velocity)
+        if trial.step < WORTHWHILE * plan.step:
+            break
+        found = step_error(trial, model, initial, error.velocity)
+        if found.will_do(trial.automatic):
+            plan, error = trial, found
+        else:
+            factor, too_large = math.sqrt(factor), trial.step
+    return plan, error
+
+
+def step_error(plan: Plan, model: Model, initial: object, velocity: np.ndarray | None = None) -> StepError:
     """Measure what the step of a plan does to its statistics.
 
-    The time of the measurement is a share of the plan's; it depends on nothing but the plan.
+    The time of the measurement is a share of the plan's; it depends on nothing but the plan, and the mean square
+    velocities of the bodies that a larger step was chosen with.
     """
     realizations, spin_up, stretches, steps = _budget(plan, model)
     step, finer = plan.step, FINER if plan.random.any() else FINEST
@@ -234,7 +274,7 @@ def step_error(plan: Plan, model: Model, initial: object) -> StepError:
         return make_plan(
             model.network, duration=stretches * steps * step, realizations=realizations, step=size,
             integrator=ExactFlow(jumps=False), spin_up=spin_up * step, initial=initial, records=[], seed=SEED,
-            workers=1, coarse=coarse, model=model,
+            workers=1, coarse=coarse, model=model, velocity=velocity,
         )  # fmt: skip
 
     with heard_by(lambda message, category: None):
@@ -440,7 +480,8 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         unseen |= left_out > 0.0 and units == 1
         error[name] = relative.std(axis=-1) * math.sqrt(left_out / units)
         error[name][unseen] = np.inf
-    return StepError(coarse.step, bias, error, {"oscillator": model.bodies, "contact": model.contacts})
+    names, square = {"oscillator": model.bodies, "contact": model.contacts}, of_coarse["mean_square_velocity"]
+    return StepError(coarse.step, bias, error, names, square.mean(axis=-1))
 
 
 BIASED = (

@@ -12,6 +12,8 @@ from impactlab.certified import certified
 from impactlab.dataset import scatter_of, statistics
 from impactlab.model import Model
 from impactlab.parts import joined
+from impactlab.rules import highest_step
+from impactlab.scene import Stiffening, energies
 from impactlab.step_error import BIASED, CERTAIN, MOST_BIAS, USUAL_BIAS, StepError
 
 BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
@@ -97,6 +99,49 @@ def test_a_measured_step_does_not_depend_on_the_seed():
     assert one.mean_square_velocity_step_bias.identical(other.mean_square_velocity_step_bias)
     assert abs(one.mean_square_velocity_step_bias.item()) < 2.0 * MOST_BIAS
     assert not one.mean_square_velocity.equals(other.mean_square_velocity)
+
+
+def test_a_step_that_is_finer_than_needed_becomes_larger():
+    """The rules take bodies on a heavy base for as hot as the base, until their velocities have been met."""
+    base = il.LinearOscillator.from_frequency(6.0, 0.1, mass=1e5)
+    springs = {
+        name: il.Coupling("base", name, il.LinearCoupling(rate**2, damping=0.2 * rate))
+        for name, rate in (("left", 10.0), ("right", 6.0))
+    }
+    bodies = {"base": base, "left": il.LinearOscillator(), "right": il.LinearOscillator()}
+    law = il.PowerLawContact(1e3, exponent=2.0)
+    contacts = {"pair": il.Contact("left", "right", law, clearance=0.05)}
+    network = il.Network(bodies, contacts, {"base": il.WhiteNoise(1e10)}, springs)
+    options = {"duration": 40.0, "realizations": 512}
+    larger = il.simulate(network, **options, rng=1)
+    by_rules = il.simulate(network, **options, integrator=il.ExactFlow(measured=False), rng=2)
+    assert larger.attrs["step"] > 1.9 * by_rules.attrs["step"]
+    for name in BIASED:
+        if name in larger:
+            errors = np.hypot(*(item[f"{name}_standard_error"] for item in (larger, by_rules)))
+            assert (np.abs(larger[name] - by_rules[name]) < 4.0 * errors).all(), name
+
+
+@pytest.mark.parametrize(("law", "further"), [(il.HertzContact(100.0), True), (Stop(30.0, hard=1e4, play=2.0), False)])
+def test_steps_stay_stable_where_a_law_is_hardly_ever_stiff(law, further):
+    """Of known powers the stiffness at ten temperatures is known; a stop is met seldom, and throws bodies out then."""
+    model, method = Model.of(at_wall(law)), il.ExactFlow()
+    stiffening = Stiffening.of(model, energies(model, "stationary", 100.0))
+    recommended = method.recommended_step(model, stiffening.links, stiffening.bodies)
+    highest = highest_step(model, method, stiffening, 0.0, 0.0, "stationary")
+    assert highest == pytest.approx(2.0 * recommended if further else recommended)
+
+
+@pytest.mark.parametrize(("bias", "error", "automatic", "fine"), [
+    (0.0, 0.0, 0.1, True),
+    (0.002, 0.0, 0.1, False),
+    (0.0, math.inf, 0.1, True),  # unseen, at the step of the rules
+    (0.0, math.inf, 0.05, False),  # at twice that
+    (0.0, 0.001, 0.05, True),
+])  # fmt: skip
+def test_which_biases_will_do(bias, error, automatic, fine):
+    found = StepError(0.1, {"contact_rate": np.array([bias])}, {"contact_rate": np.array([error])}, {"contact": ("a",)})
+    assert found.will_do(automatic) == fine
 
 
 def test_it_is_made_again(tmp_path):
