@@ -306,7 +306,8 @@ def _run(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.spin_up_steps * plan.step:g} s may be too short."
         )
-    elsewhere = begun_elsewhere(plan, results[0].bodies) if asked["initial"] is None else ""
+    usual = asked["initial"] is None and not plan.coarse
+    elsewhere = begun_elsewhere(plan, results[0].bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
         warn(message)
     if not plan.coarse and not drifting:
