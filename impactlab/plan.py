@@ -456,7 +456,7 @@ def make_plan(
         likely=likely,
         kicked=_kicked(model, likely),
         passes=model.passes,
-        certified=certified(model, stiffening.penetration),
+        certified=certified(model, stiffening.penetration, step),
         automatic=automatic_step,
         time_varying=model.time_varying,
         white=white,

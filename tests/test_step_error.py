@@ -64,7 +64,7 @@ def at_wall(law, body=BODY, excitation=HEAT):
 
 
 def is_certified(network):
-    return certified(Model.of(network), np.full(len(network.contacts), 0.3))
+    return certified(Model.of(network), np.full(len(network.contacts), 0.3), 0.1)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +74,8 @@ def is_certified(network):
         (at_wall(il.LinearContact(100.0)), True),
         (at_wall(il.PowerLawContact(100.0, exponent=2.0)), True),
         (at_wall(il.HertzContact(100.0), il.DuffingOscillator(1.0)), True),
+        (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 4.0)), True),
+        (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 6.0)), False),
         (at_wall(il.PowerLawContact(100.0, exponent=0.3)), False),
         (at_wall(Stop(30.0, hard=1000.0, play=0.1)), False),
         (at_wall(Dashpot(100.0, dashpot=1.0)), False),
