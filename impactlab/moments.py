@@ -75,7 +75,7 @@ def statistics_of(
         known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
         if plan.transient:
             begun = sums[:, BEGUN:] / counts.sum(axis=0)
-            processed = _over_time(plan, plan.flows, begun, processed, closed)
+            processed = _over_time(plan, plan.flows, bodies, begun, processed, closed)
         else:
             processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
         _open_flow(plan, bodies, processed, ~closed)
@@ -139,7 +139,9 @@ def _processed(
     return result
 
 
-def _over_time(plan: Plan, flows: Flows, begun: np.ndarray, at_kicks: Values, closed: np.ndarray) -> Values:
+def _over_time(
+    plan: Plan, flows: Flows, s: np.ndarray, begun: np.ndarray, at_kicks: Values, closed: np.ndarray
+) -> Values:
     """Moments over the time of a transient by Simpson's rule, (kick + 2 middle of the flow)/3.
 
     Those in the middle follow from those of the kicks with which the flows of each phase begin. The mean
@@ -154,7 +156,10 @@ def _over_time(plan: Plan, flows: Flows, begun: np.ndarray, at_kicks: Values, cl
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
         square = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None] * intensity
         middle[f"mean_square_{quantity}"] = square.sum(axis=0)
+    forgotten, own = _forgotten(plan)[:, None], _slowed(plan, s[None], at_kicks["mean_square_velocity"])
+    at_kicks = at_kicks | {"mean_square_velocity": np.where(forgotten, own, at_kicks["mean_square_velocity"])}
     over_time = {name: (at_kicks[name] + 2.0 * item) / 3.0 for name, item in middle.items()}
+    over_time["mean_square_velocity"] -= _teeth(plan, s[None])
     means = [item["mean_displacement"] for item in (over_time, at_kicks, middle)]
     over_time[LOAD] = mean_load(*means)
     # half of the states at both ends are in the others
@@ -201,6 +206,12 @@ def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
     return result
 
 
+def _forgotten(plan: Plan) -> np.ndarray:
+    """Whether friction makes bodies forget their velocities within a step, (body,) of bool."""
+    mass, damping, _ = plan.linear
+    return np.asarray(damping * plan.step > 0.999 * mass)  # steps are often m/c
+
+
 def _teeth(plan: Plan, s: np.ndarray) -> np.ndarray:
     """Return what `_processed` has too much in the mean squares of velocities that friction forgets, (body, unit).
 
@@ -212,12 +223,10 @@ def _teeth(plan: Plan, s: np.ndarray) -> np.ndarray:
     kick, which counts by its `kick_share`.
     """
     mass, damping, stiffness = plan.linear
-    friction = damping / mass * plan.step
-    slow = friction > 0.999  # steps are often 1/γ
-    result = np.zeros(s.shape[2:])
+    slow, result = _forgotten(plan), np.zeros(s.shape[2:])
     if not slow.any():
         return result
-    g = friction[slow, None]
+    g = (damping / mass * plan.step)[slow, None]
     with np.errstate(over="ignore"):
         moved = np.stack([np.ones_like(g), 0.5 * g / np.sinh(0.5 * g)])
         seen = np.stack([kick_share(g) * g + g / np.expm1(2.0 * g), 0.5 * g / np.sinh(g)])

@@ -442,14 +442,14 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         return result
 
     mass, damping, stiffness = (item[:, None] for item in coarse.linear)
-    kept = of_parts(mass * of_coarse["mean_square_velocity"] + stiffness * of_coarse["mean_square_displacement"])
+    energies = of_parts(mass * of_coarse["mean_square_velocity"] + stiffness * of_coarse["mean_square_displacement"])
     size = of_parts(mass * of_coarse["mean_square_velocity"]).mean(axis=-1)
     taken = of_parts(damping * of_coarse["mean_square_velocity"] - of_coarse[_POWER]).mean(axis=-1)
     put_in = np.zeros(parts)
     if not coarse.time_varying:
         np.add.at(put_in, labels[coarse.white], np.pi * coarse.intensity / coarse.linear[0, coarse.white])
     length = steps * coarse.step
-    memory = _memory(kept.reshape(parts, stretches, lanes), length)
+    memory = _memory(energies.reshape(parts, stretches, lanes), length)
     with np.errstate(divide="ignore", invalid="ignore"):
         memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
         if not coarse.steady:  # to the end
@@ -465,13 +465,19 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         if name not in of_coarse or not len(of_coarse[name]):
             continue
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
+        kept = gained[labels[_first_bodies(model, name)]]
+        if name == "mean_square_velocity":  # friction may make bodies forget their velocities within a step
+            forgotten = (damping * coarse.step > mass)[:, 0]
+            off = np.stack([item[f"balance_{name}"][forgotten] for item in (of_coarse, of_fine)], axis=1)
+            difference[forgotten] -= _of_noise(difference[forgotten], off)
+            kept[forgotten] = 0.0
         if name in _MAY_BE_ZERO:
             scale = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
         else:
             scale = np.abs(value)
             if name == "variance_displacement":  # of a body that a load holds still
                 scale = np.maximum(scale, STILL * of_fine["mean_square_displacement"].mean(axis=-1))
-            difference = difference + value[:, None] * gained[labels[_first_bodies(model, name)]]
+            difference = difference + value[:, None] * kept
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / (1.0 - finer**-2.0) / scale[:, None]  # of second order
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
@@ -497,6 +503,14 @@ BIASED = (
 
 _MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement"}
 _POWER = "power of kicks"
+
+
+def _of_noise(difference: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Return what of differences, (body, unit), follows balances, whose means are 0, (body, balance, unit)."""
+    off = np.where(np.isfinite(off).all(axis=-1, keepdims=True), off, 0.0)
+    spread = off - off.mean(axis=-1, keepdims=True)
+    shares = np.linalg.pinv(spread @ spread.swapaxes(1, 2), hermitian=True) @ spread @ difference[:, :, None]
+    return np.asarray((shares * off).sum(axis=1))
 
 
 def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, np.ndarray]:
