@@ -174,8 +174,7 @@ class StepError:
                     "comment": f"measured in short stretches; standard error at most {seen:.1g}",
                 },
             )
-            size = dataset[_MAY_BE_ZERO[name]].values ** 0.5 if name in _MAY_BE_ZERO else abs(dataset[name].values)
-            allowance = size * self.allowance(name, usual)
+            allowance = self.allowance(name, usual) * _size(name, lambda item: dataset[item].values)
             result[f"{name}{ALLOWANCE}"] = (
                 dimension,
                 allowance,
@@ -464,20 +463,15 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
             continue
-        difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
+        difference, scale = of_coarse[name] - of_fine[name], _size(name, lambda item: of_fine[item].mean(axis=-1))
         kept = gained[labels[_first_bodies(model, name)]]
         if name == "mean_square_velocity":  # friction may make bodies forget their velocities within a step
             forgotten = (damping * coarse.step > mass)[:, 0]
             off = np.stack([item[f"balance_{name}"][forgotten] for item in (of_coarse, of_fine)], axis=1)
             difference[forgotten] -= _of_noise(difference[forgotten], off)
             kept[forgotten] = 0.0
-        if name in _MAY_BE_ZERO:
-            scale = np.sqrt(of_fine[_MAY_BE_ZERO[name]].mean(axis=-1))
-        else:
-            scale = np.abs(value)
-            if name == "variance_displacement":  # of a body that a load holds still
-                scale = np.maximum(scale, STILL * of_fine["mean_square_displacement"].mean(axis=-1))
-            difference = difference + value[:, None] * kept
+        if name not in _MAY_BE_ZERO:
+            difference = difference + of_fine[name].mean(axis=-1)[:, None] * kept
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / (1.0 - finer**-2.0) / scale[:, None]  # of second order
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
@@ -518,6 +512,16 @@ def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, 
     square = units["mean_square_displacement"] + units[LOAD]
     variance = square - 2.0 * mean[:, None] * units["mean_displacement"] + mean[:, None] ** 2
     return units | {"variance_displacement": variance}
+
+
+def _size(name: str, mean: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Return what the bias of a statistic is a part of, from means by name."""
+    if name in _MAY_BE_ZERO:
+        return np.asarray(np.sqrt(mean(_MAY_BE_ZERO[name])))
+    size = np.abs(mean(name))
+    if name == "variance_displacement":  # of a body that a load holds still
+        size = np.maximum(size, STILL * mean("mean_square_displacement"))
+    return np.asarray(size)
 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:
