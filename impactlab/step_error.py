@@ -354,7 +354,7 @@ class _Pair:
             coarse, fine = self.coarse.stretch(steps), self.fine.stretch(finer * steps)
             here = _smooth(self.coarse)
             energy = self._energy(*here, *_smooth(self.fine))
-            result.append(Stretch(tuple(map(_together, coarse)), tuple(map(_together, fine)), _together(energy)))
+            result.append(Stretch(tuple(map(together, coarse)), tuple(map(together, fine)), together(energy)))
         return result
 
     def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
@@ -372,13 +372,13 @@ class _Pair:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def _together(values: np.ndarray) -> np.ndarray:
+def together(values: np.ndarray) -> np.ndarray:
     """Means over `TOGETHER` lanes where there are many, (…, lane)."""
     *rows, lanes = values.shape
     if lanes % TOGETHER or lanes < TOGETHER**2:
         return values
-    together: np.ndarray = values.reshape(*rows, TOGETHER, lanes // TOGETHER).mean(axis=-2)
-    return together
+    means: np.ndarray = values.reshape(*rows, TOGETHER, lanes // TOGETHER).mean(axis=-2)
+    return means
 
 
 def _forces(block: Block, *displacements: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from impactlab.model import Model
 from impactlab.parts import joined
 from impactlab.rules import highest_step
 from impactlab.scene import Stiffening, energies
-from impactlab.step_error import BIASED, CERTAIN, MOST_BIAS, USUAL_BIAS, StepError
+from impactlab.step_error import BIASED, CERTAIN, MOST_BIAS, TOGETHER, USUAL_BIAS, StepError, together
 
 BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
 HEAT = il.WhiteNoise(0.2 / np.pi)
@@ -278,3 +278,14 @@ def test_a_body_that_a_load_holds_still_asks_for_no_step():
     network = il.Network(bodies, contacts, {"still": Load(74.0), "shaken": HEAT})
     result = il.simulate(network, 65.0, realizations=64, rng=1)
     assert result.attrs["step"] > 2e-3
+
+
+def test_realizations_are_taken_together_where_there_are_many():
+    """Means stay what they are, and so do their standard errors as far as these are known."""
+    few, many = np.random.default_rng(1).normal(size=(2, 3, 64 * TOGETHER))
+    np.testing.assert_array_equal(together(few[:, :TOGETHER]), few[:, :TOGETHER])
+    groups = together(many)
+    assert groups.shape == (3, 64)
+    np.testing.assert_allclose(groups.mean(axis=-1), many.mean(axis=-1), atol=1e-15)
+    ratio = groups.std(axis=-1) * math.sqrt(TOGETHER) / many.std(axis=-1)
+    np.testing.assert_allclose(ratio, 1.0, atol=4.0 / math.sqrt(2.0 * 64))  # 4 standard errors
