@@ -9,6 +9,7 @@ import impactlab as il
 from impactlab.bands import KNOWN, band_factor
 
 
+@pytest.mark.campaign
 def test_bands_hold_the_whole_density():
     """In 95 % of 200 runs; the standard error of that share is 1.5 %."""
     exact, every = il.exact(linear()), il.ExactFlow(jumps=False)

@@ -23,6 +23,7 @@ def test_a_statistic_itself_is_what_the_run_says(run):
         np.testing.assert_allclose(found.standard_error, error, rtol=0.02 if name.startswith("var") else 1e-9)
 
 
+@pytest.mark.campaign
 def test_intervals_of_a_ratio_cover():
     """A ratio of dependent statistics with an exact value; the standard error of the coverage is 1.5 %."""
 

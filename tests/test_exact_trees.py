@@ -227,6 +227,7 @@ CHAIN = il.chain(
 )
 
 
+@pytest.mark.campaign
 def test_halved_panels_change_nothing(monkeypatch):
     coarse = exact(CHAIN).statistics()
     monkeypatch.setattr(piecewise, "_EXTRA_HALVINGS", 1)
@@ -236,6 +237,7 @@ def test_halved_panels_change_nothing(monkeypatch):
         np.testing.assert_allclose(fine[name], coarse[name], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.campaign
 def test_long_chains_of_equal_bodies_are_computed_once(monkeypatch):
     """The middle of a chain costs nothing: more than twice the length takes the same integrals."""
     counts, original = [], piecewise.shifted_integrals

@@ -62,6 +62,7 @@ def test_return_levels_are_the_exact_ones(run):
     assert np.isnan(error[2])
 
 
+@pytest.mark.campaign
 def test_errors_of_return_levels_cover():
     """60 runs; the standard error of the scatter is 9 %, that of the share 3 %."""
     expected, scores = force_of(2.0), []

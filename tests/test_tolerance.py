@@ -10,6 +10,7 @@ from impactlab.tolerance import _sees_other_forces
 BODY = il.LinearOscillator(damping=1.0, stiffness=10.0)
 
 
+@pytest.mark.campaign
 def test_the_error_stays_within_the_tolerance():
     """In at most 5 % of the cases a statistic is further off than was asked for."""
     network, names = base(), ["mean_square_displacement", "contact_ratio"]

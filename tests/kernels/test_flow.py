@@ -44,7 +44,7 @@ def quadrature(body, step):
     """∫₀^h a(s) a(s)ᵀ ds 2πS/m², a the response to a unit velocity."""
     m, c, k, density = body
     drift = np.array([[0.0, 1.0], [-k / m, -c / m]])
-    panels = 1 + int(step * (c / m + np.sqrt(k / m)))
+    panels = 1 + int(0.25 * step * (c / m + np.sqrt(k / m)))  # of 16 nodes each
     nodes, weights = np.polynomial.legendre.leggauss(16)
     width = step / panels
     times = (np.arange(panels)[:, None] + 0.5 * (nodes + 1.0)).ravel() * width

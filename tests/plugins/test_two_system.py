@@ -177,6 +177,7 @@ def test_without_the_reference_nothing_is_compared_with_it(run):
     assert {name for name, _ in bare.figures(tree)} == {f"figure_{number}" for number in range(1, 9)}
 
 
+@pytest.mark.campaign
 def test_the_fokker_planck_equation_as_reference():
     study = TwoSystemStudy(
         frequency_ratios=(1.0, 2.0), clearances=(0.05,), variants=("accurate",), realizations=128, duration=60.0,
