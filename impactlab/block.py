@@ -9,23 +9,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.arrays import allocate
 from impactlab.build import build
 from impactlab.errors import Diverged
 from impactlab.forces import LARGEST
 from impactlab.given import NODES, mean_and_slope
 from impactlab.integrators.base import Forced, History, Noise, Series, State, Sums
-from impactlab.integrators.jumps import jumping_loop, work_space
+from impactlab.integrators.jumps import jumping_loop
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import (
     BEGUN,
     CLOSED,
-    CONTACT_ROWS,
     FORCE,
     INTENSITY,
     KICK_ROWS,
-    PAIR_ROWS,
     SLOTS,
     TRANSIENT_ROWS,
     F,
@@ -77,15 +76,10 @@ class Edge(NamedTuple):
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
     """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
-    if plan.integrator.kicks:
-        evaluator(_single(plan))
-    module = build(plan.text)
-    return module, plan.integrator.loop(_single(plan)) if plan.jumps is None else jumping_loop()
-
-
-def _single(plan: Plan) -> bool:
-    """Whether blocks have one lane, in arrays without an axis of lanes."""
-    return plan.lanes == 1 and plan.jumps is None
+    if plan.method.integrator.kicks:
+        evaluator(plan.single)
+    module = build(plan.forces.text)
+    return module, plan.method.integrator.loop(plan.single) if plan.method.jumps is None else jumping_loop()
 
 
 class Block:
@@ -93,49 +87,25 @@ class Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.given_start = isinstance(plan.start, np.ndarray)
-        self.single = _single(plan)
+        self.single = plan.single
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
         self.module, self.loop = compiled(plan)
-        self.realizations = plan.realizations_of(index)
+        self.realizations = plan.realizations.of(index)
         self.now = 0
-        self.intensity = np.zeros((plan.integrator.phases, len(plan.white)))  # of each phase, by that of the plan
-        bodies, lanes, contacts = plan.linear.shape[1], len(self.realizations), len(plan.ends)
-        moving = [np.zeros((bodies + 1, lanes)) for _ in range(6)]
-        touching = [np.zeros((contacts, lanes)) for _ in range(2)]
-        normals = np.zeros((4, len(plan.noise_rows), lanes), dtype=np.float32)
-        work = [np.zeros((bodies + 1, lanes)) for _ in range(4)]
-        blocks: Any = (*moving, *touching, *work, normals)
-        self.state = State(*blocks)
-        past = [np.zeros((0 if plan.tiles else SLOTS, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2]
-        self.history = History(*past)
-        shape = plan.integrator.phases, plan.rows, plan.own_bodies, lanes
-        self.sums = Sums(
-            np.zeros(shape),
-            np.zeros((CONTACT_ROWS, plan.own_contacts, lanes)),
-            plan.ends,
-            plan.indices,
-            plan.window,
-            plan.half_kick,
-            np.zeros((4, contacts * self.single, lanes)),
-            np.zeros((plan.half_kick.size // max(len(plan.half_kick), 1) * self.single, lanes)),
-            np.zeros((contacts * self.single, lanes)),
-            np.zeros((PAIR_ROWS, len(plan.pairs), lanes)),
-            plan.pairs,
-            np.full((2, plan.own_contacts * plan.counted, lanes), np.nan),
-            plan.jitter,
-            plan.step,
-        )
-        self.scale = np.ones((1, len(plan.noise_rows)))
-        self.seconds = len(np.unique(plan.noise_rows))  # rows of bodies that have two come last
-        self.work = None if plan.jumps is None else work_space(plan.jumps, len(plan.noise_rows), bodies, lanes)
-        if plan.lines:
+        lanes = len(self.realizations)
+        # of each phase, by that of the plan
+        self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
+        self.state, self.history, self.sums, self.work = allocate(plan, lanes)
+        self.sums.before[:] = np.nan
+        self.scale = np.ones((1, len(plan.noise.rows)))
+        self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
+        if plan.driving.lines:
             self.series = self._start_with_series()
         else:
             self._start(np.arange(lanes))
             self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
-        if plan.integrator.kicks:
+        if plan.method.integrator.kicks:
             self._half_kick()
 
     # start
@@ -144,9 +114,9 @@ class Block:
         """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
         plan, state = self.plan, self.state
         attempt = 0
-        if isinstance(plan.start, np.ndarray):
-            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start[0][:, None], plan.start[1][:, None]
-        elif plan.start == "stationary":
+        if isinstance(plan.start.state, np.ndarray):
+            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start.state[0][:, None], plan.start.state[1][:, None]
+        elif plan.start.state == "stationary":
             redraw, resting = lanes, lanes[:0]
             for attempt in range(ATTEMPTS):
                 state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
@@ -160,27 +130,27 @@ class Block:
             if resting.size:
                 cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
                 velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
-                state.x[:-1, resting] = plan.rest[:, None]
+                state.x[:-1, resting] = plan.start.rest[:, None]
                 state.v[:, resting] = 0.0
                 state.v[cold[:, None], resting] = velocity
         else:
-            state.x[:-1, lanes] = plan.rest[:, None]
+            state.x[:-1, lanes] = plan.start.rest[:, None]
         return attempt
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
         """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
         plan = self.plan
         realizations = np.ascontiguousarray(self.realizations[lanes])
-        x, v = np.zeros((2, plan.linear.shape[1] + 1, len(lanes)))
-        if plan.deviations.any() or plan.factors:
+        x, v = np.zeros((2, plan.system.linear.shape[1] + 1, len(lanes)))
+        if plan.start.deviations.any() or plan.start.factors:
             normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
-            fill_normals(plan.starts, realizations, np.uint64(attempt), normals)
-            x[:-1], v[:-1] = (plan.deviations[row][:, None] * normals[row] for row in (0, 1))
-        for slots, factor in plan.factors:
+            fill_normals(plan.start.streams, realizations, np.uint64(attempt), normals)
+            x[:-1], v[:-1] = (plan.start.deviations[row][:, None] * normals[row] for row in (0, 1))
+        for slots, factor in plan.start.factors:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
             x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines, known in zip(plan.responses, self.responses, self.known, strict=True):
+        for (slots, _), cosines, known in zip(plan.driving.responses, self.responses, self.known, strict=True):
             for column, realization in enumerate(realizations):
                 steady = cosines.start(int(realization), attempt)
                 x[slots, column] += steady[0::2]
@@ -191,34 +161,36 @@ class Block:
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
         """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
-        first, second = self.plan.ends[contacts].T
-        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.clearance[contacts, None], axis=0)
+        first, second = self.plan.system.ends[contacts].T
+        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.system.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:
         """Start the realizations one after the other, and sample the series of each for the whole run."""
-        plan, method = self.plan, self.plan.integrator
-        interval = plan.step / method.samples_per_step
-        needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
+        plan, method = self.plan, self.plan.method.integrator
+        driving, seed = plan.driving, plan.realizations.seed
+        interval = plan.clock.step / method.samples_per_step
+        needed = plan.clock.all_steps * method.samples_per_step + 1
         self.responses = sampled = [
-            Cosines(plan.seed, lines, response.T, True, interval if method.takes_response else None, needed)
-            for lines, (_, response) in zip(plan.lines, plan.responses, strict=True)
+            Cosines(seed, lines, response.T, True, interval if method.takes_response else None, needed)
+            for lines, (_, response) in zip(driving.lines, driving.responses, strict=True)
         ]
-        last = np.full(plan.linear.shape[1] + 1, -1)
-        for index, (slots, _) in enumerate(plan.responses):
+        last = np.full(plan.system.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.driving.responses):
             last[slots] = index
-        self.known = [np.flatnonzero(last[plan.ends].max(axis=1) == index) for index in range(len(plan.lines))]
+        latest = last[plan.system.ends].max(axis=1)
+        self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
         if not method.takes_response:
-            sampled = [Cosines(plan.seed, item, np.ones((1, 1)), False, interval, needed) for item in plan.lines]
+            sampled = [Cosines(seed, item, np.ones((1, 1)), False, interval, needed) for item in driving.lines]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
-        samples = np.empty((lanes, ends[-1], sample_count(plan.lines, interval, needed)))
+        samples = np.empty((lanes, ends[-1], sample_count(plan.driving.lines, interval, needed)))
         for lane, realization in enumerate(self.realizations):
             self.tick(0)
             attempt = self._start(np.array([lane]))
             for item, end in zip(sampled, ends, strict=True):
                 item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
-        slots = np.concatenate([slots for slots, _ in plan.responses])
+        slots = np.concatenate([slots for slots, _ in plan.driving.responses])
         return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
 
     def _half_kick(self) -> None:
@@ -227,10 +199,10 @@ class Block:
         A displacement that is given is where the kick is read.
         """
         plan, state = self.plan, self.state
-        half = 0.5 * plan.step / plan.linear[0][:, None]
+        half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
         self._evaluate(state.x, state.rest)
-        shift = plan.step / 6.0 * half * state.total[:-1]
-        if self.given_start:
+        shift = plan.clock.step / 6.0 * half * state.total[:-1]
+        if plan.start.given:
             state.reading[:] = state.x
             state.x[:-1] -= shift
         else:
@@ -244,7 +216,7 @@ class Block:
         plan, state = self.plan, self.state
         arrays = x, v, state.indentation, state.contact_force, state.total
         x, v, *result = (self._seen(item)[None] for item in arrays)
-        evaluate(self.module.forces, x, v, plan.parameters, plan.indices, *result)
+        evaluate(self.module.forces, x, v, plan.forces.parameters, plan.forces.indices, *result)
 
     def _seen(self, block: np.ndarray) -> np.ndarray:
         """Return an array as the loop sees it: without the axis of the lanes where there is one lane."""
@@ -255,18 +227,18 @@ class Block:
     def advance(self, steps: int, sampler: Callable[[np.ndarray], None] | None) -> None:
         """Make some steps, adding to the sums and sampling if there is a sampler."""
         plan = self.plan
-        every = plan.every if sampler is not None else 0
-        lanes, quantities = len(self.realizations), 2 * plan.own_bodies + plan.own_contacts
+        every = plan.observed.every if sampler is not None else 0
+        lanes, quantities = len(self.realizations), 2 * plan.observed.bodies + plan.observed.contacts
         done = 0
         while done < steps:
             # calls end with a group of slots, so that their length does not change any sum
-            unit = SLOTS if plan.jumps is None else max(SLOTS, plan.jumps.steps)
-            most = plan.steps_per_call
+            unit = SLOTS if plan.method.jumps is None else max(SLOTS, plan.method.jumps.steps)
+            most = plan.realizations.steps_per_call
             if every:
                 most = min(most, SNAPSHOT_BYTES // (8 * quantities * lanes) * every)
-            whole = plan.tile_steps or max(unit, most // unit * unit)
+            whole = plan.subdomains.steps or max(unit, most // unit * unit)
             count = min(whole - self.now % SLOTS, steps - done)
-            phase = (self.now - plan.spin_up_steps) % every if every else 0
+            phase = (self.now - plan.clock.spin_up_steps) % every if every else 0
             snapshots = np.empty(((phase + count) // every if every else 0, quantities, lanes))
             self._call(count, snapshots, sampler is not None, every, phase)
             self.now += count
@@ -279,17 +251,17 @@ class Block:
     def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
         """Call the compiled loop."""
         plan = self.plan
-        network = self.module.forces, plan.parameters, plan.indices, plan.coefficients
-        how = plan.passes, summing, self.now, count, every, phase
-        if plan.jumps is None:
+        network = self.module.forces, plan.forces.parameters, plan.forces.indices, plan.method.coefficients
+        how = plan.forces.passes, summing, self.now, count, every, phase
+        if plan.method.jumps is None:
             series = self.series._replace(near=self._seen(self.series.near))
             self.loop(
-                *network, plan.cross, self._noise(count), series, self._forced(count), *self._blocks(),
-                self._seen(snapshots), plan.step, *how,
+                *network, plan.method.cross, self._noise(count), series, self._forced(count), *self._blocks(),
+                self._seen(snapshots), plan.clock.step, *how,
             )  # fmt: skip
         else:
             self.loop(
-                *network, plan.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
+                *network, plan.method.jumps, self._noise(count), self.state, self.history, self.work, self.sums,
                 snapshots, *how,
             )  # fmt: skip
 
@@ -303,44 +275,44 @@ class Block:
     def _noise(self, count: int) -> Noise:
         plan = self.plan
         scale = self.scale
-        if plan.time_varying:
-            mean, _, least = self._over_steps(count, self.module.intensity, len(plan.white))
+        if plan.noise.time_varying:
+            mean, _, least = self._over_steps(count, self.module.intensity, len(plan.noise.white))
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
-                time = (self.now - plan.spin_up_steps + wrong[0] + 0.5) * plan.step
+                time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
                 raise Diverged(
                     f"The spectral density of a white noise is negative or not a number near t = {time:g} s."
                 )
-            mean /= plan.intensity
-            phases = plan.integrator.phases
+            mean /= plan.noise.intensity
+            phases = plan.method.integrator.phases
             for phase in range(phases):
                 self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
-            rows = np.searchsorted(plan.white, plan.noise_rows)
+            rows = np.searchsorted(plan.noise.white, plan.noise.rows)
             scale = np.ascontiguousarray(np.sqrt(mean)[:, rows])
         return Noise(
-            plan.noise_rows,
-            plan.noise_runs,
+            plan.noise.rows,
+            plan.noise.runs,
             self.seconds,
-            plan.amplitude,
-            plan.streams,
+            plan.noise.amplitude,
+            plan.noise.streams,
             self.realizations,
             scale,
-            plan.coarse,
+            plan.noise.coarse,
         )
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan
-        if not len(plan.forced):
-            return Forced(plan.forced, np.zeros((0, 0)))
-        if plan.integrator.takes_response:
-            mean, slope, _ = self._over_steps(count, self.module.forcing, len(plan.forced))
-            return Forced(plan.forced, np.stack([mean, slope], axis=1).reshape(2 * count, -1))
-        per_step = plan.integrator.samples_per_step
-        first = (self.now - plan.spin_up_steps) * per_step
-        times = (first + np.arange(count * per_step + 1)) * (plan.step / per_step)
-        force = np.empty((len(times), len(plan.forced)))
-        self.module.forcing(times, plan.parameters, plan.indices, force)
-        return Forced(plan.forced, force)
+        if not len(plan.driving.forced):
+            return Forced(plan.driving.forced, np.zeros((0, 0)))
+        if plan.method.integrator.takes_response:
+            mean, slope, _ = self._over_steps(count, self.module.forcing, len(plan.driving.forced))
+            return Forced(plan.driving.forced, np.stack([mean, slope], axis=1).reshape(2 * count, -1))
+        per_step = plan.method.integrator.samples_per_step
+        first = (self.now - plan.clock.spin_up_steps) * per_step
+        times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
+        force = np.empty((len(times), len(plan.driving.forced)))
+        self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
+        return Forced(plan.driving.forced, force)
 
     def _over_steps(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
@@ -352,10 +324,10 @@ class Block:
         most = max(1, TABLE // (len(NODES) * rows))
         for begin in range(0, count, most):
             some = slice(begin, min(begin + most, count))
-            steps = self.now - plan.spin_up_steps + np.arange(some.start, some.stop)
+            steps = self.now - plan.clock.spin_up_steps + np.arange(some.start, some.stop)
             values = np.empty((len(steps), len(NODES), rows))
-            times = ((steps[:, None] + NODES) * plan.step).ravel()
-            table(times, plan.parameters, plan.indices, values.reshape(-1, rows))
+            times = ((steps[:, None] + NODES) * plan.clock.step).ravel()
+            table(times, plan.forces.parameters, plan.forces.indices, values.reshape(-1, rows))
             mean[some], slope[some] = mean_and_slope(values.swapaxes(1, 2))
             least[some] = values.min(axis=(1, 2))
         return mean, slope, least
@@ -366,33 +338,34 @@ class Block:
         finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if not finite.all():
             body, lane = np.argwhere(~finite)[0]
-            time = (self.now - self.plan.spin_up_steps) * self.plan.step
+            time = (self.now - self.plan.clock.spin_up_steps) * self.plan.clock.step
+            name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
             raise Diverged(
-                f"{self.plan.bodies[body]!r} of realization {int(self.realizations[lane])} left the range of finite "
-                f"numbers before t = {time:g} s. Use a smaller step, or check the forces."
+                f"{name!r} of realization {realization} left the range of finite numbers before t = {time:g} s. "
+                "Use a smaller step, or check the forces."
             )
 
     def measure(self) -> BlockResult:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
         start = self._edge() if plan.transient else None
-        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.records]
+        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.observed.records]
         if any(keeper.wants_start for keeper in keepers):
-            if not plan.integrator.kicks:
+            if not plan.method.integrator.kicks:
                 self.state.velocity[:] = self.state.v
-            own = plan.spin_up_steps == 0 and not self.given_start
-            if not plan.integrator.kicks or own:  # the state itself, not where a kick is read
+            own = plan.clock.spin_up_steps == 0 and not plan.start.given
+            if not plan.method.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        if plan.counted and plan.integrator.kicks:  # others sample the beginning of each step
-            place = self.state.reading if plan.spin_up_steps or self.given_start else self.state.x
+        if plan.observed.counted and plan.method.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self._note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0
-        for batch, end in enumerate(plan.boundaries):
+        for batch, end in enumerate(plan.clock.boundaries):
             self._clear_sums()
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
@@ -401,13 +374,13 @@ class Block:
 
             self.advance(end - begin, sample)
             self._collect_sums()
-            if plan.jumps is not None:
-                self.sums.bodies[:, :F] *= plan.jumps.steps  # states are added once per interval
+            if plan.method.jumps is not None:
+                self.sums.bodies[:, :F] *= plan.method.jumps.steps  # states are added once per interval
             totals = self.sums.bodies, self.sums.contacts, self.sums.products
             if start is not None:
                 last = self._edge()
                 totals, start = self._over_time(begin, end, start, last), last
-            kept = kept or [np.empty((len(plan.boundaries), *total.shape)) for total in totals]
+            kept = kept or [np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
             begin = end
@@ -416,7 +389,7 @@ class Block:
 
     def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
-        begin, first = self.now - self.plan.spin_up_steps, self._edge()
+        begin, first = self.now - self.plan.clock.spin_up_steps, self._edge()
         self._clear_sums()
         self.advance(steps, lambda snapshots: None)
         self._collect_sums()
@@ -425,16 +398,16 @@ class Block:
     def _edge(self) -> Edge:
         """Return what the state, of which a kick has just been made, adds to the sums."""
         plan, state = self.plan, self.state
-        if not plan.integrator.kicks:
+        if not plan.method.integrator.kicks:
             state.reading[:], state.velocity[:] = state.x, state.v
             self._evaluate(state.reading, state.velocity)
-        mass = plan.linear[0][:, None]
+        mass = plan.system.linear[0][:, None]
         x, f = state.x[:-1], state.total[:-1]
-        v = state.v[:-1] - 0.5 * plan.step / mass * f if plan.integrator.kicks else state.v[:-1]
+        v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
         bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
-        one, other = plan.ends.T
+        one, other = plan.system.ends.T
         contacts = np.zeros_like(self.sums.contacts)
-        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.clearance[:, None]
+        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.system.clearance[:, None]
         contacts[FORCE] = state.contact_force
         products = np.zeros_like(self.sums.products)
         if products.size:
@@ -448,7 +421,7 @@ class Block:
         Sums over kicks are of those that end the steps, other sums of the states that begin them.
         """
         plan, sums = self.plan, self.sums
-        kicks, phases = plan.integrator.kicks, plan.integrator.phases
+        kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
         half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
         bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
         bodies[:, : plan.rows] = sums.bodies
@@ -458,22 +431,22 @@ class Block:
         if kicks:
             # the flow of each step begins at the kick before, of the phase before
             bodies[1:, BEGUN:INTENSITY], bodies[0, BEGUN:INTENSITY] = sums.bodies[:-1, :count], sums.bodies[-1, :count]
-            bodies[(plan.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
-            bodies[(plan.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
+            bodies[(plan.clock.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
+            bodies[(plan.clock.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
             bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
-            if plan.time_varying:
-                bodies[:, INTENSITY, plan.white] = self.intensity[..., None]
+            if plan.noise.time_varying:
+                bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
         return bodies, sums.contacts + half[1], products
 
     def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
         """Tell where the gaps are from which closings are counted."""
-        first, second = self.plan.ends[: self.plan.own_contacts].T
-        self.sums.before[0] = x[first] - x[second] - self.plan.clearance[: self.plan.own_contacts, None]
+        first, second = self.plan.system.ends[: self.plan.observed.contacts].T
+        self.sums.before[0] = x[first] - x[second] - self.plan.system.clearance[: self.plan.observed.contacts, None]
         self.sums.before[1] = v[first] - v[second]
 
     def _clear_sums(self) -> None:
-        self.intensity = np.zeros((self.plan.integrator.phases, len(self.plan.white)))
+        self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))
         for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
             total[:] = 0.0
 

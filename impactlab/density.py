@@ -83,14 +83,14 @@ class Density(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
-        q, n = self.quantity, len(plan.bodies)
+        q, n = self.quantity, len(plan.system.bodies)
         edges = np.full((n, self.bins + 1), np.nan)
         density, error = np.full((2, n, self.bins), np.nan)
         factor = np.full(n, np.nan)
         for row, (name, low, high) in enumerate(self.limits):
-            slot = plan.bodies.index(name)
+            slot = plan.system.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.trusted)
+            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.realizations.trusted)
             _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), q)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
@@ -153,7 +153,7 @@ class JointDensity(Record):
         groups = counts.shape[0]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
         share, spread_, factor = mean_of_groups(
-            counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.trusted, inner.ravel()
+            counts.reshape(groups, -1), counts.sum(axis=(1, 2))[:, None], plan.realizations.trusted, inner.ravel()
         )
         shape = (self.bins + 2, self.bins + 2)
         joint = share.reshape(shape)
@@ -182,8 +182,8 @@ class _Counts(Keeper):
 
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
-        offset = 0 if record.quantity == "displacement" else len(plan.bodies)
-        self.quantities = [offset + plan.bodies.index(name) for name, _, _ in record.limits]
+        offset = 0 if record.quantity == "displacement" else len(plan.system.bodies)
+        self.quantities = [offset + plan.system.bodies.index(name) for name, _, _ in record.limits]
         self.counts = np.zeros((len(record.limits), group_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
@@ -209,7 +209,7 @@ class _Counts(Keeper):
 class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         self.groups, self.ratio, self.seen, self.record = groups_of(plan, realizations), ratio, 0, record
-        self.quantities = np.array([plan.bodies.index(name) for name, _, _ in record.limits])
+        self.quantities = np.array([plan.system.bodies.index(name) for name, _, _ in record.limits])
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
         self.counts = np.zeros((group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)

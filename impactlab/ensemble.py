@@ -14,7 +14,7 @@ import numpy as np
 from impactlab.block import Block, BlockResult, Tick, compiled
 from impactlab.errors import ImpactLabError, Interrupted, InvalidInput
 from impactlab.plan import Plan
-from impactlab.tiles import Tile, restricted
+from impactlab.plan.subdomains import Tile
 
 
 def run(
@@ -37,7 +37,7 @@ def run(
     ImpactLabError
         If a worker of the executor died.
     """
-    total = plan.realizations * (plan.spin_up_steps + plan.steps)
+    total = plan.realizations.number * plan.clock.all_steps
     done, stop, lock = [0], threading.Event(), threading.Lock()
 
     def tick(steps: int) -> None:
@@ -47,14 +47,15 @@ def run(
             done[0] += steps
 
     with contextlib.ExitStack() as stack:
-        pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(min(plan.blocks, cores())))
+        most = min(plan.realizations.blocks, cores())
+        pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(most))
         shared_memory = shares_memory(pool)
         if shared_memory:
             compiled(plan)  # in this thread, where Ctrl-C is answered at once
-        threads = max(1, workers_of(executor) // plan.blocks)
+        threads = max(1, workers_of(executor) // plan.realizations.blocks)
         report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
-        futures = [begin(pool, run_block, plan, k, *report) for k in range(plan.blocks)]
-        kept: list[dict[str, np.ndarray]] = [{} for _ in plan.records]
+        futures = [begin(pool, run_block, plan, k, *report) for k in range(plan.realizations.blocks)]
+        kept: list[dict[str, np.ndarray]] = [{} for _ in plan.observed.records]
         try:
             pending = set(futures)
             while pending:
@@ -77,7 +78,7 @@ def run(
 
 def _add(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
     """Add what the records of a finished block have in common with those of others, and take it from them."""
-    for sums, of_block, (record, _) in zip(kept, records, plan.records, strict=True):
+    for sums, of_block, (record, _) in zip(kept, records, plan.observed.records, strict=True):
         for name in record.summed:
             array = of_block.pop(name)
             if name in sums:
@@ -128,12 +129,12 @@ def cores() -> int:
 def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:
     """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
     with contextlib.ExitStack() as stack:
-        if plan.tiles:
+        if plan.subdomains.tiles:
             pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if threads > 1 else None
             block: Block = _TiledBlock(plan, index, tick, pool)
         else:
             block = Block(plan, index, tick)
-        block.advance(plan.spin_up_steps, None)
+        block.advance(plan.clock.spin_up_steps, None)
         return block.measure()
 
 
@@ -143,12 +144,12 @@ class _TiledBlock(Block):
     def __init__(self, plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> None:
         super().__init__(plan, index, tick)
         self.pool = pool
-        self.parts = [Block(restricted(plan, tile), index, lambda steps: None) for tile in plan.tiles]
+        self.parts = [Block(plan.restricted(tile), index, lambda steps: None) for tile in plan.subdomains.tiles]
 
     def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
         """Let every tile make its steps from the state of the network, and bring their own bodies together."""
         plan, state = self.plan, self.state
-        bodies, own = len(plan.bodies), 2 * plan.own_bodies
+        bodies, own = len(plan.system.bodies), 2 * plan.observed.bodies
 
         def run(part: Block, tile: Tile) -> np.ndarray:
             part.now = self.now
@@ -159,8 +160,8 @@ class _TiledBlock(Block):
             return kept
 
         each = self.pool.map if self.pool else map
-        snapshots_of = list(each(run, self.parts, plan.tiles))  # all, before the state changes
-        for tile, part, kept in zip(plan.tiles, self.parts, snapshots_of, strict=True):
+        snapshots_of = list(each(run, self.parts, plan.subdomains.tiles))  # all, before the state changes
+        for tile, part, kept in zip(plan.subdomains.tiles, self.parts, snapshots_of, strict=True):
             mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
             for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
@@ -171,8 +172,8 @@ class _TiledBlock(Block):
                 snapshots[:, own + contacts] = kept[:, 2 * tile.own_bodies :]
 
     def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
-        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
-            places = np.append(tile.bodies, len(self.plan.bodies))
+        for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
+            places = np.append(tile.bodies, len(self.plan.system.bodies))
             part._note_gaps(x[places], v[places])
 
     def _clear_sums(self) -> None:
@@ -180,7 +181,7 @@ class _TiledBlock(Block):
             part._clear_sums()
 
     def _collect_sums(self) -> None:
-        for part, tile in zip(self.parts, self.plan.tiles, strict=True):
+        for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
             self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
             self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
 

@@ -70,7 +70,7 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
     """
     batches, _, count, realizations = bodies.shape
     nothing = Memory(np.zeros(count))
-    if not (_settles(plan) and plan.trusted and batches > 1 and realizations > 1):
+    if not (_settles(plan) and plan.realizations.trusted and batches > 1 and realizations > 1):
         return nothing
     rows = list(_ROWS)
     means = bodies[:, rows] / steps[:, None, None, None]
@@ -79,7 +79,7 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
     offsets = means - means.mean(axis=-1, keepdims=True)  # what forces do to all of them alike is none
     within = offsets.var(axis=0, ddof=1).mean(axis=-1) / batches
     # batches that follow each other are alike as long as linear motion remembers, with nothing to choose from
-    alike = correlation_of_neighbours(steps.min() * plan.step / plan.relaxation)
+    alike = correlation_of_neighbours(steps.min() * plan.clock.step / plan.clock.relaxation)
     freedom = realizations - 1, realizations * (batches - 1)
     chance = math.exp(CERTAIN * math.sqrt(sum(2.0 / number for number in freedom)))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -87,13 +87,13 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
         kept = np.sqrt(np.maximum(between - within, 0.0)) / scale
         share = np.where(alone, 1.0 - 1.0 / ratio, (ratio - 1.0) / (ratio - 1.0 + batches))
     limit = max(AGREEING, chance * (1.0 + alike) / (1.0 - alike))
-    remembered = (ratio > limit) & (kept > MOST_REMEMBERED) & plan.random
+    remembered = (ratio > limit) & (kept > MOST_REMEMBERED) & plan.noise.random
     if not remembered.any():
         return nothing
     row, body = np.unravel_index(np.where(remembered, kept, 0.0).argmax(), kept.shape)
-    share_of_value = 100.0 * kept[row, body]
+    name, share_of_value = plan.system.bodies[body], 100.0 * kept[row, body]
     warning = (
-        f"Realizations settle into different motions: {_ROWS[rows[row]]} of {plan.bodies[body]!r} differs for good "
+        f"Realizations settle into different motions: {_ROWS[rows[row]]} of {name!r} differs for good "
         f"between them by {share_of_value:.3g} % (root mean square). The mean over realizations depends on how they "
         "begin, and standard errors say by how much: give initial=, or a longer spin_up= if they change over."
     )
@@ -110,15 +110,18 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray) -> str:
         Sums of the run.
     """
     affordable = int(SECONDS / plan.seconds(1))
-    if plan.random.any() or not (_settles(plan) and plan.kicked.any()) or plan.tiles or not affordable:
+    kicked = plan.forces.kicked.any() and not plan.noise.random.any()
+    if not (kicked and _settles(plan) and affordable) or plan.subdomains.tiles:
         return ""
     usual = _means(plan, bodies)
     scale, largest = _scale(usual), (MOST_REMEMBERED, 0, 0)
     velocity = np.sqrt(usual[2])
     for times in STARTS[:affordable]:
-        block = Block(replace(plan, start=np.stack([plan.rest, times * velocity]), records=(), every=0), 0, _unheard)
+        start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity]))
+        unobserved = replace(plan.observed, records=(), every=0)
+        block = Block(replace(plan, start=start, observed=unobserved), 0, _unheard)
         try:
-            block.advance(plan.spin_up_steps, None)
+            block.advance(plan.clock.spin_up_steps, None)
             other = _means(plan, block.measure().bodies)
         except Diverged:
             continue
@@ -130,20 +133,20 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray) -> str:
     if size <= MOST_REMEMBERED:
         return ""
     return (
-        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.bodies[body]!r} differs by "
+        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.system.bodies[body]!r} differs by "
         f"{100.0 * size:.3g} % if it does not begin at rest. Give initial=, or a longer duration= if it is chaotic."
     )
 
 
 def _settles(plan: Plan) -> bool:
     """Whether given forces lead to motions, of which linear ones have forgotten their start."""
-    begun = isinstance(plan.start, str) and plan.spin_up_steps > 0
-    return bool(len(plan.forced) and begun and plan.settled and plan.relaxation > 0.0)
+    begun = not plan.start.given and plan.clock.spin_up_steps > 0
+    return bool(len(plan.driving.forced) and begun and plan.clock.settled and plan.clock.relaxation > 0.0)
 
 
 def _means(plan: Plan, bodies: np.ndarray) -> np.ndarray:
     """Means of x, x² and v² of one realization, (row, body)."""
-    return np.asarray(bodies.sum(axis=(0, 1))[list(_ROWS), :, 0] / plan.steps)
+    return np.asarray(bodies.sum(axis=(0, 1))[list(_ROWS), :, 0] / plan.clock.steps)
 
 
 def _scale(means: np.ndarray) -> np.ndarray:

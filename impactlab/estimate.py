@@ -21,7 +21,8 @@ from impactlab.joint import LOAD
 from impactlab.kernels.sums import FF, FORCE, PEAK, VV, XX, X
 from impactlab.model import connected_parts
 from impactlab.moments import Values, statistics_of
-from impactlab.plan import WINDOW, Plan
+from impactlab.plan import Plan
+from impactlab.plan.observed import WINDOW
 from impactlab.regression import ROUNDING, Regression
 from impactlab.rules import BATCH_TIMES, BATCHES, batches_wanted
 
@@ -91,19 +92,19 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     -------
     Estimates
     """
-    steps = np.diff([0, *plan.boundaries]).astype(float)
-    counts = np.array([plan.counts(*pair) for pair in pairwise((0, *plan.boundaries))])
+    steps = np.diff([0, *plan.clock.boundaries]).astype(float)
+    counts = np.array([plan.counts(*pair) for pair in pairwise((0, *plan.clock.boundaries))])
     realizations = bodies.shape[-1]
     enough_alone = realizations >= BATCHES
     sums, of_contacts, of_products = bodies.sum(axis=0), contacts.sum(axis=0), products.sum(axis=0)
     of_batches = bodies.sum(axis=1)
     total = np.repeat(counts.sum(axis=0)[:, None], realizations, axis=1)
     if enough_alone:
-        units = whole = statistics_of(plan, sums, total, of_contacts / plan.steps, of_products / plan.steps)
+        units = whole = statistics_of(plan, sums, total, of_contacts / plan.clock.steps, of_products / plan.clock.steps)
         weights = np.ones(realizations)
     else:  # realizations, then batch by batch
         weights = np.repeat(steps, realizations)
-        time = np.concatenate([np.full(realizations, float(plan.steps)), weights])
+        time = np.concatenate([np.full(realizations, float(plan.clock.steps)), weights])
         both = statistics_of(
             plan,
             _joined(sums, bodies),
@@ -116,9 +117,9 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     of_load = whole[LOAD]
     loads = units.pop(LOAD)
     whole.pop(LOAD, None)  # the same dictionary, maybe
-    pushes = _pushes(bodies, steps, enough_alone) if plan.integrator.kicks else np.zeros((0, len(weights)))
-    random = bool(plan.random.any())
-    trusted = plan.trusted and random
+    pushes = _pushes(bodies, steps, enough_alone) if plan.method.integrator.kicks else np.zeros((0, len(weights)))
+    random = bool(plan.noise.random.any())
+    trusted = plan.realizations.trusted and random
     if random and not trusted:
         _warn(plan)
     events = _events(units["contact_ratio"] > 0.0)
@@ -126,10 +127,10 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     values, errors, unbalanced = _combined(plan, units, weights, trusted, loads, seldom)
     for name in {"contact_rate", "direct_contact_rate"} & set(values):  # a flux and a regression may be below 0
         values[name] = np.maximum(values[name], 0.0)
-    peak = contacts[:, PEAK].max(axis=0) if len(plan.ends) else np.zeros((0, realizations))
+    peak = contacts[:, PEAK].max(axis=0) if len(plan.system.ends) else np.zeros((0, realizations))
     values["peak_contact_force"] = peak.mean(axis=-1)
     errors["peak_contact_force"] = _mean(peak, np.ones(realizations), realizations > 1)[1]
-    closings = values["contact_rate"] * plan.step * plan.steps * realizations
+    closings = values["contact_rate"] * plan.clock.step * plan.clock.steps * realizations
     _forget(plan, values, errors)
     memory = memory_of(plan, of_batches, steps, enough_alone)
     if random:
@@ -143,10 +144,10 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
             for key in {name, f"direct_{name}"} & set(errors):
                 errors[key][(np.ptp(item, axis=-1) == 0.0) | (events == 0.0)] = np.nan
         widening = memory.widening(len(weights))
-        of_ends = np.append(widening, 1.0)[plan.ends].max(axis=1, initial=1.0)
+        of_ends = np.append(widening, 1.0)[plan.system.ends].max(axis=1, initial=1.0)
         for name, error in errors.items():
             error *= of_ends if "contact" in name else widening
-        if plan.trusted:
+        if plan.realizations.trusted:
             _warn_of_rare(
                 plan, np.where((closings < 1.0) & np.isfinite(events), np.maximum(closings, events), closings)
             )
@@ -167,8 +168,8 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
 
 def _forget(plan: Plan, values: Values, errors: Values) -> None:
     """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
-    of_bodies = ~plan.random
-    of_contacts = ~np.append(plan.random, False)[plan.ends].any(axis=1)
+    of_bodies = ~plan.noise.random
+    of_contacts = ~np.append(plan.noise.random, False)[plan.system.ends].any(axis=1)
     for name, error in errors.items():
         still = of_contacts if "contact" in name else of_bodies
         error[still] = np.where(values[name][still] != 0.0, np.nan, 0.0)
@@ -215,10 +216,10 @@ def _seldom(plan: Plan, events: np.ndarray, pushes: np.ndarray) -> np.ndarray:
     pushes : (body, unit) ndarray
         Mean square of the forces of kicks; without rows if the method does not kick.
     """
-    seldom = np.zeros(len(plan.bodies) + 1, dtype=bool)
-    seldom[plan.ends[(events < CLOSINGS) & plan.likely]] = True
+    seldom = np.zeros(len(plan.system.bodies) + 1, dtype=bool)
+    seldom[plan.system.ends[(events < CLOSINGS) & plan.forces.likely]] = True
     if len(pushes):
-        seldom[:-1] |= plan.kicked & (_pushed(pushes) < CLOSINGS)
+        seldom[:-1] |= plan.forces.kicked & (_pushed(pushes) < CLOSINGS)
     return seldom[:-1]
 
 
@@ -236,7 +237,7 @@ def _combined(
     for name in balances:
         values[name], errors[name] = _mean(units[name], weights, trusted)
     unbalanced = _unbalanced(plan, values, errors)
-    controls = None if unbalanced or not (trusted and plan.settled) else _controls(units, values, errors, seldom)
+    controls = None if unbalanced or not (trusted and plan.clock.settled) else _controls(units, values, errors, seldom)
     prefix = "" if controls is None else "direct_"
     for name in units:
         if name not in balances:
@@ -250,7 +251,7 @@ def _combined(
     for of_contacts, near in ((False, _neighbours(plan)), (True, _touching(plan))):
         names = [name for name in units if name not in balances and ("contact" in name) == of_contacts]
         own = [*names] if of_contacts else [*names, "variance_displacement"]
-        count = len(plan.ends) if of_contacts else len(plan.bodies)
+        count = len(plan.system.ends) if of_contacts else len(plan.system.bodies)
         for name in own:
             values[name], errors[name] = np.empty(count), np.empty(count)
         doubtful = np.ones(count, dtype=bool) if of_contacts else kicked
@@ -292,9 +293,10 @@ def _unbalanced(plan: Plan, values: Values, errors: Values) -> str:
         broken = np.flatnonzero(np.abs(values[name]) > most * scatter)
         if broken.size:
             body = broken[0]
+            distance = abs(values[name][body]) / scatter[body]
             return (
-                f"{name} of {plan.bodies[body]!r} is {abs(values[name][body]) / scatter[body]:.1f} standard errors "
-                "off 0, so balances are not used: the spin-up may be too short, or the step too large."
+                f"{name} of {plan.system.bodies[body]!r} is {distance:.1f} standard errors off 0, so balances are not "
+                "used: the spin-up may be too short, or the step too large."
             )
     return ""
 
@@ -312,16 +314,16 @@ def _controls(
 
 def _kicked(plan: Plan) -> np.ndarray:
     """Whether other forces than linear ones may act on each body, or one in a group with it, (body,) of bool."""
-    kicked = plan.kicked.copy()
-    for group in plan.flows.groups if plan.flows is not None else ():
+    kicked = plan.forces.kicked.copy()
+    for group in plan.method.groups:
         kicked[group.slots] = kicked[group.slots].any()
     return kicked
 
 
 def _neighbours(plan: Plan) -> np.ndarray:
     """Return pairs of a body and those it can touch or is coupled to, itself first, (pair, 2)."""
-    count = len(plan.bodies)
-    links = plan.links[(plan.links < count).all(axis=1)]  # a wall has no balances
+    count = len(plan.system.bodies)
+    links = plan.system.links[(plan.system.links < count).all(axis=1)]  # a wall has no balances
     keys = np.unique(np.concatenate([links, links[:, ::-1]]) @ [count + 1, 1] + 1)
     keys = np.sort(np.concatenate([keys, np.arange(count) * (count + 1)]))
     body, other = np.divmod(keys, count + 1)
@@ -330,8 +332,8 @@ def _neighbours(plan: Plan) -> np.ndarray:
 
 def _touching(plan: Plan) -> np.ndarray:
     """Return pairs of a contact and a body of it, the first body first, (pair, 2)."""
-    pairs = np.stack([np.repeat(np.arange(len(plan.ends)), 2), plan.ends.ravel()], axis=1)
-    return pairs[pairs[:, 1] < len(plan.bodies)]
+    pairs = np.stack([np.repeat(np.arange(len(plan.system.ends)), 2), plan.system.ends.ravel()], axis=1)
+    return pairs[pairs[:, 1] < len(plan.system.bodies)]
 
 
 def _choices(
@@ -366,7 +368,7 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
     realizations = bodies.shape[-1]
     half = len(steps) // 2
     alone = realizations < 8
-    if half == 0 or (alone and not plan.trusted):
+    if half == 0 or (alone and not plan.realizations.trusted):
         return float("nan")
     sums = np.concatenate([bodies[:, [X, XX, VV]].reshape(len(steps), -1, realizations), contacts[:, FORCE]], axis=1)
     if alone:
@@ -381,7 +383,7 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
         difference = sums[:half].sum(axis=0) / steps[:half].sum() - sums[half:].sum(axis=0) / steps[half:].sum()
         error = difference.std(axis=-1, ddof=1) / np.sqrt(realizations)
         differences, freedom = difference.mean(axis=-1), realizations - 1.0
-    moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / plan.steps
+    moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / plan.clock.steps
     largest = np.abs(differences[moving] / error[moving]).max(initial=0.0)
     # as many standard errors of a normal law, since with few realizations the quotient has
     # wide tails (Wallace, Ann. Math. Statist. 30, 1959, 1121)
@@ -389,9 +391,9 @@ def _drift(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarr
 
 
 def _warn(plan: Plan) -> None:
-    if plan.relaxation > 0.0:
+    if plan.clock.relaxation > 0.0:
         needed = (
-            1.01 * BATCH_TIMES * plan.relaxation * batches_wanted(plan.realizations)
+            1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
         )  # more than rounding takes away
         advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
     else:
@@ -407,12 +409,13 @@ def _widen(plan: Plan, units: Values, events: np.ndarray, values: Values, errors
     δ being the length over which the density of the gap varies near contact.
     """
     rare = np.flatnonzero((events > 0.0) & (events < CLOSINGS))
-    inverse_mass, square = (np.append(item, 0.0) for item in (1.0 / plan.linear[0], values["mean_square_velocity"]))
-    inverse_mass, square = (item[plan.ends[rare]].sum(axis=1) for item in (inverse_mass, square))
+    inverse_mass = np.append(1.0 / plan.system.linear[0], 0.0)
+    square = np.append(values["mean_square_velocity"], 0.0)
+    inverse_mass, square = (item[plan.system.ends[rare]].sum(axis=1) for item in (inverse_mass, square))
     approach = np.sqrt(2.0 * np.maximum(square, 0.0))
     with np.errstate(divide="ignore"):
-        duration = np.pi * plan.window[rare] / WINDOW / approach
-    scatter = np.sqrt(events[rare]) / (plan.step * plan.steps * plan.realizations)
+        duration = np.pi * plan.observed.window[rare] / WINDOW / approach
+    scatter = np.sqrt(events[rare]) / (plan.clock.step * plan.clock.steps * plan.realizations.number)
     sizes = {"contact_ratio": duration, "contact_rate": 1.0, "mean_contact_force": 2.0 / inverse_mass * approach}
     for name, size in sizes.items():
         for key in {name, f"direct_{name}"} & set(errors):
@@ -426,11 +429,12 @@ def _widen_bodies(plan: Plan, moved: np.ndarray, events: np.ndarray, values: Val
     """
     if not moved.size:
         return
-    mass, _, stiffness = plan.linear
-    labels = connected_parts(len(mass), plan.links)
+    mass, _, stiffness = plan.system.linear
+    labels = connected_parts(len(mass), plan.system.links)
     hottest = np.zeros(labels.max(initial=-1) + 1)
     np.maximum.at(hottest, labels, mass * values["mean_square_velocity"])
-    share = np.sqrt(events) * 0.5 * plan.relaxation / (plan.step * plan.steps * plan.realizations)
+    time = plan.clock.step * plan.clock.steps * plan.realizations.number
+    share = np.sqrt(events) * 0.5 * plan.clock.relaxation / time
     with np.errstate(divide="ignore", invalid="ignore"):  # nothing moves, or no spring holds it
         velocity = share * hottest[labels[moved]] / mass[moved]
         squares = {"velocity": velocity, "displacement": velocity * mass[moved] / stiffness[moved]}
@@ -449,7 +453,7 @@ def _warn_of_still(plan: Plan, moved: np.ndarray, events: np.ndarray) -> None:
         stillest = int(np.argmin(events))
         warn(
             f"{len(moved)} oscillator(s) that only contacts or couplings move were moved less than {CLOSINGS} times in "
-            f"all, too seldom for standard errors (NaN for none): {plan.bodies[moved[stillest]]!r} about "
+            f"all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
             f"{events[stillest]:.2g} times. Run for longer, or use more realizations."
         )
 
@@ -459,9 +463,9 @@ def _warn_of_rare(plan: Plan, closings: np.ndarray) -> None:
     rare = np.flatnonzero((closings > 0.0) & (closings < CLOSINGS))
     if rare.size:
         rarest = rare[np.argmin(closings[rare])]
-        needed = plan.step * plan.steps * CLOSINGS / closings[rarest]
+        needed = plan.clock.step * plan.clock.steps * CLOSINGS / closings[rarest]
         warn(
             f"{len(rare)} contact(s) closed less than {CLOSINGS} times in all, too seldom for standard errors: "
-            f"{plan.contacts[rarest]!r} about {closings[rarest]:.2g} times. Run for {needed:.2g} s, or use more "
+            f"{plan.system.contacts[rarest]!r} about {closings[rarest]:.2g} times. Run for {needed:.2g} s, or use more "
             "realizations."
         )

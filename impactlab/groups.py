@@ -23,19 +23,19 @@ OF_BAND = {
 
 def group_count(plan: Plan) -> int:
     """Return the number of groups of a run."""
-    return min(plan.realizations * len(plan.boundaries), GROUPS)
+    return min(plan.realizations.number * len(plan.clock.boundaries), GROUPS)
 
 
 def groups_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
     """Group of every realization in every batch, (batch, lane)."""
-    batches = len(plan.boundaries)
+    batches = len(plan.clock.boundaries)
     units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
-    return np.ascontiguousarray(units * group_count(plan) // (plan.realizations * batches))
+    return np.ascontiguousarray(units * group_count(plan) // (plan.realizations.number * batches))
 
 
 def samples_per_realization(plan: Plan) -> int:
     """Return into how many independent samples a realization is cut: its batches, if there are few realizations."""
-    return 1 if plan.realizations >= BATCHES else len(plan.boundaries)
+    return 1 if plan.realizations.number >= BATCHES else len(plan.clock.boundaries)
 
 
 def grouped(blocks: list[np.ndarray]) -> np.ndarray:

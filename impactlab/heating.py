@@ -78,19 +78,19 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
     seldom : (body,) ndarray of bool
         Bodies whose balances are no controls.
     """
-    if plan.passes or plan.lines or not (plan.steady and plan.trusted and plan.settled and plan.kicked.any()):
+    if not (_conservative(plan) and plan.forces.kicked.any()):
         return Heating()
-    mass, damping, _ = plan.linear
-    labels = connected_parts(len(mass), plan.links)
+    mass, damping, _ = plan.system.linear
+    labels = connected_parts(len(mass), plan.system.links)
     put_in = np.zeros(len(mass))
-    put_in[plan.white] = np.pi * plan.intensity / mass[plan.white]
+    put_in[plan.noise.white] = np.pi * plan.noise.intensity / mass[plan.noise.white]
     given = np.bincount(labels, put_in)
     taken = damping[:, None] * units["mean_square_velocity"]
     balances = units.get("balance_mean_square_velocity", np.full_like(taken, np.nan))
     usable = np.isfinite(balances).all(axis=1) & (np.ptp(balances, axis=1) > 0.0) & (damping > 0.0) & ~seldom
     dampers = _damped_couplings(plan)
     worst = Heating()
-    kicked = np.bincount(labels, plan.kicked) > 0.0
+    kicked = np.bincount(labels, plan.forces.kicked) > 0.0
     parts = np.flatnonzero(kicked & (given > 0.0) & (not dampers))
     members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
     for part in parts[:MOST_PARTS]:
@@ -98,7 +98,7 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
         controls = slots[usable[slots]][: len(weights) // 8]
         value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
         share, scatter = float(value[0] / given[part]) - 1.0, float(error[0] / given[part])
-        found = Heating(share, scatter, plan.bodies[slots[0]], len(parts))
+        found = Heating(share, scatter, plan.system.bodies[slots[0]], len(parts))
         if math.isnan(worst.share) or found.significance > worst.significance:
             worst = found
     return worst
@@ -106,18 +106,24 @@ def heating_of(plan: Plan, units: Values, weights: np.ndarray, seldom: np.ndarra
 
 def _damped_couplings(plan: Plan) -> bool:
     """Whether a damper between two bodies is a part of a linear motion: it is not at their temperature."""
-    groups = plan.flows.groups if plan.flows is not None else ()
-    return any((group.system.damping != np.diag(plan.linear[1, group.slots])).any() for group in groups)
+    groups = plan.method.groups
+    return any((group.system.damping != np.diag(plan.system.linear[1, group.slots])).any() for group in groups)
+
+
+def _conservative(plan: Plan) -> bool:
+    """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
+    stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
+    return stationary and not plan.forces.passes and not plan.driving.lines
 
 
 def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:
     """Say which body has not the temperature of its part, where all noise there has one and forces are conservative."""
-    if plan.passes or not (plan.steady and plan.settled and plan.trusted) or plan.lines or _damped_couplings(plan):
+    if not _conservative(plan) or _damped_couplings(plan):
         return ""
-    mass, damping, _ = plan.linear
-    labels = connected_parts(len(mass), plan.links)
+    mass, damping, _ = plan.system.linear
+    labels = connected_parts(len(mass), plan.system.links)
     intensity = np.zeros(len(mass))
-    intensity[plan.white] = plan.intensity
+    intensity[plan.noise.white] = plan.noise.intensity
     with np.errstate(divide="ignore", invalid="ignore"):
         own = np.pi * intensity / damping
     lowest, highest = np.full(labels.max() + 1, np.inf), np.zeros(labels.max() + 1)
@@ -133,7 +139,7 @@ def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.nd
         return ""
     body = wrong[np.argmax(np.abs(off[wrong]) / limit[wrong])]
     return (
-        f"mean_square_velocity of {plan.bodies[body]!r} is {100.0 * off[body] / temperature[body]:+.2g} ± "
+        f"mean_square_velocity of {plan.system.bodies[body]!r} is {100.0 * off[body] / temperature[body]:+.2g} ± "
         f"{100.0 * mass[body] * error[body] / temperature[body]:.1g} % off the temperature that all noise there has: "
         "the step may be too large, or the spin-up too short."
     )

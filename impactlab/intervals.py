@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from impactlab.integrators.base import Integrator
@@ -13,9 +10,6 @@ from impactlab.integrators.jumps import Jumps
 from impactlab.kernels.flow import transition
 from impactlab.kernels.random import addresses
 from impactlab.model import Model
-
-if TYPE_CHECKING:
-    from impactlab.record import Record
 
 TOUCHED = 1e-12
 """Largest probability that a contact closes unnoticed, by interval and realization."""
@@ -37,13 +31,16 @@ SAMPLES, SEARCHES, GAIN = 512, 20_000, 1.3
 """States from which the work is foreseen, the most of them times contacts, and how much less work there must be."""
 
 
-def sampled_will_do(model: Model, integrator: Integrator, records: Iterable[Record]) -> bool:
-    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time."""
+def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> bool:
+    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time.
+
+    They may not where something wants them at `every_step`.
+    """
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
         and not (model.lines or model.forced or model.time_varying)
-        and not any(record.every_step for record in records)
+        and not every_step
     )
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
+from impactlab.arrays import Counted, allocate
 from impactlab.errors import InvalidInput
-from impactlab.kernels.sums import CONTACT_ROWS, PAIR_ROWS, SLOTS, TRANSIENT_ROWS
+from impactlab.kernels.sums import CONTACT_ROWS, PAIR_ROWS, TRANSIENT_ROWS
 from impactlab.plan import Plan
-from impactlab.series import sample_count
 
 COPIES = 6
 """How many times the sums of a run are in memory while they are evaluated, at most."""
@@ -15,50 +15,44 @@ COPIES = 6
 RECORD_COPIES = 3
 """The same of what records keep."""
 
+TRANSFORMED = 12
+"""Rows of samples that the chirp transform of one row takes."""
+
 COUNT_COPIES = 4
 """The same of what is summed over the blocks, beside that of the blocks that run."""
 
 
 def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
-    bodies, contacts, rows = len(plan.bodies), len(plan.contacts), len(plan.noise_rows)
-    whole = plan.transient and plan.integrator.kicks
-    of_sums = 8 * plan.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
-    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * len(plan.pairs)
-    if plan.tiles:  # all of it for the tiles with their halos, and a state of the network
-        state = 8 * (9 * bodies + 2 * contacts) + of_sums
-        bodies, contacts = (sum(map(len, parts)) for parts in zip(*(tile[:2] for tile in plan.tiles), strict=True))
-        state += plan.coefficients[..., 0].nbytes * bodies
-    else:
-        state = 0
-    state += 8 * (9 * bodies + 2 * contacts) + 8 * SLOTS * (3 * bodies + 2 * contacts) + 16 * rows
-    if plan.jumps is not None:  # states and noise of all levels of halves
-        levels = plan.jumps.levels + 1
-        state += 8 * (bodies + 1) * (5 + 8 * levels) + 4 * (8 * bodies + 8 * rows) + 20 * levels
-    elif plan.lanes == 1:
-        state += 8 * (bodies + 5 * contacts)
-    return state + of_sums + _series(plan), of_sums
+    bodies, contacts, pairs = len(plan.system.bodies), len(plan.system.contacts), len(plan.method.pairs)
+    whole = plan.transient and plan.method.integrator.kicks
+    of_sums = 8 * plan.method.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
+    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
+    counted = Counted()
+    allocate(plan, 1, counted)
+    for tile in plan.subdomains.tiles:
+        part = plan.restricted(tile)
+        allocate(part, 1, counted)
+        counted.bytes += part.method.coefficients.nbytes
+    return counted.bytes + of_sums + _series(plan), of_sums
 
 
 def _series(plan: Plan) -> int:
     """Return the bytes of the series of a realization, with what the chirp transform of a row of it takes."""
-    if not plan.lines:
-        return 0
-    method, response = plan.integrator, plan.integrator.takes_response
-    rows = sum(2 * len(slots) for slots, _ in plan.responses) if response else len(plan.lines)
-    needed = (plan.spin_up_steps + plan.steps) * method.samples_per_step + 1
-    return 8 * (rows + 12) * sample_count(plan.lines, plan.step / method.samples_per_step, needed)
+    method, clock, driving = plan.method.integrator, plan.clock, plan.driving
+    return driving.nbytes(method, clock.step, clock.all_steps, TRANSFORMED)
 
 
 def needed(plan: Plan, workers: int) -> int:
     """Return the bytes that a run with its results takes, without trajectories."""
     running, of_sums = sizes(plan)
-    kept: int = plan.realizations * sum(record.bytes_per_realization(plan) for record, _ in plan.records)
-    counts: int = sum(record.bytes_per_block(plan) for record, _ in plan.records)
-    run: int = min(plan.realizations, workers * plan.lanes) * running + (
-        COPIES * plan.realizations * (len(plan.boundaries) + 1) * of_sums + RECORD_COPIES * kept
+    records, realizations = [record for record, _ in plan.observed.records], plan.realizations
+    kept: int = realizations.number * sum(record.bytes_per_realization(plan) for record in records)
+    counts: int = sum(record.bytes_per_block(plan) for record in records)
+    run: int = min(realizations.number, workers * realizations.lanes) * running + (
+        COPIES * realizations.number * (len(plan.clock.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )
-    run += (min(plan.blocks, workers) + COUNT_COPIES) * counts
+    run += (min(realizations.blocks, workers) + COUNT_COPIES) * counts
     return run
 
 
@@ -94,7 +88,8 @@ def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
         Says what is needed and what there is.
     """
     there, run = available(), needed(plan, workers)
-    trajectories *= 1 if plan.blocks == 1 else 2  # once more while they are joined
+    realizations, bodies = plan.realizations.number, len(plan.system.bodies)
+    trajectories *= 1 if plan.realizations.blocks == 1 else 2  # once more while they are joined
     if trajectories and run + trajectories > there:
         raise InvalidInput(
             f"The trajectories would take {trajectories / 1e9:.3g} GB of memory, {there / 1e9:.3g} GB are available: "
@@ -102,8 +97,8 @@ def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
         )
     if run > there:
         raise InvalidInput(
-            f"{plan.realizations} realizations of {len(plan.bodies)} bodies and {len(plan.contacts)} contacts would "
-            f"take {run / 1e9:.3g} GB of memory ({run / plan.realizations / len(plan.bodies):.3g} bytes per body and "
+            f"{realizations} realizations of {bodies} bodies and {len(plan.system.contacts)} contacts would "
+            f"take {run / 1e9:.3g} GB of memory ({run / realizations / bodies:.3g} bytes per body and "
             f"realization), {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
             "records of less."
         )

@@ -64,36 +64,36 @@ def statistics_of(
         LOAD: np.zeros_like(bodies[X]),
     }
     balances: Values = {}
-    if plan.flows is not None:
+    if plan.method.flows is not None:
         if not complete.all():
             means[..., ~complete] = np.nan
         closed = _closed_flow(plan)
-        over_time, at_kicks = _response_to_mean_force(plan, plan.flows)
-        steady = closed & ~np.isin(np.arange(len(closed)), plan.white if plan.time_varying else ())
-        balances, mixed = _balances(plan, plan.flows, means, steady, at_kicks)
+        over_time, at_kicks = _response_to_mean_force(plan, plan.method.flows)
+        steady = closed & ~np.isin(np.arange(len(closed)), plan.noise.white if plan.noise.time_varying else ())
+        balances, mixed = _balances(plan, plan.method.flows, means, steady, at_kicks)
         off = [balances["balance_mean_square_displacement"], mixed, balances["balance_mean_square_velocity"]]
-        known = [np.where(np.isfinite(item), item, 0.0) if plan.sampled else None for item in off]
+        known = [np.where(np.isfinite(item), item, 0.0) if plan.observed.sampled else None for item in off]
         if plan.transient:
             begun = sums[:, BEGUN:] / counts.sum(axis=0)
-            processed = _over_time(plan, plan.flows, bodies, begun, processed, closed)
+            processed = _over_time(plan, plan.method.flows, bodies, begun, processed, closed)
         else:
-            processed = _processed(plan, plan.flows, means, processed, closed, over_time, at_kicks, known)
+            processed = _processed(plan, plan.method.flows, means, processed, closed, over_time, at_kicks, known)
         _open_flow(plan, bodies, processed, ~closed)
-        for group in plan.flows.groups:
+        for group in plan.method.groups:
             if not closed[group.slots].all():
                 continue
-            of_pairs = products[:, np.isin(plan.pairs[:, 0], group.slots)]
+            of_pairs = products[:, np.isin(plan.method.pairs[:, 0], group.slots)]
             after = begun.sum(axis=0)[:, group.slots] if plan.transient else None
-            found = joint_statistics(group, plan.step, bodies[:, group.slots], of_pairs, after)
+            found = joint_statistics(group, plan.clock.step, bodies[:, group.slots], of_pairs, after)
             for name, values in found.items():
                 target = balances if name in balances else processed
                 sure = complete | (plan.transient and name not in balances)
                 target[name][group.slots] = np.where(sure, values, target[name][group.slots])
-    flux = 9.0 / 8.0 * contacts[FLUX] / plan.window[:, None]
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.observed.window[:, None]
     return {
         **processed,
         "contact_ratio": contacts[CLOSED],
-        "contact_rate": contacts[FLUX] / plan.step if plan.counted else flux,
+        "contact_rate": contacts[FLUX] / plan.clock.step if plan.observed.counted else flux,
         "mean_contact_force": contacts[FORCE],
         **balances,
     }
@@ -120,7 +120,7 @@ def _processed(
     of_xx, of_xv, of_vv = off
     if of_xx is not None:
         xx, xv, vv = xx - of_xx, xv - of_xv, vv - of_vv
-    closed = (closed & ~plan.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
+    closed = (closed & ~plan.method.grouped)[:, None] & np.isfinite(s).all(axis=(0, 1))
     at_kicks = at_kicks | {"mean_square_velocity": _slowed(plan, s, at_kicks["mean_square_velocity"])}
     result = {}
     for row, quantity in enumerate(("displacement", "velocity")):
@@ -150,7 +150,7 @@ def _over_time(
     x, v, xx, xv, vv = _after_kicks(begun, _increment(plan))
     a, q = flows.middle_transition, flows.middle_covariance
     intensity = begun[:, INTENSITY - BEGUN]
-    closed = (closed & ~plan.grouped)[:, None]
+    closed = (closed & ~plan.method.grouped)[:, None]
     middle = {"mean_displacement": (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).sum(axis=0)}
     for row, quantity in enumerate(("displacement", "velocity")):
         of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
@@ -163,7 +163,7 @@ def _over_time(
     means = [item["mean_displacement"] for item in (over_time, at_kicks, middle)]
     over_time[LOAD] = mean_load(*means)
     # half of the states at both ends are in the others
-    way = {"mean_velocity": 2.0 / plan.step * (at_kicks["mean_displacement"] - begun[:, X].sum(axis=0))}
+    way = {"mean_velocity": 2.0 / plan.clock.step * (at_kicks["mean_displacement"] - begun[:, X].sum(axis=0))}
     at_kicks = {**at_kicks, LOAD: np.zeros_like(way["mean_velocity"])}
     return {**{name: np.where(closed, item, at_kicks[name]) for name, item in over_time.items()}, **way}
 
@@ -186,7 +186,7 @@ def _open_flow(plan: Plan, s: np.ndarray, processed: Values, rows: np.ndarray) -
     if not rows.any():
         return
     s, increment = s[:, rows], _increment(plan)[rows]
-    shift = plan.step / 12.0 * increment
+    shift = plan.clock.step / 12.0 * increment
     processed["mean_displacement"][rows] = s[X] + shift * s[F]
     processed["mean_square_displacement"][rows] = s[XX] + 2.0 * shift * s[FX] + shift**2 * s[FF]
     processed["mean_square_velocity"][rows] = s[VV] + increment / 6.0 * (increment * s[FF] + s[TURN])
@@ -194,7 +194,7 @@ def _open_flow(plan: Plan, s: np.ndarray, processed: Values, rows: np.ndarray) -
 
 def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
     """Mean square velocities with the `kick_share` of bodies that friction slows within a step, (body, unit)."""
-    share = kick_share(plan.linear[1] / plan.linear[0] * plan.step)
+    share = kick_share(plan.system.linear[1] / plan.system.linear[0] * plan.clock.step)
     slowed = share < 0.5
     if not slowed.any():
         return at_kicks
@@ -208,8 +208,8 @@ def _slowed(plan: Plan, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
 
 def _forgotten(plan: Plan) -> np.ndarray:
     """Whether friction makes bodies forget their velocities within a step, (body,) of bool."""
-    mass, damping, _ = plan.linear
-    return np.asarray(damping * plan.step > 0.999 * mass)  # steps are often m/c
+    mass, damping, _ = plan.system.linear
+    return np.asarray(damping * plan.clock.step > 0.999 * mass)  # steps are often m/c
 
 
 def _teeth(plan: Plan, s: np.ndarray) -> np.ndarray:
@@ -222,11 +222,11 @@ def _teeth(plan: Plan, s: np.ndarray) -> np.ndarray:
     ``((A² − 2C) E[F²] + (2C − 2A + 1) k E[x F])/c²`` too large, in the middle of the flow and at the time of the
     kick, which counts by its `kick_share`.
     """
-    mass, damping, stiffness = plan.linear
+    mass, damping, stiffness = plan.system.linear
     slow, result = _forgotten(plan), np.zeros(s.shape[2:])
     if not slow.any():
         return result
-    g = (damping / mass * plan.step)[slow, None]
+    g = (damping / mass * plan.clock.step)[slow, None]
     with np.errstate(over="ignore"):
         moved = np.stack([np.ones_like(g), 0.5 * g / np.sinh(0.5 * g)])
         seen = np.stack([kick_share(g) * g + g / np.expm1(2.0 * g), 0.5 * g / np.sinh(g)])
@@ -246,15 +246,15 @@ def _response_to_mean_force(plan: Plan, flows: Flows) -> tuple[np.ndarray, np.nd
     (body, 2), (body, 2, phase) ndarray
         NaN where there is no stationary mean.
     """
-    _, damping, stiffness = plan.linear
+    _, damping, stiffness = plan.system.linear
     a, increment = flows.transition, _increment(plan)
     phases = len(a)
     over_time, at_kicks = np.full((len(damping), 2), np.nan), np.full((len(damping), 2, phases), np.nan)
-    held = ~plan.grouped & (stiffness > 0.0)
+    held = ~plan.method.grouped & (stiffness > 0.0)
     over_time[held] = np.column_stack([1.0 / stiffness[held], np.zeros(held.sum())])
     push = np.stack([np.zeros_like(increment[held]), increment[held]], axis=1)
     at_kicks[held] = _cycle(a[:, held], push)
-    free = ~plan.grouped & (stiffness == 0.0) & (damping > 0.0)
+    free = ~plan.method.grouped & (stiffness == 0.0) & (damping > 0.0)
     over_time[free, 1] = 1.0 / damping[free]
     at_kicks[free, 1] = _cycle(a[:, free, 1:, 1:], increment[free, None])[:, 0]
     at_kicks[:, 1] += 0.5 * increment / phases  # the velocity is read in the middle of the kick
@@ -273,14 +273,14 @@ def _balances(
     velocity of a damped free body, the power of the kicks on an undamped one. Second comes that
     of E[x v].
     """
-    mass, damping, stiffness = plan.linear
+    mass, damping, stiffness = plan.system.linear
     increment = _increment(plan)
     before = s[:, VV] - increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]  # E[v²] before the kick
     intensity = np.zeros(len(mass))
-    intensity[plan.white] = plan.intensity
+    intensity[plan.noise.white] = plan.noise.intensity
     of_power, of_virial = increment * s[:, FV], increment * s[:, FX]
     mean, displacement, mixed, velocity = (np.full(s.shape[2:], np.nan) for _ in range(4))
-    own, a, held, damped = closed & ~plan.grouped, flows.transition, stiffness > 0.0, damping > 0.0
+    own, a, held, damped = closed & ~plan.method.grouped, flows.transition, stiffness > 0.0, damping > 0.0
     bodies = own & held
     mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
     bodies = own & ~damped & (intensity == 0.0)
@@ -345,15 +345,15 @@ def _cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
 
 def _increment(plan: Plan) -> np.ndarray:
     """Velocity that a unit force of a kick gives each body, (body, 1) (m s-1 N-1)."""
-    increment: np.ndarray = plan.step / plan.linear[0][:, None]
+    increment: np.ndarray = plan.clock.step / plan.system.linear[0][:, None]
     return increment
 
 
 def _closed_flow(plan: Plan) -> np.ndarray:
     """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
-    result = np.ones(len(plan.bodies), dtype=bool)
-    result[[lines.body for lines in plan.lines]] = False
-    result[plan.forced] = False
-    for group in plan.flows.groups if plan.flows is not None else ():
+    result = np.ones(len(plan.system.bodies), dtype=bool)
+    result[[lines.body for lines in plan.driving.lines]] = False
+    result[plan.driving.forced] = False
+    for group in plan.method.groups:
         result[group.slots] = result[group.slots].all()
     return result

@@ -117,20 +117,20 @@ class PeakForces(Record):
             If it is longer than the run.
         """
         if self.window is None:
-            return plan.steps
-        steps = max(1, int(self.window / plan.step * (1.0 + 1e-9)))
-        if steps > plan.steps:
+            return plan.clock.steps
+        steps = max(1, int(self.window / plan.clock.step * (1.0 + 1e-9)))
+        if steps > plan.clock.steps:
             raise InvalidInput(
-                f"PeakForces.window of {self.window:g} s is longer than the duration of {plan.steps * plan.step:g} s."
+                f"PeakForces.window of {self.window:g} s is longer than the duration of {plan.clock.duration:g} s."
             )
         return steps
 
     def bytes_per_realization(self, plan: Plan) -> int:
-        bins, windows = 3 * samples_per_realization(plan) * self.bins, plan.steps // self.steps_per_window(plan)
+        bins, windows = 3 * samples_per_realization(plan) * self.bins, plan.clock.steps // self.steps_per_window(plan)
         return 8 * len(self.limits) * (bins + windows)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        count, window = len(plan.contacts), self.steps_per_window(plan) * plan.step
+        count, window = len(plan.system.contacts), self.steps_per_window(plan) * plan.clock.step
         if not count:
             return {}
         flux, inward, push, samples = (
@@ -142,14 +142,14 @@ class PeakForces(Record):
         factor, everywhere = np.full(count, np.nan), np.full((*peaks.shape[:2], count), np.nan)
         levels = np.full((2, count, len(times)), np.nan)
         for row, (name, depth) in enumerate(self.limits):
-            slot, width = plan.contacts.index(name), depth / self.bins
+            slot, width = plan.system.contacts.index(name), depth / self.bins
             own, total = flux[:, row], inward[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
             force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
-            mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.trusted, slice(None))
+            mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.realizations.trusted, slice(None))
             rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
             relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
-            if plan.trusted:
+            if plan.realizations.trusted:
                 found = [_return_level(own, samples, rate[slot], relative, force[slot], time) for time in times]
                 levels[:, slot] = np.transpose(found)
             everywhere[:, :, slot] = peaks[:, :, row]
@@ -183,17 +183,17 @@ class _Peaks(Keeper):
     def __init__(self, record: PeakForces, plan: Plan, realizations: np.ndarray) -> None:
         self.record, self.seen, self.parts = record, 0, samples_per_realization(plan)
         self.window = record.steps_per_window(plan)
-        bodies, count, lanes = len(plan.bodies), len(record.limits), len(realizations)
-        slots = [plan.contacts.index(name) for name, _ in record.limits]
-        ends = plan.ends[slots]
+        bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
+        slots = [plan.system.contacts.index(name) for name, _ in record.limits]
+        ends = plan.system.ends[slots]
         places = np.where(ends < bodies, ends, -1)
         self.forces = 2 * bodies + np.array(slots, dtype=np.int64)
         self.rows = np.column_stack([places, np.where(places < 0, -1, bodies + places), self.forces])
-        self.clearance = plan.clearance[slots]
+        self.clearance = plan.system.clearance[slots]
         self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
         self.flux, self.inward, self.push = np.zeros((3, self.parts, count, lanes, record.bins))
         self.samples = np.zeros((lanes, self.parts))
-        self.peaks = np.zeros((lanes, plan.steps // self.window, count))
+        self.peaks = np.zeros((lanes, plan.clock.steps // self.window, count))
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         begin, self.seen = self.seen, self.seen + len(snapshots)

@@ -119,13 +119,13 @@ class Trajectory(Record):
         return round(self.interval / step)
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        quantities = 2 * len(plan.bodies) + len(plan.contacts)
+        quantities = 2 * len(plan.system.bodies) + len(plan.system.contacts)
         return _Path(np.empty((len(realizations), sample_count(plan)[1], quantities)), ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         paths = [result["path"] for result in results]
         path = np.concatenate(paths) if len(paths) > 1 else paths[0]
-        n = len(plan.bodies)
+        n = len(plan.system.bodies)
         dims = ("realization", "time")
         variables: Variables = {
             "time": (("time",), interval * np.arange(path.shape[1]), {"units": "s", "long_name": "time"}),
@@ -140,7 +140,7 @@ class Trajectory(Record):
                 {"units": "m s-1", "long_name": "velocity"},
             ),
         }
-        if plan.contacts:
+        if plan.system.contacts:
             attrs = {"units": "N", "long_name": "contact force"}
             variables["contact_force"] = ((*dims, "contact"), path[:, :, 2 * n :], attrs)
         return variables
@@ -167,15 +167,16 @@ class _Path(Keeper):
 
 def sample_count(plan: Plan) -> tuple[float, int]:
     """Return the time between samples of the trajectories of a plan (s), and their number; 0 without any."""
-    for record, ratio in plan.records:
+    for record, ratio in plan.observed.records:
         if isinstance(record, Trajectory):
-            return ratio * plan.every * plan.step, plan.steps // (ratio * plan.every) + 1
+            return ratio * plan.observed.every * plan.clock.step, plan.clock.steps // (ratio * plan.observed.every) + 1
     return 0.0, 0
 
 
 def trajectory_size(plan: Plan) -> int:
     """Return the bytes that the trajectories of a plan take."""
-    return 8 * plan.realizations * sample_count(plan)[1] * (2 * len(plan.bodies) + len(plan.contacts))
+    quantities = 2 * len(plan.system.bodies) + len(plan.system.contacts)
+    return 8 * plan.realizations.number * sample_count(plan)[1] * quantities
 
 
 def first_own(seen: int, ratio: int) -> int:

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +34,11 @@ from impactlab.memory import check_memory
 from impactlab.model import Model
 from impactlab.network import Network
 from impactlab.parts import joined, split
-from impactlab.plan import Plan, make_plan
+from impactlab.plan import Plan
+from impactlab.planning import Request, make_plan
 from impactlab.progress import reporter, say
 from impactlab.record import PairedRealizations, PerRealization, Record, Trajectory, trajectory_size
-from impactlab.rules import Seed, check_integrator, positive, seed_of
+from impactlab.rules import Seed, positive, seed_of
 from impactlab.step_error import measured, worth_measuring
 from impactlab.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.tolerance import RELAXATION_TIMES as LENGTH
@@ -44,6 +46,9 @@ from impactlab.trajectories import written
 
 LONG = 3600.0
 """Time that a run may take without a warning before it begins (s)."""
+
+SECONDS = 600.0
+"""Time that may be spent to reach a tolerance, unless it is given (s)."""
 
 TRAJECTORIES = ("displacement", "velocity", "contact_force")
 """Variables of trajectories, which are read from a file when they are needed."""
@@ -125,45 +130,32 @@ def simulate(
     Diverged
         If a realization left the range of finite numbers.
     """
+    if not isinstance(network, Network):
+        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
     method, seed = integrator or ExactFlow(), seed_of(rng)
+    allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     if tolerance is None:
         if duration is None:
             raise InvalidInput("simulate needs a duration (s), or a tolerance.")
-        return _simulate(
-            network, duration, realizations, step, method, spin_up, initial, record, seed, executor, progress,
-            math.inf if max_seconds is None else positive("max_seconds", max_seconds), out=out,
-        )  # fmt: skip
+        request = Request(duration, realizations, step, method, spin_up, initial, records_of(record), seed)
+        return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
     if out is not None:
         raise InvalidInput("simulate cannot write to out= until a tolerance is reached; use il.save afterwards.")
-    model = Model.of(_network(network))
+    model = Model.of(network)
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
-    allowed = 600.0 if max_seconds is None else positive("max_seconds", max_seconds)
     length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
-
     records = records_of(record)
     asked = any(isinstance(item, PerRealization) for item in records)
     kept = records if asked else [*records, PairedRealizations()]
 
-    def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
-        return _simulate(
-            network,
-            length,
-            count,
-            chosen,
-            method,
-            spin_up,
-            initial,
-            kept,
-            seed,
-            executor,
-            progress,
-            seconds,
-            coarse,
-            compared=chosen is not None,
-        )
+    request = Request(length, realizations, step, method, spin_up, initial, kept, seed)
 
-    result = reach(attempt, tolerances, allowed, realizations, step)
+    def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
+        one = replace(request, realizations=count, step=chosen, coarse=coarse)
+        return _simulate(network, one, Execution(executor, progress, seconds), compared=chosen is not None)
+
+    result = reach(attempt, tolerances, SECONDS if allowed is None else allowed, realizations, step)
     return result if asked else without_realizations(result)
 
 
@@ -193,11 +185,11 @@ def repeat(
     network = Network.from_dict(configuration.get("network", {}))
     if digest(generate(Model.of(network))) != configuration.get("text"):
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
-    return _simulate(
-        network, options["duration"], options["realizations"], options["step"],
-        Integrator.from_dict(options["integrator"]), options["spin_up"], options["initial"],
-        [Record.from_dict(item) for item in records], Seed(*seed), executor, progress,
+    request = Request(
+        options["duration"], options["realizations"], options["step"], Integrator.from_dict(options["integrator"]),
+        options["spin_up"], options["initial"], [Record.from_dict(item) for item in records], Seed(*seed),
     )  # fmt: skip
+    return _simulate(network, request, Execution(executor, progress))
 
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
@@ -208,75 +200,99 @@ def _is_word(value: Any) -> bool:
     return type(value) is int and 0 <= value < 2**64
 
 
-def _simulate(
-    network: Network, duration: float, realizations: int, step: float | None, integrator: Integrator,
-    spin_up: float | None, initial: Any, record: Sequence[Record] | Record | None, seed: tuple[int, int],
-    executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float = math.inf,
-    coarse: bool = False, out: str | os.PathLike[str] | None = None, compared: bool = False,
-) -> xr.Dataset:  # fmt: skip
-    _network(network)
-    check_integrator(integrator)
-    records = records_of(record)
-    if executor is not None and not isinstance(executor, Executor):
-        raise InvalidInput(f"executor must be a concurrent.futures.Executor, {executor!r} was given.")
+@dataclass(frozen=True)
+class Execution:
+    """Where a run happens, and what it may take; parameters are those of `simulate`.
+
+    Attributes
+    ----------
+    executor : Executor, optional
+    progress : bool or callable, optional
+    seconds : float
+        Time that it may be foreseen to take (s).
+    out : str or path, optional
+
+    Raises
+    ------
+    InvalidInput
+        If the executor is none.
+    """
+
+    executor: Executor | None = None
+    progress: bool | Callable[[float], None] | None = None
+    seconds: float = math.inf
+    out: str | os.PathLike[str] | None = None
+
+    def __post_init__(self) -> None:
+        if self.executor is not None and not isinstance(self.executor, Executor):
+            raise InvalidInput(f"executor must be a concurrent.futures.Executor, {self.executor!r} was given.")
+
+    @property
+    def workers(self) -> int:
+        """Number of blocks that run at once."""
+        return workers_of(self.executor)
+
+
+def _simulate(network: Network, request: Request, execution: Execution, compared: bool = False) -> xr.Dataset:
+    """Return the dataset of a request, of which the step need not be measured where it is `compared` with another."""
     model = Model.of(network)
     configuration = {
         "network": network.to_dict(),
-        "simulate": _plain({
-            "duration": duration, "realizations": realizations, "step": step, "integrator": integrator.to_dict(),
-            "spin_up": spin_up, "initial": initial, "record": [item.to_dict() for item in records],
-            "seed": list(seed),
-        }),
+        "simulate": _plain(request.options()),
         "text": digest(generate(model)),
-    }  # fmt: skip
-
+    }
     random = bool(model.random.any())
-    if not random and isinstance(realizations, int):
-        realizations = min(realizations, 1)  # all would be the same
-
-    def run_part(part: Model, chosen: float | None, as_coarse: bool) -> xr.Dataset:
-        workers = workers_of(executor)
-
-        def planned(ceiling: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
-            return make_plan(
-                part.network, duration=duration, realizations=realizations, step=chosen, integrator=integrator,
-                spin_up=spin_up, initial=initial, records=records, seed=seed, workers=workers, coarse=as_coarse,
-                model=part, ceiling=ceiling, velocity=velocity,
-            )  # fmt: skip
-
-        plan, error = planned(), None
-        try:
-            affordable = not compared and plan.seconds(workers) <= seconds
-            if affordable and worth_measuring(plan, part, integrator, chosen):
-                plan, error = measured(planned, plan, part, initial, chosen is None)
-            dataset = _run(plan, executor, progress, seconds, workers, configuration, temporary)
-            return dataset if error is None else error.added_to(dataset, plan.automatic)
-        except Diverged as error:
-            raise Diverged(f"{error}{explanation(part, plan.window)}") from None
-
+    if not random:
+        request = replace(request, realizations=1)  # all would be the same
+    out, request = execution.out, replace(request, workers=execution.workers)
     with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
-        apart = split(model, integrator, initial, records)
+
+        def run_part(part: Model, request: Request) -> xr.Dataset:
+            return _run_part(part, request, execution, compared, configuration, temporary)
+
+        apart = split(model, request.integrator, request.initial, request.records)
         if apart is None:
-            dataset = run_part(model, step, coarse)
+            dataset = run_part(model, request)
         else:
             busy, idle = map(Model.of, apart)
-            dataset = joined(network, run_part(busy, step, coarse), run_part(idle, None, False))
+            alone = replace(request, step=None, coarse=False)
+            dataset = joined(network, run_part(busy, request), run_part(idle, alone))
         if not random:
             dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
         if out is None or temporary is None:
             return dataset
-        streamed = any(isinstance(item, Trajectory) for item in records)
+        streamed = any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
     return opened(path_of(out), TRAJECTORIES)
 
 
-def _run(
-    plan: Plan, executor: Executor | None, progress: bool | Callable[[float], None] | None, seconds: float,
-    workers: int, configuration: dict[str, Any], file: Path | None,
+def _run_part(
+    model: Model, request: Request, execution: Execution, compared: bool, configuration: dict[str, Any],
+    file: Path | None,
 ) -> xr.Dataset:  # fmt: skip
+    """Plan a run, measure its step where that is worth while, and return its dataset."""
+
+    def planned(ceiling: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
+        return make_plan(model, replace(request, ceiling=ceiling, velocity=velocity))
+
+    plan, error = planned(), None
+    try:
+        affordable = not compared and plan.seconds(execution.workers) <= execution.seconds
+        if affordable and worth_measuring(plan, model, request.integrator, request.step):
+            plan, error = measured(planned, plan, model, request.initial, request.step is None)
+        dataset = _run(plan, request, execution, configuration, file)
+        return dataset if error is None else error.added_to(dataset, plan.clock.automatic)
+    except Diverged as diverged:
+        raise Diverged(f"{diverged}{explanation(model, plan.observed.window)}") from None
+
+
+def _run(
+    plan: Plan, request: Request, execution: Execution, configuration: dict[str, Any], file: Path | None
+) -> xr.Dataset:
     """Run a plan and return its dataset, without trajectories if there is a file for them."""
-    foreseen = plan.seconds(workers)
+    executor, progress, seconds = execution.executor, execution.progress, execution.seconds
+    foreseen = plan.seconds(execution.workers)
     if foreseen > seconds:
         raise InvalidInput(
             f"{_work(plan, foreseen)}, {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or tolerance=, "
@@ -285,7 +301,7 @@ def _run(
     if foreseen > LONG:
         warn(f"{_work(plan, foreseen)}. A run that is foreseen to take longer than max_seconds= is refused.")
     size = trajectory_size(plan)
-    check_memory(plan, workers, size if file is None else 0)
+    check_memory(plan, execution.workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
         if size and file is not None:
             if not shares_memory(executor):
@@ -295,22 +311,21 @@ def _run(
         results = run(plan, executor, reporter(progress))
     estimates = estimate(plan, *merged(results))
     drifting = plan.steady and estimates.drift > DRIFT
-    from_rest = isinstance(plan.start, str) and plan.start == "rest" and not plan.spin_up_steps
-    asked = configuration["simulate"]
+    from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     # means are those of the whole transient, as from any state that is given
-    transient = from_rest and asked["initial"] == "rest" and asked["spin_up"] == 0.0
-    if estimates.unbalanced and plan.steady and (plan.settled or not (drifting or from_rest)):
+    transient = from_rest and request.initial == "rest" and request.spin_up == 0.0
+    if estimates.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
         warn(estimates.unbalanced)
     if drifting and not transient:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
-            f"{plan.spin_up_steps * plan.step:g} s may be too short."
+            f"{plan.clock.spin_up:g} s may be too short."
         )
-    usual = asked["initial"] is None and not plan.coarse
+    usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
         warn(message)
-    if not plan.coarse and not drifting:
+    if not plan.noise.coarse and not drifting:
         name = "mean_square_velocity"
         partition = unequal_partition(plan, estimates.values[name], estimates.errors[name])
         if message := estimates.heating.warning or partition:
@@ -320,7 +335,7 @@ def _run(
 
 def _work(plan: Plan, seconds: float) -> str:
     return (
-        f"{plan.realizations} realizations of {plan.spin_up_steps + plan.steps:.3g} steps of {plan.step:.3g} s would "
+        f"{plan.realizations.number} realizations of {plan.clock.all_steps:.3g} steps of {plan.clock.step:.3g} s would "
         f"take about {seconds:.2g} s"
     )
 
@@ -335,12 +350,6 @@ def records_of(record: Any) -> list[Record]:
     return records
 
 
-def _network(network: Any) -> Network:
-    if not isinstance(network, Network):
-        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
-    return network
-
-
 def _plain(value: Any) -> Any:
     """Return options as JSON can hold them, without numbers of NumPy."""
     if isinstance(value, Mapping):
@@ -353,37 +362,37 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
     names = [name for name in VARIABLES if _known(estimates.values.get(name))]
     values = {name: estimates.values[name] for name in names}
     errors = {name: estimates.errors[name] for name in names}
-    observation = plan.steps * plan.step
+    observation = plan.clock.duration
     attributes: dict[str, Any] = {
         **provenance("Statistics of a network of oscillators with contacts", configuration),
         "integrator": configuration["simulate"]["integrator"]["type"],
-        "step": plan.step,
+        "step": plan.clock.step,
         "duration": observation,
-        "spin_up": plan.spin_up_steps * plan.step,
-        "realizations": plan.realizations,
-        "independent_samples": plan.realizations * samples_per_realization(plan),
-        "initial": plan.start if isinstance(plan.start, str) else "given",
+        "spin_up": plan.clock.spin_up,
+        "realizations": plan.realizations.number,
+        "independent_samples": plan.realizations.number * samples_per_realization(plan),
+        "initial": "given" if plan.start.given else plan.start.state,
         "drift": estimates.drift,
         "step_heating": estimates.heating.share,
         "step_heating_standard_error": estimates.heating.error,
     }
-    if plan.jumps is not None:
-        attributes["longest_jump"] = plan.jumps.steps * plan.step
-    dataset = statistics(list(plan.bodies), list(plan.contacts), values, errors, **attributes)
+    if plan.method.jumps is not None:
+        attributes["longest_jump"] = plan.method.jumps.steps * plan.clock.step
+    dataset = statistics(list(plan.system.bodies), list(plan.system.contacts), values, errors, **attributes)
     if "peak_contact_force" in dataset:
         dataset["observation_time"] = (
             (),
             observation,
             {"units": "s", "long_name": "time over which peaks are taken"},
         )
-    if plan.contacts:
+    if plan.system.contacts:
         attrs = {
             "units": "1",
             "long_name": "number of contacts in one of the samples that standard errors come from",
             "comment": "Differences beyond 5 standard errors are possible below 20.",
         }
         dataset["contacts_per_sample"] = ("contact", estimates.contacts_per_sample, attrs)
-    for index, (item, ratio) in enumerate(plan.records):
+    for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             for name in names:
                 dimension, units, long_name = VARIABLES[name]
@@ -393,12 +402,13 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
                         estimates.by_realization[name],
                         {"units": units, "long_name": f"{long_name}, by realization"},
                     )
-        variables = item.label(plan, [result.records[index] for result in results], ratio * plan.every * plan.step)
+        interval = ratio * plan.observed.every * plan.clock.step
+        variables = item.label(plan, [result.records[index] for result in results], interval)
         coordinates = {name for name, (dims, *_) in variables.items() if dims == (name,)}
         dataset = dataset.assign_coords({name: variables[name] for name in coordinates})
         dataset = dataset.assign({name: value for name, value in variables.items() if name not in coordinates})
     if "realization" in dataset.dims:
-        dataset = dataset.assign_coords(realization=np.arange(plan.realizations))
+        dataset = dataset.assign_coords(realization=np.arange(plan.realizations.number))
     return dataset
 
 

@@ -103,7 +103,7 @@ class Spectrum(Record):
     def samples_per_segment(self, plan: Plan, interval: float) -> int:
         """Return the even number of samples in a segment, at most those of the run."""
         assert self.segment is not None
-        longest = int(plan.steps * plan.step / interval * (1.0 + 1e-9))
+        longest = int(plan.clock.steps * plan.clock.step / interval * (1.0 + 1e-9))
         count = min(round(self.segment / interval), longest) // 2 * 2
         if count < 8:
             raise InvalidInput(
@@ -113,13 +113,13 @@ class Spectrum(Record):
         return count
 
     def bytes_per_realization(self, plan: Plan) -> int:
-        ratio = next(ratio for record, ratio in plan.records if record is self)
-        count = self.samples_per_segment(plan, ratio * plan.every * plan.step)
+        ratio = next(ratio for record, ratio in plan.observed.records if record is self)
+        count = self.samples_per_segment(plan, ratio * plan.observed.every * plan.clock.step)
         return 8 * len(self.labels or ()) * (count + samples_per_realization(plan) * (count // 2 + 1))
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         dimension, q = _DIMENSION[self.quantity], self.quantity
-        known = plan.bodies if dimension == "oscillator" else plan.contacts
+        known = plan.system.bodies if dimension == "oscillator" else plan.system.contacts
         if not known:
             return {}
         power, mean, segments = (grouped([item[key] for item in results]) for key in ("power", "mean", "segments"))
@@ -133,7 +133,8 @@ class Spectrum(Record):
         assert self.labels is not None
         for row, name in enumerate(self.labels):
             slot = known.index(name)
-            value, scatter, factor[slot] = mean_of_groups(power[:, row], segments[:, None], plan.trusted, slice(None))
+            of_groups = mean_of_groups(power[:, row], segments[:, None], plan.realizations.trusted, slice(None))
+            value, scatter, factor[slot] = of_groups
             constant = mean[:, row].sum() / (segments.sum() * count)
             density[slot] = scale * (value - constant**2 * of_mean)
             folded = _folded(density[slot], _POWER[q])
@@ -178,11 +179,11 @@ class _Segments(Keeper):
     def __init__(self, record: Spectrum, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         assert record.labels is not None
         self.ratio, self.seen, self.filled = ratio, 0, 0
-        bodies, of_bodies = len(plan.bodies), _DIMENSION[record.quantity] == "oscillator"
+        bodies, of_bodies = len(plan.system.bodies), _DIMENSION[record.quantity] == "oscillator"
         first = {"displacement": 0, "velocity": bodies, "contact_force": 2 * bodies}[record.quantity]
-        known = plan.bodies if of_bodies else plan.contacts
+        known = plan.system.bodies if of_bodies else plan.system.contacts
         self.rows = np.array([first + known.index(name) for name in record.labels], dtype=np.int64)
-        self.count = record.samples_per_segment(plan, ratio * plan.every * plan.step)
+        self.count = record.samples_per_segment(plan, ratio * plan.observed.every * plan.clock.step)
         self.window = _window(self.count)
         self.parts, rows, lanes = samples_per_realization(plan), len(self.rows), len(realizations)
         self.buffer = np.empty((rows, lanes, self.count))

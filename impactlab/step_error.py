@@ -24,7 +24,8 @@ from impactlab.kernels.jit import evaluate
 from impactlab.kernels.sums import FV, SLOTS
 from impactlab.model import Model
 from impactlab.moments import statistics_of
-from impactlab.plan import Plan, make_plan
+from impactlab.plan import Plan
+from impactlab.planning import Request, make_plan
 from impactlab.relaxation import correlation_of_neighbours
 from impactlab.rules import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 
@@ -196,10 +197,10 @@ class StepError:
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
     """Whether nothing but a measurement tells what the step of a plan does."""
     wanted = isinstance(integrator, ExactFlow) and integrator.measured
-    if not wanted or plan.coarse or not model.nonlinear_bodies.any():
+    if not wanted or plan.noise.coarse or not model.nonlinear_bodies.any():
         return False
-    beyond = 1.0 + 1e-9 if plan.certified else SURELY_FINE
-    return (given is None and not plan.certified) or (given is not None and given > beyond * plan.automatic)
+    beyond = 1.0 + 1e-9 if plan.clock.certified else SURELY_FINE
+    return (given is None and not plan.clock.certified) or (given is not None and given > beyond * plan.clock.automatic)
 
 
 def measured(
@@ -233,9 +234,9 @@ def measured(
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
-            f"The step of {plan.step:.3g} s makes {VARIABLES[name][2]} of {label!r} about {100.0 * abs(bias):.2g} ± "
-            f"{100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, as measured in short stretches of this "
-            f"scene; try step={error.better:.2g}."
+            f"The step of {plan.clock.step:.3g} s makes {VARIABLES[name][2]} of {label!r} about "
+            f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
+            f"as measured in short stretches of this scene; try step={error.better:.2g}."
         )
     return plan, error
 
@@ -249,14 +250,14 @@ def _larger(
     """
     factor, too_large = 2.0, math.inf
     while plan.steady and plan.seconds(1) > WORTH_SECONDS:
-        trial = plan_of(min(factor * plan.step, too_large / WORTHWHILE), error.velocity)
-        if trial.step < WORTHWHILE * plan.step:
+        trial = plan_of(min(factor * plan.clock.step, too_large / WORTHWHILE), error.velocity)
+        if trial.clock.step < WORTHWHILE * plan.clock.step:
             break
         found = step_error(trial, model, initial, error.velocity)
-        if found.will_do(trial.automatic):
+        if found.will_do(trial.clock.automatic):
             plan, error = trial, found
         else:
-            factor, too_large = math.sqrt(factor), trial.step
+            factor, too_large = math.sqrt(factor), trial.clock.step
     return plan, error
 
 
@@ -267,38 +268,45 @@ def step_error(plan: Plan, model: Model, initial: object, velocity: np.ndarray |
     velocities of the bodies that a larger step was chosen with.
     """
     realizations, spin_up, stretches, steps = _budget(plan, model)
-    step, finer = plan.step, FINER if plan.random.any() else FINEST
+    step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
 
     def part(size: float, coarse: bool) -> Plan:
-        return make_plan(
-            model.network, duration=stretches * steps * step, realizations=realizations, step=size,
-            integrator=ExactFlow(jumps=False), spin_up=spin_up * step, initial=initial, records=[], seed=SEED,
-            workers=1, coarse=coarse, model=model, velocity=velocity,
+        request = Request(
+            duration=stretches * steps * step, realizations=realizations, step=size, spin_up=spin_up * step,
+            integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED, workers=1, coarse=coarse,
+            velocity=velocity,
         )  # fmt: skip
+        return make_plan(model, request)
 
     with heard_by(lambda message, category: None):
         coarse, fine = part(step, True), part(step / finer, False)
-    fine = replace(fine, spin_up_steps=finer * coarse.spin_up_steps)
+    fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
     try:
-        pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.blocks)]
+        pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
         found = [pair.run(stretches, steps, finer) for pair in pairs]
     except Diverged:
         infinite, exact = np.full(len(model.bodies), np.inf), np.zeros(len(model.bodies))
         labels = {"oscillator": model.bodies, "contact": model.contacts}
         return StepError(step, {"mean_square_velocity": infinite}, {"mean_square_velocity": exact}, labels)
-    return _of_units(coarse, fine, model, steps, plan.steps // steps * steps, found)
+    return _of_units(coarse, fine, model, steps, plan.clock.steps // steps * steps, found)
 
 
 def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     """Return realizations, steps of the spin-up, stretches, and steps of each, for a share of the work of a plan."""
-    bodies, links, steps = len(model.mass), len(model.links), plan.spin_up_steps + plan.steps
+    bodies, links, steps = len(model.mass), len(model.links), plan.clock.spin_up_steps + plan.clock.steps
     lane = LANE_STEP_SECONDS * (bodies + links)
-    seconds = min(max(LEAST_SECONDS, SHARE * steps * (STEP_SECONDS + plan.realizations * lane)), MOST_SECONDS)
-    single = plan.realizations == 1 or most_lanes(model, plan.realizations, 1) == 1  # on any number of cores
+    seconds = min(max(LEAST_SECONDS, SHARE * steps * (STEP_SECONDS + plan.realizations.number * lane)), MOST_SECONDS)
+    single = (
+        plan.realizations.number == 1 or most_lanes(model, plan.realizations.number, 1) == 1
+    )  # on any number of cores
     least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
     numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
-    led = len(plan.forced) > 0  # to a motion that may depend on how it began
-    settling = plan.spin_up_steps if led else math.ceil(min(plan.spin_up_steps, SPIN_UP * plan.relaxation / plan.step))
+    led = len(plan.driving.forced) > 0  # to a motion that may depend on how it began
+    settling = (
+        plan.clock.spin_up_steps
+        if led
+        else math.ceil(min(plan.clock.spin_up_steps, SPIN_UP * plan.clock.relaxation / plan.clock.step))
+    )
     for realizations in numbers:
         cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
         affordable = int(seconds / cost)
@@ -308,11 +316,13 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     left = max(affordable - settling, 3 * STRETCH) // 3
     steps = STRETCH
     if not len(model.ends) or led:  # paths do not part: as long as they remember
-        steps = max(steps, min(left // FEWEST, math.ceil(2.0 * plan.relaxation / plan.step)) // SLOTS * SLOTS)
-    if not plan.steady or plan.lines:  # as long as the run, where time counts or a series must not repeat
-        left = min(left, plan.steps)
+        steps = max(
+            steps, min(left // FEWEST, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)) // SLOTS * SLOTS
+        )
+    if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
+        left = min(left, plan.clock.steps)
         steps = max(2, min(steps, left // 2 * 2))
-    if not plan.random.any():  # all steps, if they can be
+    if not plan.noise.random.any():  # all steps, if they can be
         steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
     return realizations, settling, max(1, min(STRETCHES, left // steps)), steps
 
@@ -333,13 +343,13 @@ class _Pair:
 
     def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
         self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
-        self.mass, _, stiffness = (item[:, None] for item in coarse.linear)
+        self.mass, _, stiffness = (item[:, None] for item in coarse.system.linear)
         self.stiffness = np.diag(stiffness[:, 0])
-        for group in coarse.flows.groups if coarse.flows is not None else ():  # couplings that do not kick
+        for group in coarse.method.groups:  # couplings that do not kick
             self.stiffness[np.ix_(group.slots, group.slots)] = group.system.stiffness
         self.labels = model.connected()
-        self.coarse.advance(coarse.spin_up_steps, None)
-        if coarse.counted:
+        self.coarse.advance(coarse.clock.spin_up_steps, None)
+        if coarse.observed.counted:
             self.coarse._note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
 
     def run(self, stretches: int, steps: int, finer: int) -> list[Stretch]:
@@ -386,16 +396,16 @@ def _forces(block: Block, *displacements: np.ndarray) -> np.ndarray:
     states, (bodies, lanes) = len(displacements), displacements[0].shape
     place, rest, total = np.zeros((3, states, bodies + 1, lanes))
     np.stack(displacements, out=place[:, :-1])
-    contacts = np.zeros((2, states, len(block.plan.ends), lanes))
+    contacts = np.zeros((2, states, len(block.plan.system.ends), lanes))
     seen = [block._seen(item) for item in (place, rest, *contacts, total)]
-    evaluate(block.module.forces, *seen[:2], block.plan.parameters, block.plan.indices, *seen[2:])
+    evaluate(block.module.forces, *seen[:2], block.plan.forces.parameters, block.plan.forces.indices, *seen[2:])
     forces: np.ndarray = total[:, :-1]
     return forces
 
 
 def _gradient(block: Block, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``a = F/m`` of the forces of kicks, and its change in time, at some displacements, (body, lane) each."""
-    mass, ahead = block.plan.linear[0][:, None], 0.25 * block.plan.step
+    mass, ahead = block.plan.system.linear[0][:, None], 0.25 * block.plan.clock.step
     way = ahead * v
     before, here, after = _forces(block, x - way, x, x + way)
     return here / mass, (after - before) / (2.0 * ahead * mass)
@@ -404,20 +414,20 @@ def _gradient(block: Block, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, n
 def _smooth(block: Block) -> tuple[np.ndarray, np.ndarray]:
     """Return the place and velocity on the smooth path that kicks follow: ``x + h²a/12`` and ``v − h²a'/12``."""
     plan, state = block.plan, block.state
-    x, step = state.x[:-1].copy(), plan.step
-    v = state.v[:-1] - 0.5 * step * state.total[:-1] / plan.linear[0][:, None]
+    x, step = state.x[:-1].copy(), plan.clock.step
+    v = state.v[:-1] - 0.5 * step * state.total[:-1] / plan.system.linear[0][:, None]
     a, change = _gradient(block, x, v)
     return x + step**2 / 12.0 * a, v - step**2 / 12.0 * change
 
 
 def _begin(block: Block, x: np.ndarray, v: np.ndarray) -> None:
     """Let a block begin at a state of the smooth path."""
-    state, step = block.state, block.plan.step
+    state, step = block.state, block.plan.clock.step
     a, change = _gradient(block, x, v)
     state.x[:-1] = x - step**2 / 12.0 * a
     state.v[:-1] = v + step**2 / 12.0 * change
     block._half_kick()
-    if block.plan.counted:
+    if block.plan.observed.counted:
         block._note_gaps(state.reading, state.velocity)
 
 
@@ -429,7 +439,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
     """
     stretches, labels = len(found[0]), model.connected()
     of_coarse = _joined(coarse, steps, [[item.coarse for item in block] for block in found])
-    finer = round(coarse.step / fine.step)
+    finer = round(coarse.clock.step / fine.clock.step)
     of_fine = _joined(fine, finer * steps, [[item.fine for item in block] for block in found])
     energy = np.concatenate([np.stack([item.energy for item in block], axis=1) for block in found], axis=-1)
     parts = len(energy)
@@ -440,14 +450,18 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         np.add.at(result, labels, values)
         return result
 
-    mass, damping, stiffness = (item[:, None] for item in coarse.linear)
+    mass, damping, stiffness = (item[:, None] for item in coarse.system.linear)
     energies = of_parts(mass * of_coarse["mean_square_velocity"] + stiffness * of_coarse["mean_square_displacement"])
     size = of_parts(mass * of_coarse["mean_square_velocity"]).mean(axis=-1)
     taken = of_parts(damping * of_coarse["mean_square_velocity"] - of_coarse[_POWER]).mean(axis=-1)
     put_in = np.zeros(parts)
-    if not coarse.time_varying:
-        np.add.at(put_in, labels[coarse.white], np.pi * coarse.intensity / coarse.linear[0, coarse.white])
-    length = steps * coarse.step
+    if not coarse.noise.time_varying:
+        np.add.at(
+            put_in,
+            labels[coarse.noise.white],
+            np.pi * coarse.noise.intensity / coarse.system.linear[0, coarse.noise.white],
+        )
+    length = steps * coarse.clock.step
     memory = _memory(energies.reshape(parts, stretches, lanes), length)
     with np.errstate(divide="ignore", invalid="ignore"):
         memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
@@ -455,7 +469,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
             memory = np.minimum(memory, length * np.arange(stretches)[::-1, None])
         gained = (energy * memory / (length * size[:, None, None])).reshape(parts, -1)
     gained = np.where(np.isfinite(gained), gained, 0.0)
-    left_out = 1.0 if coarse.random.any() else 1.0 - stretches * steps / most
+    left_out = 1.0 if coarse.noise.random.any() else 1.0 - stretches * steps / most
     of_coarse, of_fine = (
         _with_variance(item, of_fine["mean_displacement"].mean(axis=-1)) for item in (of_coarse, of_fine)
     )
@@ -466,7 +480,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         difference, scale = of_coarse[name] - of_fine[name], _size(name, lambda item: of_fine[item].mean(axis=-1))
         kept = gained[labels[_first_bodies(model, name)]]
         if name == "mean_square_velocity":  # friction may make bodies forget their velocities within a step
-            forgotten = (damping * coarse.step > mass)[:, 0]
+            forgotten = (damping * coarse.clock.step > mass)[:, 0]
             off = np.stack([item[f"balance_{name}"][forgotten] for item in (of_coarse, of_fine)], axis=1)
             difference[forgotten] -= _of_noise(difference[forgotten], off)
             kept[forgotten] = 0.0
@@ -481,7 +495,7 @@ def _of_units(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, fou
         error[name] = relative.std(axis=-1) * math.sqrt(left_out / units)
         error[name][unseen] = np.inf
     names, square = {"oscillator": model.bodies, "contact": model.contacts}, of_coarse["mean_square_velocity"]
-    return StepError(coarse.step, bias, error, names, square.mean(axis=-1))
+    return StepError(coarse.clock.step, bias, error, names, square.mean(axis=-1))
 
 
 BIASED = (

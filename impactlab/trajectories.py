@@ -48,10 +48,10 @@ def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
         )
     file = _File(plan, path)
     try:
-        yield replace(
-            plan,
-            records=tuple((_Streamed(file) if isinstance(item, Trajectory) else item, n) for item, n in plan.records),
+        records = tuple(
+            (_Streamed(file) if isinstance(item, Trajectory) else item, ratio) for item, ratio in plan.observed.records
         )
+        yield replace(plan, observed=replace(plan.observed, records=records))
     finally:
         file.close()
 
@@ -64,19 +64,20 @@ class _File:
 
         self.plan, self.path, self.closed = plan, path, False
         interval, samples = sample_count(plan)
-        bodies, contacts = len(plan.bodies), len(plan.contacts)
-        self.length = max(1, min(samples, CHUNK_BYTES // (8 * plan.lanes * (2 * bodies + contacts))))
+        bodies, contacts = len(plan.system.bodies), len(plan.system.contacts)
+        self.length = max(1, min(samples, CHUNK_BYTES // (8 * plan.realizations.lanes * (2 * bodies + contacts))))
         kinds = [("displacement", "m", "oscillator", bodies), ("velocity", "m s-1", "oscillator", bodies)]
         kinds += [("contact_force", "N", "contact", contacts)] if contacts else []
         with LOCK, self.said():
             self.data = netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4")
             self.data.set_fill_off()  # everything is written
-            sizes = {"realization": plan.realizations, "time": samples, "oscillator": bodies, "contact": contacts}
+            realizations = plan.realizations.number
+            sizes = {"realization": realizations, "time": samples, "oscillator": bodies, "contact": contacts}
             for name, count in sizes.items():
                 if count:
                     self.data.createDimension(name, count)
             for name, units, dimension, count in kinds:
-                lanes = max(1, min(plan.lanes, CHUNK_BYTES // (8 * self.length * count)))
+                lanes = max(1, min(plan.realizations.lanes, CHUNK_BYTES // (8 * self.length * count)))
                 variable = self.data.createVariable(
                     name, "f8", ("realization", "time", dimension), fletcher32=True,
                     chunksizes=(lanes, self.length, count), compression="zlib" if dimension == "contact" else None,
@@ -87,7 +88,7 @@ class _File:
             time.setncatts({"units": "s", "long_name": "time"})
             time[:] = interval * np.arange(samples)
             self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
-            self.data["realization"][:] = np.arange(plan.realizations)
+            self.data["realization"][:] = np.arange(plan.realizations.number)
 
     def said(self) -> contextlib.AbstractContextManager[None]:
         """Say in words what goes wrong."""
@@ -96,9 +97,9 @@ class _File:
     def write(self, realizations: np.ndarray, begin: int, values: np.ndarray) -> None:
         """Write samples [sample, quantity, lane] of some realizations, from the sample `begin` on."""
         rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, begin + len(values))
-        bodies = len(self.plan.bodies)
+        bodies = len(self.plan.system.bodies)
         parts = {"displacement": slice(bodies), "velocity": slice(bodies, 2 * bodies)}
-        parts |= {"contact_force": slice(2 * bodies, None)} if self.plan.contacts else {}
+        parts |= {"contact_force": slice(2 * bodies, None)} if self.plan.system.contacts else {}
         with LOCK, self.said():
             if self.closed:
                 raise Interrupted("The simulation was stopped.")
@@ -133,7 +134,7 @@ class _Writer(Keeper):
     wants_start = True
 
     def __init__(self, file: _File, realizations: np.ndarray, ratio: int) -> None:
-        quantities = 2 * len(file.plan.bodies) + len(file.plan.contacts)
+        quantities = 2 * len(file.plan.system.bodies) + len(file.plan.system.contacts)
         self.waiting = np.empty((file.length, quantities, len(realizations)))
         self.file, self.realizations, self.ratio = file, realizations, ratio
         self.seen = self.begin = self.count = 0

@@ -1,9 +1,30 @@
 """Networks and bodies that several tests use, and the comparison of a run with numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import impactlab as il
 from impactlab.kernels.random import philox_words, stream
+from impactlab.model import Model
+from impactlab.planning import Request, make_plan
+
+
+def plan_of(network, **options):
+    """Plan a run, by default of one realization at the automatic step."""
+    usual = {
+        "duration": 10.0, "realizations": 1, "step": None, "integrator": il.ExactFlow(), "spin_up": None,
+        "initial": None, "records": [], "seed": (1, 2), "workers": 2,
+    }  # fmt: skip
+    return make_plan(Model.of(network), Request(**(usual | options)))
+
+
+def changed(plan, **fields):
+    """Return a plan with other fields, each named ``part__field``."""
+    for name, value in fields.items():
+        part, _, field = name.partition("__")
+        plan = replace(plan, **{part: replace(getattr(plan, part), **{field: value})})
+    return plan
 
 
 def base(ratio=16.0, clearance=0.05, **changes):

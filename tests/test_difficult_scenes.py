@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from scenes import base, deviations
+from scenes import base, deviations, plan_of
 from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.ensemble import run_block
-from impactlab.integrators import ExactFlow
-from impactlab.plan import make_plan
 
 NAMES = ("mean_square_displacement", "mean_square_velocity", "contact_ratio", "mean_contact_force")
 
@@ -80,14 +78,11 @@ def test_an_undamped_excited_body_has_a_largest_step():
 
 def test_calls_stay_short_between_distant_samples():
     """Interrupts are looked for after every call, however far apart the samples are."""
-    plan = make_plan(
-        base(), duration=400.0, realizations=64, step=None, integrator=ExactFlow(), spin_up=0.0, initial=None,
-        records=[il.Trajectory(400.0)], seed=(1, 2), workers=1,
-    )  # fmt: skip
+    plan = plan_of(base(), duration=400.0, realizations=64, spin_up=0.0, records=[il.Trajectory(400.0)], workers=1)
     calls = []
     block = run_block(plan, 0, calls.append)
-    assert max(calls) <= plan.steps_per_call * plan.lanes
-    assert len([call for call in calls if call]) == -(-plan.steps // plan.steps_per_call) > 2
+    assert max(calls) <= plan.realizations.steps_per_call * plan.realizations.lanes
+    assert len([call for call in calls if call]) == -(-plan.clock.steps // plan.realizations.steps_per_call) > 2
     assert block.records[0]["path"].shape == (64, 2, 5)
 
 

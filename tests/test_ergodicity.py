@@ -81,9 +81,13 @@ def sums(motion, batches, rng):
 
 
 PLAN = SimpleNamespace(
-    start="stationary", spin_up_steps=100, settled=True, relaxation=1.0, forced=np.array([0]), trusted=True, step=0.05,
-    random=np.array([True]), bodies=("a",),
-)  # fmt: skip
+    start=SimpleNamespace(given=False),
+    clock=SimpleNamespace(spin_up_steps=100, settled=True, relaxation=1.0, step=0.05),
+    driving=SimpleNamespace(forced=np.array([0])),
+    realizations=SimpleNamespace(trusted=True),
+    noise=SimpleNamespace(random=np.array([True])),
+    system=SimpleNamespace(bodies=("a",)),
+)
 
 
 @pytest.mark.parametrize(("realizations", "batches"), [(400, 2), (8, 8)])

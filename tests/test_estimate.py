@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import base, linear
+from scenes import base, linear, plan_of
 
 import impactlab as il
 
@@ -209,15 +209,11 @@ def raw_velocity(network, step):
     """Mean square velocity at the kicks, without processing."""
     from impactlab.ensemble import merged, run
     from impactlab.kernels.sums import VV
-    from impactlab.plan import make_plan
     from impactlab.rules import seed_of
 
-    plan = make_plan(
-        network, duration=100.0, realizations=512, step=step, integrator=il.ExactFlow(), spin_up=None, initial=None,
-        records=(), seed=seed_of(1), workers=2,
-    )  # fmt: skip
+    plan = plan_of(network, duration=100.0, realizations=512, step=step, seed=seed_of(1))
     bodies, *_ = merged(run(plan, None, lambda part: None))
-    return bodies[:, :, VV, 0].sum(axis=(0, 1)).mean() / plan.steps
+    return bodies[:, :, VV, 0].sum(axis=(0, 1)).mean() / plan.clock.steps
 
 
 @pytest.mark.parametrize("ratio", [25.0, 100.0])

@@ -1,10 +1,8 @@
 """Jumps change no path: they are compared with the same noise taken step by step, and with exact laws."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scenes import base, deviations, linear
+from scenes import base, changed, deviations, linear, plan_of
 
 import impactlab as il
 from impactlab.block import Block
@@ -14,7 +12,6 @@ from impactlab.intervals import JUMP_LANES, TOUCHED, jump_tables
 from impactlab.kernels.flow import transition
 from impactlab.memory import sizes
 from impactlab.model import Model
-from impactlab.plan import make_plan
 
 SIGMA = float(np.sqrt(il.exact(base(clearance=5.0)).statistics()["variance_displacement"].sum()))
 """Standard deviation of the gap of the base case without contacts (m)."""
@@ -32,17 +29,13 @@ class DampedContact(il.ContactLaw):
 
 
 def planned(network, duration=60.0, realizations=64, **options):
-    arguments = {
-        "step": None, "integrator": il.ExactFlow(), "spin_up": None, "initial": None, "records": [], "seed": (1, 2),
-        "workers": 1,
-    }  # fmt: skip
-    return make_plan(network, duration=duration, realizations=realizations, **(arguments | options))
+    return plan_of(network, duration=duration, realizations=realizations, **({"workers": 1} | options))
 
 
 def always_near(plan):
     """Return the plan with bounds that clear no interval, so that every step is taken."""
-    jumps = plan.jumps._replace(limit=plan.jumps.limit - 1e9, nearest=plan.jumps.nearest - 1e9)
-    return replace(plan, jumps=jumps)
+    jumps = plan.method.jumps._replace(limit=plan.method.jumps.limit - 1e9, nearest=plan.method.jumps.nearest - 1e9)
+    return changed(plan, method__jumps=jumps)
 
 
 def three():
@@ -67,7 +60,7 @@ def three():
 def test_jumps_change_no_path(network):
     """With the same noise every sum over steps is the same to rounding, whether steps are skipped or not."""
     plan = planned(network, records=[il.Density(bins=20).resolved(Model.of(network))], realizations=520)
-    assert plan.jumps is not None
+    assert plan.method.jumps is not None
     jumping, stepping = run_block(plan, 0), run_block(always_near(plan), 0)
     assert stepping.contacts[:, 0].sum() > 0, "contacts close in this run"
     for one, other in ((jumping.bodies, stepping.bodies), (jumping.contacts, stepping.contacts)):
@@ -164,34 +157,38 @@ def test_statistics_agree_with_the_exact_law():
 def test_scenes_that_do_not_gain_take_every_step():
     """The base case, given starts, other forces and statistics of every step."""
     far = base(clearance=4.0 * SIGMA)
-    assert planned(far).jumps is not None
-    assert planned(base()).jumps is None
-    assert planned(far, integrator=il.ExactFlow(jumps=False)).jumps is None
-    assert planned(far, initial={"displacement": {"two": 0.1}}).jumps is None
-    assert planned(far, records=[il.PerRealization()]).jumps is None
-    assert planned(far, records=[il.Trajectory(interval=0.01)]).jumps is None
-    assert planned(far.replace(couplings={"spring": il.Coupling("one", "two", il.LinearCoupling(1.0))})).jumps is None
+    assert planned(far).method.jumps is not None
+    assert planned(base()).method.jumps is None
+    assert planned(far, integrator=il.ExactFlow(jumps=False)).method.jumps is None
+    assert planned(far, initial={"displacement": {"two": 0.1}}).method.jumps is None
+    assert planned(far, records=[il.PerRealization()]).method.jumps is None
+    assert planned(far, records=[il.Trajectory(interval=0.01)]).method.jumps is None
+    assert (
+        planned(far.replace(couplings={"spring": il.Coupling("one", "two", il.LinearCoupling(1.0))})).method.jumps
+        is None
+    )
     cubic = il.DuffingOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.1, cubic=1.0)
-    assert planned(far.replace(oscillators={"two": cubic})).jumps is None
+    assert planned(far.replace(oscillators={"two": cubic})).method.jumps is None
 
 
 def test_intervals_fit_between_samples_and_batches():
     far = base(clearance=4.0 * SIGMA)
     plan = planned(far, records=[il.Trajectory(interval=1.0)], realizations=4, duration=300.0)
-    assert plan.jumps is not None
-    interval = plan.jumps.steps
-    assert plan.every * plan.step == pytest.approx(1.0)
-    for number in (plan.every, plan.steps, plan.spin_up_steps, *plan.boundaries):
+    assert plan.method.jumps is not None
+    interval = plan.method.jumps.steps
+    assert plan.observed.every * plan.clock.step == pytest.approx(1.0)
+    for number in (plan.observed.every, plan.clock.steps, plan.clock.spin_up_steps, *plan.clock.boundaries):
         assert number % interval == 0
-    coarse = planned(far, step=2.0 * plan.step, coarse=True, duration=300.0)
-    assert coarse.jumps.steps * coarse.step == pytest.approx(planned(far, duration=300.0).jumps.steps * plan.step)
+    coarse = planned(far, step=2.0 * plan.clock.step, coarse=True, duration=300.0)
+    longest = planned(far, duration=300.0).method.jumps.steps
+    assert coarse.method.jumps.steps * coarse.clock.step == pytest.approx(longest * plan.clock.step)
 
 
 def test_a_realization_is_the_same_in_any_block():
     plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
-    assert plan.jumps is not None
+    assert plan.method.jumps is not None
     whole = run_block(plan, 0)
-    part = run_block(replace(plan, lanes=24), 3)
+    part = run_block(changed(plan, realizations__lanes=24), 3)
     np.testing.assert_array_equal(part.bodies, whole.bodies[..., 72:96])
     np.testing.assert_array_equal(part.contacts, whole.contacts[..., 72:96])
 
@@ -221,7 +218,7 @@ def test_the_exact_flow_of_a_step_makes_up_that_of_an_interval():
 
 def test_work_does_not_grow_with_time_where_nothing_can_touch():
     plans = [planned(linear(), duration=duration) for duration in (1e5, 1e12)]
-    assert plans[0].steps == plans[1].steps
+    assert plans[0].clock.steps == plans[1].clock.steps
     result = il.simulate(linear(), duration=1e12, realizations=8, rng=1)
     value = result["mean_square_displacement"]
     assert float(value[0]) == pytest.approx(1.0 / (1.6 * np.pi**2), rel=1e-9)
@@ -253,4 +250,4 @@ def test_memory_of_a_block_is_foreseen():
     plan = planned(base(clearance=2.0 * SIGMA), realizations=500)
     block = Block(plan, 0, lambda steps: None)
     arrays = [*block.state, *block.history, block.sums.bodies, block.sums.contacts, *block.work]
-    assert sum(item.nbytes for item in arrays) / plan.lanes == pytest.approx(sizes(plan)[0], rel=0.2)
+    assert sum(item.nbytes for item in arrays) / plan.realizations.lanes == pytest.approx(sizes(plan)[0], rel=0.2)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import base
+from scenes import base, plan_of
 
 import impactlab as il
 from impactlab import estimate, moments
@@ -12,7 +12,6 @@ from impactlab.component import call_each
 from impactlab.integrators import exact_flow
 from impactlab.kinks import kink_step
 from impactlab.model import Model
-from impactlab.plan import make_plan
 from impactlab.regression import Regression
 from impactlab.rules import seed_of
 from impactlab.scene import Stiffening, energies
@@ -134,12 +133,8 @@ def test_equal_contacts_are_worked_out_once():
     assert counts[0] == counts[1] > 0
 
 
-def plan_of(network, **changes):
-    options = {
-        "duration": 0.2, "realizations": 2, "step": None, "integrator": il.ExactFlow(), "spin_up": 0.0,
-        "initial": None, "records": [], "seed": seed_of(1), "workers": 2,
-    }  # fmt: skip
-    return make_plan(network, **{**options, **changes})
+def planned(network, **changes):
+    return plan_of(network, **({"duration": 0.2, "realizations": 2, "spin_up": 0.0, "seed": seed_of(1)} | changes))
 
 
 def test_a_plan_works_out_its_flow_once(monkeypatch):
@@ -151,8 +146,8 @@ def test_a_plan_works_out_its_flow_once(monkeypatch):
         return usual(*arguments, **options)
 
     monkeypatch.setattr(exact_flow, "split_transition", counted)
-    plan = plan_of(base())
-    assert calls == [plan.step] * 4  # two phases, to the end and to the middle
+    plan = planned(base())
+    assert calls == [plan.clock.step] * 4  # two phases, to the end and to the middle
 
 
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
@@ -201,7 +196,7 @@ def test_controls_are_those_of_a_body_and_its_neighbours():
             "5": il.Coupling("d", "a", il.LinearCoupling(1.0)),
         },
     )
-    plan = plan_of(network, step=0.01)
+    plan = planned(network, step=0.01)
     assert estimate._neighbours(plan).tolist() == [
         [0, 0], [0, 2], [0, 3], [1, 1], [1, 2], [2, 2], [2, 0], [2, 1], [3, 3], [3, 0],
     ]  # fmt: skip

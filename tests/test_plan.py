@@ -4,21 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from scenes import base, linear
+from scenes import base, linear, plan_of
 
 import impactlab as il
 from impactlab.model import Model
-from impactlab.plan import make_plan
 from impactlab.rules import LANES, batch_count, block_shape, fit_step, most_lanes, seed_of
-
-
-def plan_of(network, duration=10.0, records=(), **changes):
-    options = {
-        "realizations": 1, "step": None, "integrator": il.ExactFlow(), "spin_up": None, "initial": None,
-        "seed": (1, 2), "workers": 2,
-    }  # fmt: skip
-    return make_plan(network, duration=duration, records=records, **{**options, **changes})
-
 
 # step and spin-up
 
@@ -30,13 +20,13 @@ def test_automatic_step_is_the_closed_form():
     tangent = 1.5 * 1e4 * math.sqrt(depth)
     closed = math.sqrt(2.0 * tangent)  # two unit masses on the contact's spring; the flow is exact
     expected = min(0.5 / closed, 1.0 / (32.0 * np.pi))
-    step = plan_of(network).step
+    step = plan_of(network).clock.step
     assert 0.99 * expected < step <= expected * (1.0 + 1e-6)  # made smaller until it divides the duration
     assert 10.0 / step == pytest.approx(round(10.0 / step), abs=1e-6)
 
 
 def test_step_of_linear_bodies_follows_the_fastest():
-    assert plan_of(linear(frequency=20.0)).step == pytest.approx(0.05)
+    assert plan_of(linear(frequency=20.0)).clock.step == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 16.0, 64.0])
@@ -45,7 +35,7 @@ def test_a_step_too_large_names_the_largest_that_is_safe(ratio):
     with pytest.raises(il.InvalidInput, match=r"largest safe one is") as caught:
         il.simulate(network, 10.0, step=1.0)
     largest = float(str(caught.value).split("largest safe one is ")[1].split(" s")[0])
-    assert plan_of(network, step=0.99 * largest).step == 0.99 * largest
+    assert plan_of(network, step=0.99 * largest).clock.step == 0.99 * largest
     with pytest.raises(il.InvalidInput, match=r"too large for ExactFlow"):
         plan_of(network, step=1.01 * largest)
 
@@ -53,10 +43,10 @@ def test_a_step_too_large_names_the_largest_that_is_safe(ratio):
 def test_spin_up_is_twelve_relaxation_times_unless_the_start_is_given():
     network = linear()  # ζω = 0.2 π
     plan = plan_of(network)
-    assert plan.spin_up_steps == math.ceil(12.0 / (0.2 * np.pi) / plan.step)
-    assert plan_of(network, initial={"displacement": {"a": 1.0}}).spin_up_steps == 0
-    assert plan_of(network, spin_up=0.0).spin_up_steps == 0
-    assert plan_of(network.replace(excitations={"a": None})).spin_up_steps == 0
+    assert plan.clock.spin_up_steps == math.ceil(12.0 / (0.2 * np.pi) / plan.clock.step)
+    assert plan_of(network, initial={"displacement": {"a": 1.0}}).clock.spin_up_steps == 0
+    assert plan_of(network, spin_up=0.0).clock.spin_up_steps == 0
+    assert plan_of(network.replace(excitations={"a": None})).clock.spin_up_steps == 0
 
 
 @pytest.mark.parametrize(
@@ -75,15 +65,15 @@ def test_steps_divide_what_they_must(step, fixed, intervals, duration, expected)
 
 def test_the_step_divides_the_period_of_a_series():
     noise = il.ShinozukaNoise(1.0, band=(0.0, 10.0), components=300)
-    plan = plan_of(linear().replace(excitations={"a": noise}), 7.0, spin_up=0.0)
-    assert 30.0 / plan.step == pytest.approx(round(30.0 / plan.step), abs=1e-9)
-    assert plan.steps * plan.step == pytest.approx(7.0, abs=plan.step)
+    plan = plan_of(linear().replace(excitations={"a": noise}), duration=7.0, spin_up=0.0)
+    assert 30.0 / plan.clock.step == pytest.approx(round(30.0 / plan.clock.step), abs=1e-9)
+    assert plan.clock.steps * plan.clock.step == pytest.approx(7.0, abs=plan.clock.step)
 
 
 @pytest.mark.parametrize("interval", [0.01, 0.013, 0.5])
 def test_the_step_divides_the_interval_of_a_trajectory(interval):
     plan = plan_of(base(), records=[il.Trajectory(interval)])
-    assert plan.every * plan.step == pytest.approx(interval, rel=1e-12)
+    assert plan.observed.every * plan.clock.step == pytest.approx(interval, rel=1e-12)
 
 
 # batches, blocks, seeds
@@ -115,7 +105,7 @@ def test_blocks_hold_every_realization_once(realizations, workers):
     assert 1 <= lanes <= LANES
     assert calls >= 1
     plan = plan_of(base(), realizations=realizations, workers=workers)
-    held = np.concatenate([plan.realizations_of(block) for block in range(plan.blocks)])
+    held = np.concatenate([plan.realizations.of(block) for block in range(plan.realizations.blocks)])
     np.testing.assert_array_equal(held, np.arange(realizations))
 
 
@@ -245,8 +235,8 @@ def test_a_series_shorter_than_the_run_is_refused():
     network = linear().replace(excitations={"a": noise})
     with pytest.raises(il.InvalidInput, match=r"series of 'a' repeats after 10 s, but the run .* takes 11 s"):
         il.simulate(network, 6.0, spin_up=5.0)
-    plan_of(network, 10.0, spin_up=0.0)
-    plan_of(network.replace(excitations={"a": noise.replace(allow_repeat=True)}), 100.0)
+    plan_of(network, spin_up=0.0)
+    plan_of(network.replace(excitations={"a": noise.replace(allow_repeat=True)}), duration=100.0)
 
 
 def test_a_band_without_the_natural_frequency_is_warned_of():
@@ -276,7 +266,7 @@ def test_what_no_rule_can_plan_asks_for_a_step():
     for duration in (1.0, 100.0):
         depth = (2.5 * 2.0 * np.pi * duration) ** 0.4
         expected = min(0.5 / math.sqrt(1.5 * math.sqrt(depth)), 1.0)
-        assert 0.5 * expected < plan_of(undamped, duration, spin_up=0.0).step <= expected * (1.0 + 1e-6)
+        assert 0.5 * expected < plan_of(undamped, duration=duration, spin_up=0.0).clock.step <= expected * (1.0 + 1e-6)
     resonant = undamped.replace(excitations={"a": Resonant()})
     with pytest.raises(il.InvalidInput, match=r"energy that 'a' brings into collisions .* Give step="):
         il.simulate(resonant, 1.0)

@@ -4,13 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
+from scenes import plan_of
 
 import impactlab as il
 import impactlab.ensemble
-import impactlab.tiles
+import impactlab.plan.subdomains
 from impactlab.model import Model
-from impactlab.plan import make_plan
-from impactlab.tiles import make_tiles
+from impactlab.plan.subdomains import Subdomains
 
 BODY, CUBIC = il.LinearOscillator.from_frequency(6.28, 0.1), il.DuffingOscillator(2.0, damping=0.3, stiffness=30.0)
 HERTZ = il.HertzContact(1e4)
@@ -48,15 +48,15 @@ def grid(rows=64, columns=4):
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(impactlab.tiles, "SIZE", 30)
-    monkeypatch.setattr(impactlab.tiles, "STEPS", (16, 8))
-    monkeypatch.setattr(impactlab.tiles, "MOST", 6.0)
+    monkeypatch.setattr(impactlab.plan.subdomains, "SIZE", 30)
+    monkeypatch.setattr(impactlab.plan.subdomains, "STEPS", (16, 8))
+    monkeypatch.setattr(impactlab.plan.subdomains, "MOST", 6.0)
 
 
-def plan_of(network):
+def planned(network):
     options = {"spin_up": 0.03, "initial": "rest", "integrator": il.ExactFlow(), "seed": (1, 2)}
     records = [il.Trajectory(0.02), il.Density(bins=20)]
-    return make_plan(network, duration=0.2, realizations=1, step=1e-3, records=records, workers=1, **options)
+    return plan_of(network, duration=0.2, step=1e-3, records=records, workers=1, **options)
 
 
 def assert_same(first, second):
@@ -70,11 +70,11 @@ def assert_same(first, second):
 
 @pytest.mark.parametrize("network", [chain(), chain(DampedContact(1e3)), grid()], ids=["chain", "damped", "grid"])
 def test_tiles_give_the_bits_of_the_whole(network, small, monkeypatch):
-    tiled = plan_of(network)
-    assert len(tiled.tiles) == len(network.oscillators) // 30
-    monkeypatch.setattr(impactlab.tiles, "SIZE", 10**9)
-    whole = plan_of(network)
-    assert not whole.tiles
+    tiled = planned(network)
+    assert len(tiled.subdomains.tiles) == len(network.oscillators) // 30
+    monkeypatch.setattr(impactlab.plan.subdomains, "SIZE", 10**9)
+    whole = planned(network)
+    assert not whole.subdomains.tiles
     expected = impactlab.ensemble.run_block(whole, 0)
     assert expected.contacts[:, 0].any()  # bodies touch
     for threads in (1, 3):
@@ -83,16 +83,17 @@ def test_tiles_give_the_bits_of_the_whole(network, small, monkeypatch):
 
 def test_a_halo_that_is_too_small_is_noticed(small, monkeypatch):
     """The comparison above can fail."""
-    expected = impactlab.ensemble.run_block(plan_of(chain()), 0)
-    near = impactlab.tiles._near
-    monkeypatch.setattr(impactlab.tiles, "_near", lambda *arguments: near(*arguments[:3], 1, arguments[4]))
-    wrong = impactlab.ensemble.run_block(plan_of(chain()), 0)
+    expected = impactlab.ensemble.run_block(planned(chain()), 0)
+    near = impactlab.plan.subdomains._near
+    monkeypatch.setattr(impactlab.plan.subdomains, "_near", lambda *arguments: near(*arguments[:3], 1, arguments[4]))
+    wrong = impactlab.ensemble.run_block(planned(chain()), 0)
     assert (wrong.bodies != expected.bodies).any()
 
 
 def test_every_body_and_contact_is_summed_once(small):
     model = Model.of(chain())
-    steps, tiles = make_tiles(model, 2)
+    parts = Subdomains.of(model, 2)
+    steps, tiles = parts.steps, parts.tiles
     assert steps in (16, 8)
     own = np.concatenate([tile.bodies[: tile.own_bodies] for tile in tiles])
     assert sorted(own) == list(range(len(model.bodies)))
@@ -104,7 +105,7 @@ def test_networks_without_parts_of_their_own_are_not_cut(small, monkeypatch):
     """A star, whose halos are everything, and small networks."""
     names = [f"b{k}" for k in range(90)]
     star = {f"c{k}": il.Contact("b0", name, HERTZ) for k, name in enumerate(names[1:])}
-    monkeypatch.setattr(impactlab.tiles, "MOST", 1.5)
-    assert make_tiles(Model.of(il.Network(dict.fromkeys(names, BODY), star)), 2) == (0, ())
-    assert make_tiles(Model.of(il.chain(59, BODY, HERTZ)), 2) == (0, ())
-    assert make_tiles(Model.of(chain()), 0) == (0, ())
+    monkeypatch.setattr(impactlab.plan.subdomains, "MOST", 1.5)
+    assert not Subdomains.of(Model.of(il.Network(dict.fromkeys(names, BODY), star)), 2).tiles
+    assert not Subdomains.of(Model.of(il.chain(59, BODY, HERTZ)), 2).tiles
+    assert not Subdomains.of(Model.of(chain()), 0).tiles

@@ -11,14 +11,13 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 import xarray as xr
-from scenes import base, linear
+from scenes import base, linear, plan_of
 
 import impactlab as il
 from impactlab import memory, rules, trajectories
 from impactlab.dataset import load
 from impactlab.ensemble import merged, run
 from impactlab.estimate import estimate
-from impactlab.plan import make_plan
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
@@ -199,10 +198,9 @@ def test_the_memory_of_a_run_is_foreseen(bodies, realizations, duration):
     """What is said is enough, and not four times too much."""
     body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.5)
     network = il.chain(bodies, body, il.HertzContact(1e4), clearance=0.1, excitation=il.WhiteNoise(1.0))
-    plan = make_plan(
-        network, duration=duration, realizations=realizations, step=None, integrator=il.ExactFlow(jumps=False),
-        spin_up=0.0, initial=None, records=[], seed=(1, 2), workers=2,
-    )  # fmt: skip
+    plan = plan_of(
+        network, duration=duration, realizations=realizations, integrator=il.ExactFlow(jumps=False), spin_up=0.0
+    )
     estimate(plan, *merged(run(plan, None, lambda part: None)))  # loads what it needs
     tracemalloc.start()
     estimate(plan, *merged(run(plan, None, lambda part: None)))
@@ -215,11 +213,9 @@ def test_statistics_take_the_memory_of_a_short_run_however_long_it_is():
     """A plan for 10⁹ steps is no larger than one for 10⁴, and neither are its batches and sums."""
     sizes = []
     for duration in (60.0, 6e6):
-        plan = make_plan(
-            base(), duration=duration, realizations=64, step=6e-3, integrator=il.ExactFlow(), spin_up=None,
-            initial=None, records=[il.Density(limits=(-1.0, 1.0))], seed=(1, 2), workers=2,
-        )  # fmt: skip
-        sizes.append((len(pickle.dumps(plan)), len(plan.boundaries), memory.needed(plan, 2)))
-    assert plan.steps >= 10**9
+        records = [il.Density(limits=(-1.0, 1.0))]
+        plan = plan_of(base(), duration=duration, realizations=64, step=6e-3, records=records)
+        sizes.append((len(pickle.dumps(plan)), len(plan.clock.boundaries), memory.needed(plan, 2)))
+    assert plan.clock.steps >= 10**9
     assert sizes[1][1:] == sizes[0][1:]
     assert abs(sizes[1][0] - sizes[0][0]) < 100  # numbers with more digits

@@ -19,6 +19,9 @@ from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import write_snapshot
 from impactlab.model import Model
 
+Zeros = Callable[..., np.ndarray]
+"""Makes an array of a shape and a type, as `numpy.zeros` does."""
+
 
 class Jumps(NamedTuple):
     """How intervals are covered in one transition, or halved; `level` 0 is the shortest, a *leaf*."""
@@ -141,23 +144,23 @@ def jumping_loop() -> Callable[..., None]:
     return loop(ADVANCE_JUMPS, _advance)
 
 
-def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int) -> Work:
-    """Return the work space of a block; `rows` are those of the noise of a step."""
+def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int, zeros: Zeros = np.zeros) -> Work:
+    """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""
     levels, noisy = jumps.levels + 1, jumps.draws.shape[1]
     return Work(
-        np.zeros((2, bodies + 1, lanes)),
-        np.zeros((2, bodies + 1, lanes)),
-        np.zeros((bodies + 1, lanes)),
-        np.zeros((1, lanes)),
-        np.zeros((4, noisy, lanes), np.float32),
-        np.zeros((4, noisy, lanes), np.float32),
-        np.zeros((2, 4, rows, lanes), np.float32),
-        np.zeros((levels, 2, bodies + 1, lanes)),
-        np.zeros((levels, 2, bodies + 1, lanes)),
-        np.zeros((levels, 4, bodies + 1, lanes)),
-        np.zeros((levels, lanes), np.int64),
-        np.zeros((levels, lanes), np.int64),
-        np.zeros((levels, lanes), np.uint32),
+        zeros((2, bodies + 1, lanes)),
+        zeros((2, bodies + 1, lanes)),
+        zeros((bodies + 1, lanes)),
+        zeros((1, lanes)),
+        zeros((4, noisy, lanes), np.float32),
+        zeros((4, noisy, lanes), np.float32),
+        zeros((2, 4, rows, lanes), np.float32),
+        zeros((levels, 2, bodies + 1, lanes)),
+        zeros((levels, 2, bodies + 1, lanes)),
+        zeros((levels, 4, bodies + 1, lanes)),
+        zeros((levels, lanes), np.int64),
+        zeros((levels, lanes), np.int64),
+        zeros((levels, lanes), np.uint32),
     )
 
 

@@ -97,15 +97,17 @@ def side_by_side(network: il.Network, copies: int) -> il.Network:
 
 def automatic_step(network: il.Network, initial: Any, duration: float) -> float:
     """Return the step that a simulation from a start chooses (s)."""
-    from impactlab.plan import make_plan
+    from impactlab.model import Model
+    from impactlab.planning import Request, make_plan
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", il.AccuracyWarning)  # of the energy, which is to be measured
-        plan = make_plan(
-            network, duration=duration, realizations=1, step=None, integrator=il.ExactFlow(), spin_up=None,
-            initial=initial, records=[], seed=(0, 0), workers=1,
+        request = Request(
+            duration=duration, realizations=1, step=None, integrator=il.ExactFlow(), spin_up=None, initial=initial,
+            records=[], seed=(0, 0), workers=1,
         )  # fmt: skip
-    return plan.step
+        plan = make_plan(Model.of(network), request)
+    return plan.clock.step
 
 
 class Path(NamedTuple):

@@ -32,13 +32,13 @@ class PathMeans(Record):
         return 1
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        if plan.every != 1:
+        if plan.observed.every != 1:
             raise InvalidInput("PathMeans takes every step: give il.ExactFlow(jumps=False), and no other records.")
         return _Means(plan, len(realizations))
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         sums = {name: np.concatenate([item[name] for item in results]) for name in results[0]}
-        families = (("oscillator", BODIES), ("contact", CONTACTS if plan.contacts else ()))
+        families = (("oscillator", BODIES), ("contact", CONTACTS if plan.system.contacts else ()))
         return {
             f"{PREFIX}{name}": (("realization", dimension), sums[name], {"long_name": f"{name} of the path"})
             for dimension, names in families
@@ -51,7 +51,7 @@ class _Means(Keeper):
 
     def __init__(self, plan: Plan, lanes: int) -> None:
         self.plan = plan
-        bodies, contacts = len(plan.bodies), len(plan.contacts)
+        bodies, contacts = len(plan.system.bodies), len(plan.system.contacts)
         self.bodies = np.zeros((len(BODIES), bodies, lanes))
         self.contacts = np.zeros((len(CONTACTS), contacts, lanes))
         self.closed = np.ones((contacts, lanes), dtype=np.bool_)  # a contact that is closed at first has not closed
@@ -67,14 +67,14 @@ class _Means(Keeper):
 
     def _add(self, samples: np.ndarray, weight: float) -> None:
         _add_samples(
-            samples, weight, self.plan.ends, self.plan.clearance, self.bodies, self.contacts, self.closed
+            samples, weight, self.plan.system.ends, self.plan.system.clearance, self.bodies, self.contacts, self.closed
         )  # fmt: skip
 
     def result(self) -> dict[str, np.ndarray]:
         self._add(self.last, -0.5)  # by the trapezoidal rule the first and the last count half
-        self.contacts[1] /= self.plan.step
+        self.contacts[1] /= self.plan.clock.step
         found = dict(zip((*BODIES, *CONTACTS), (*self.bodies, *self.contacts), strict=True))
-        return {name: (values / self.plan.steps).T for name, values in found.items()}
+        return {name: (values / self.plan.clock.steps).T for name, values in found.items()}
 
 
 @kernel

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.special
+from scenes import changed
 
 import impactlab as il
 import impactlab.integrators.exact_flow
-import impactlab.plan
+import impactlab.plan.noise
+import impactlab.planning
 from impactlab.block import Block
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.kernels.flow import COEFFICIENTS, GAUSS, split_transition
 from impactlab.model import Model
-from impactlab.plan import Plan
+from impactlab.plan.realizations import Realizations
 from planted.plant import Bug, Plant, both, called, coefficients, in_plan, instead, planned, returned, text
 from planted.scenes import (
     ALONE,
@@ -39,24 +40,24 @@ SHIFT, KICK, HALF_KICK = range(COEFFICIENTS, COEFFICIENTS + 3)
 
 def noise(factor: Any) -> Plant:
     """Multiply the amplitude of the noise, by a number or a function of the plan."""
-    return in_plan(amplitude=lambda plan: plan.amplitude * (factor(plan) if callable(factor) else factor))
+    return in_plan(noise__amplitude=lambda plan: plan.noise.amplitude * (factor(plan) if callable(factor) else factor))
 
 
 def of_rows(change: Any) -> Plant:
     """Change the amplitudes of rows of noise, (phase, 2, row), in place."""
 
-    def changed(plan: Any) -> Any:
-        amplitude = plan.amplitude.copy()
+    def of_plan(plan: Any) -> Any:
+        amplitude = plan.noise.amplitude.copy()
         change(plan, amplitude)
-        return replace(plan, amplitude=amplitude)
+        return changed(plan, noise__amplitude=amplitude)
 
-    return planned(changed)
+    return planned(of_plan)
 
 
 def independent_rows(plan: Any, amplitude: np.ndarray) -> None:
     """Take displacement and velocity as independent: the first row of a body makes x alone, the second v."""
-    for second in range(len(np.unique(plan.noise_rows)), len(plan.noise_rows)):
-        first = int(np.argmax(plan.noise_rows == plan.noise_rows[second]))
+    for second in range(len(np.unique(plan.noise.rows)), len(plan.noise.rows)):
+        first = int(np.argmax(plan.noise.rows == plan.noise.rows[second]))
         amplitude[:, 1, second] = np.hypot(amplitude[:, 1, first], amplitude[:, 1, second])
         amplitude[:, 1, first] = 0.0
 
@@ -69,9 +70,9 @@ def flow(mass: float = 1.0, damping: float = 1.0, stiffness: float = 1.0) -> Pla
     """Multiply what the flow without its noise is made from."""
 
     def changed(plan: Any, table: np.ndarray) -> None:
-        linear = [item * factor for item, factor in zip(plan.linear, (mass, damping, stiffness), strict=True)]
+        linear = [item * factor for item, factor in zip(plan.system.linear, (mass, damping, stiffness), strict=True)]
         for phase, place in enumerate(GAUSS):
-            split, _ = split_transition(*linear, plan.intensity, plan.step, place)
+            split, _ = split_transition(*linear, plan.noise.intensity, plan.clock.step, place)
             table[phase, :SHIFT] = split.reshape(-1, 4).T
 
     return coefficients(changed)
@@ -89,12 +90,12 @@ def cycle_of_noise(monkeypatch: Any) -> None:
             self.now = now
 
     monkeypatch.setattr(Block, "_call", again)
-    in_plan(steps_per_call=lambda plan: 8)(monkeypatch)
+    in_plan(realizations__steps_per_call=lambda plan: 8)(monkeypatch)
 
 
 def own_realizations(change: Any) -> Plant:
-    right = Plan.realizations_of
-    return instead(Plan, "realizations_of", lambda plan, block: change(plan, right(plan, block)).astype(np.uint32))
+    right = Realizations.of
+    return instead(Realizations, "of", lambda part, block: change(part, right(part, block)).astype(np.uint32))
 
 
 def by_place(seed: Any, names: list[str]) -> tuple[Any, list[str]]:
@@ -103,7 +104,7 @@ def by_place(seed: Any, names: list[str]) -> tuple[Any, list[str]]:
 
 
 def one_sided(plan: Any) -> np.ndarray:
-    indices = plan.indices.copy()
+    indices = plan.forces.indices.copy()
     last = indices[2] - 1
     assert indices[last] == 1  # the sign of the last contact of the last body
     indices[last] = 0
@@ -111,7 +112,7 @@ def one_sided(plan: Any) -> np.ndarray:
 
 
 def swapped(plan: Any) -> np.ndarray:
-    values = plan.parameters.copy()
+    values = plan.forces.parameters.copy()
     stiff, soft = values == 300.0, values == 200.0
     assert stiff.sum() == soft.sum() == 1
     values[stiff], values[soft] = 200.0, 300.0
@@ -164,20 +165,24 @@ def column(index: int, factor: Any) -> Plant:
 
 def cross(**factors: Any) -> Plant:
     return in_plan(
-        cross=lambda plan: plan.cross._replace(
-            **{name: getattr(plan.cross, name) * factor(plan) for name, factor in factors.items()}
+        method__cross=lambda plan: plan.method.cross._replace(
+            **{name: getattr(plan.method.cross, name) * factor(plan) for name, factor in factors.items()}
         )
     )
 
 
 def first_of_pair(plan: Any) -> np.ndarray:
-    body, other = plan.cross.bodies.T
+    body, other = plan.method.cross.bodies.T
     assert len(body)
     return np.where(body < other, 0.0, 1.0)[:, None]
 
 
 def jumping(**changes: Any) -> Plant:
-    return in_plan(jumps=lambda plan: plan.jumps._replace(**{n: f(plan.jumps) for n, f in changes.items()}))
+    def changed_jumps(plan: Any) -> Any:
+        jumps = plan.method.jumps
+        return jumps._replace(**{name: change(jumps) for name, change in changes.items()})
+
+    return in_plan(method__jumps=changed_jumps)
 
 
 BUGS = [
@@ -185,15 +190,17 @@ BUGS = [
     Bug("noise with π times its density", PAIR, noise(math.sqrt(math.pi))),
     Bug("noise without the 2π of its density", LINEAR, noise(1.0 / math.sqrt(2.0 * math.pi))),
     Bug("noise with 1.01 times its density", LONG, noise(math.sqrt(1.01))),
-    Bug("variance of the noise in the place of its root", LINEAR, noise(lambda plan: plan.amplitude)),
-    Bug("noise divided by the root of the mass", LINEAR, noise(lambda plan: np.sqrt(plan.linear[0][plan.noise_rows]))),
-    Bug("one stream for all bodies", LINEAR, in_plan(streams=lambda plan: np.repeat(plan.streams[:, :1], 5, axis=1))),
-    Bug("two realizations with the same noise", PAIR, own_realizations(lambda plan, own: own // 2)),
-    Bug("the same noise in every block", ALONE, own_realizations(lambda plan, own: own % plan.lanes)),
+    Bug("variance of the noise in the place of its root", LINEAR, noise(lambda plan: plan.noise.amplitude)),
+    Bug("noise divided by the root of the mass", LINEAR,
+        noise(lambda plan: np.sqrt(plan.system.linear[0][plan.noise.rows]))),
+    Bug("one stream for all bodies", LINEAR,
+        in_plan(noise__streams=lambda plan: np.repeat(plan.noise.streams[:, :1], 5, axis=1))),
+    Bug("two realizations with the same noise", PAIR, own_realizations(lambda part, own: own // 2)),
+    Bug("the same noise in every block", ALONE, own_realizations(lambda part, own: own % part.lanes)),
     Bug("the same noise again after eight steps", LINEAR, cycle_of_noise),
     Bug("streams without the seed", INTERVALS,
-        called(impactlab.plan, "streams_of", lambda seed, names: ((0, 0), names))),
-    Bug("streams by the place of a body", ALONE, called(impactlab.plan, "streams_of", by_place)),
+        called(impactlab.plan.noise, "streams_of", lambda seed, names: ((0, 0), names))),
+    Bug("streams by the place of a body", ALONE, called(impactlab.plan.noise, "streams_of", by_place)),
     Bug("no noise in the displacement", LINEAR, of_rows(velocity_rows)),
     Bug("no noise in the displacement of a body with contacts", PAIR, of_rows(velocity_rows)),
     Bug("displacement and velocity with independent noise", LINEAR, of_rows(independent_rows)),
@@ -207,12 +214,12 @@ BUGS = [
     Bug("coupled bodies with independent noise", LINEAR, cross(noise=lambda plan: 0.0)),
     Bug("force read before the shift", COARSE, column(SHIFT, 0.0)),
     Bug("shift in the other direction", PAIR, column(SHIFT, -1.0)),
-    Bug("kick without the mass", TREE, column(KICK, lambda plan: plan.linear[0])),
-    Bug("contacts read before the shift", COARSE, planned(lambda plan: replace(plan, text=read_early(plan.text)))),
+    Bug("kick without the mass", TREE, column(KICK, lambda plan: plan.system.linear[0])),
+    Bug("contacts read before the shift", COARSE, in_plan(forces__text=lambda plan: read_early(plan.forces.text))),
     Bug("half the kick", PAIR, column(KICK, 0.5)),
     Bug("force of a damper at the velocity before the kick", PRESSED, column(HALF_KICK, 0.0)),
-    Bug("contact force on one body only", PAIR, in_plan(indices=one_sided)),
-    Bug("contact forces of the evaluation before", PAIR, planned(lambda plan: replace(plan, text=stale(plan.text)))),
+    Bug("contact force on one body only", PAIR, in_plan(forces__indices=one_sided)),
+    Bug("contact forces of the evaluation before", PAIR, in_plan(forces__text=lambda plan: stale(plan.forces.text))),
     Bug("clearance with the other sign", PAIR, text("- clearance", "+ clearance")),
     Bug("contacts that pull", TREE,
         both(text("LinearContact_force(max(gap, 0.0)", "LinearContact_force(gap"),
@@ -220,7 +227,7 @@ BUGS = [
     Bug("exponent 5/2 in the force of Hertz contact", PAIR,
         text("indentation * math.sqrt", "indentation * indentation * math.sqrt")),
     Bug("exponent 1 in the force of Hertz contact", PAIR, text("indentation * math.sqrt(indentation)", "indentation")),
-    Bug("stiffness of another contact", TREE, in_plan(parameters=swapped)),
+    Bug("stiffness of another contact", TREE, in_plan(forces__parameters=swapped)),
     Bug("wall on the other side", TREE, other_side),
     Bug("half of a cubic force", TREE, text("return cubic *", "return 0.5 * cubic *")),
     Bug("coupling that pushes one of its bodies", TREE, text("total[second + member, lane] -= force", "pass")),
@@ -230,12 +237,13 @@ BUGS = [
     Bug("three times the automatic step", HALVED, returned(ExactFlow, "recommended_step", lambda step, *_: 3.0 * step)),
     Bug("start that overlaps", START,
         instead(Block, "_closed", lambda block, x, contacts: np.zeros(x.shape[1], dtype=int))),
-    Bug("start with twice the temperature", START, in_plan(deviations=lambda plan: math.sqrt(2.0) * plan.deviations)),
+    Bug("start with twice the temperature", START,
+        in_plan(start__deviations=lambda plan: math.sqrt(2.0) * plan.start.deviations)),
     Bug("one stream for the start of all bodies", START,
-        in_plan(starts=lambda plan: np.repeat(plan.starts[:, :1], 2, axis=1))),
-    Bug("no spin-up", EARLY, in_plan(spin_up_steps=lambda plan: 0)),
+        in_plan(start__streams=lambda plan: np.repeat(plan.start.streams[:, :1], 2, axis=1))),
+    Bug("no spin-up", EARLY, in_plan(clock__spin_up_steps=lambda plan: 0)),
     Bug("spin-up by the fastest body", EARLY,
-        returned(impactlab.plan, "relaxation_time", lambda time, model: time / 16.0)),
+        returned(impactlab.planning, "relaxation_time", lambda time, model: time / 16.0)),
     Bug("jumps with a bound of 3σ", JUMPS, instead(scipy.special, "ndtri", lambda tail: -3.0)),
     Bug("jumps without noise about the mean path", JUMPS, instead(scipy.special, "ndtri", lambda tail: 0.0)),
     Bug("halves of a jump whose noise does not add up", JUMPS, jumping(gain=lambda jumps: 0.0 * jumps.gain)),

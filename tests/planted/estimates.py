@@ -26,9 +26,9 @@ from planted.scenes import ALONE, BATCHES, BOUNDED, COARSE, DRIVEN, INTERVALS, L
 
 def continuous_balances(right: Any, plan: Any, flows: Any, s: np.ndarray, *_: Any) -> Any:
     """The balances of continuous time: k E[x] = E[f], c E[v²] = πS/m + E[f v], and that of x v."""
-    (mass, damping, stiffness), mean = (item[:, None] for item in plan.linear), s.mean(axis=0)
+    (mass, damping, stiffness), mean = (item[:, None] for item in plan.system.linear), s.mean(axis=0)
     heat = np.zeros_like(mass)
-    heat[plan.white, 0] = np.pi * plan.intensity
+    heat[plan.noise.white, 0] = np.pi * plan.noise.intensity
     kinetic = mass * mean[VV] - (heat + mass * mean[FV]) / damping
     return {
         "balance_mean_displacement": mean[X] - mean[F] / stiffness,
@@ -42,7 +42,7 @@ def after_the_kick(monkeypatch: Any) -> None:
     right = impactlab.moments.statistics_of
 
     def wrong(plan: Any, sums: np.ndarray, *others: Any) -> Any:
-        half = 0.5 * plan.step / plan.linear[0][:, None]
+        half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
         s = sums.copy()
         s[:, V] += half * sums[:, F]
         s[:, XV] += half * sums[:, FX]
@@ -62,14 +62,15 @@ def closings(monkeypatch: Any) -> None:
         slots = slice(self.now % SLOTS, self.now % SLOTS + count)
         call(self, count, snapshots, summing, *others)
         for gap in self.history.indentation[slots]:
-            before += ((last <= 0.0) & (gap > 0.0)) * (8.0 / 9.0 * self.plan.window[:, None] / self.plan.step)
+            window, step = self.plan.observed.window[:, None], self.plan.clock.step
+            before += ((last <= 0.0) & (gap > 0.0)) * (8.0 / 9.0 * window / step)
             last = gap.copy()
         self.last = last
         if summing:
             self.sums.contacts[FLUX] = before
 
     monkeypatch.setattr(Block, "_call", wrong)
-    in_plan(steps_per_call=lambda plan: SLOTS)(monkeypatch)
+    in_plan(realizations__steps_per_call=lambda plan: SLOTS)(monkeypatch)
 
 
 def at_kicks(processed: Any, plan: Any, flows: Any, s: Any, kicks: Any, *_: Any) -> Any:
@@ -176,16 +177,22 @@ def without_turns(plan: Any, sums: np.ndarray, *others: Any) -> tuple[Any, ...]:
     return plan, np.where(np.arange(len(sums))[:, None, None] == TURN, 0.0, sums), *others
 
 
+def without_middle(flows: Any) -> Any:
+    """Leave out the noise up to the middle of a flow."""
+    return flows._replace(middle_covariance=0.0 * flows.middle_covariance)
+
+
 BUGS = [
     Bug("balances of continuous time", LONG, returned(impactlab.moments, "_balances", continuous_balances)),
     Bug("regression with the other sign", LONG, other_sign),
     Bug("moments at the kick alone", PAIR, returned(impactlab.moments, "_processed", at_kicks)),
     Bug("velocities after the kick", PAIR, after_the_kick),
     Bug("increment of a kick without the mass", TREE,
-        returned(impactlab.moments, "_increment", lambda found, plan: plan.linear[0][:, None] * found)),
+        returned(impactlab.moments, "_increment", lambda found, plan: plan.system.linear[0][:, None] * found)),
     Bug("middle of the flow without its noise", PAIR,
-        in_plan(flows=lambda plan: plan.flows._replace(middle_covariance=0.0 * plan.flows.middle_covariance))),
-    Bug("window of the contact rate eight times as wide", PAIR, in_plan(window=lambda plan: 8.0 * plan.window)),
+        in_plan(method__flows=lambda plan: without_middle(plan.method.flows))),
+    Bug("window of the contact rate eight times as wide", PAIR,
+        in_plan(observed__window=lambda plan: 8.0 * plan.observed.window)),
     Bug("contacts counted from step to step", COARSE, closings),
     Bug("flux through the window in both directions", PAIR, scaled("contact_rate", 2.0)),
     Bug("flux through the window without its weight", PAIR, scaled("contact_rate", 8.0 / 9.0)),
@@ -206,7 +213,7 @@ BUGS = [
     Bug("a step that does not know given forces", DRIVEN,
         instead(impactlab.rules, "resolving_step", lambda model, begin, end, longest: longest)),
     Bug("a slow load taken for motion", DRIVEN, called(impactlab.moments, "_open_flow", without_turns)),
-    Bug("labels of bodies in another order", PAIR, in_plan(bodies=lambda plan: plan.bodies[::-1])),
+    Bug("labels of bodies in another order", PAIR, in_plan(system__bodies=lambda plan: plan.system.bodies[::-1])),
     Bug("standard errors of samples as if they were independent", INTERVALS, errors(lambda units: 0.2)),
     Bug("standard deviations for standard errors", INTERVALS, errors(math.sqrt)),
     Bug("batches shorter than the relaxation time", BATCHES,

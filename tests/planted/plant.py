@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
+from scenes import changed
 
 import impactlab.simulation
 from planted.detectors import Scene
@@ -83,26 +84,26 @@ def planned(change: Change) -> Plant:
 
 
 def in_plan(**changes: Change) -> Plant:
-    """Change fields of the plan: each by a function of the plan."""
-    return planned(lambda plan: replace(plan, **{name: change(plan) for name, change in changes.items()}))
+    """Change fields of the plan, named ``part__field``: each by a function of the plan."""
+    return planned(lambda plan: changed(plan, **{name: change(plan) for name, change in changes.items()}))
 
 
 def coefficients(change: Callable[[Any, np.ndarray], None]) -> Plant:
     """Change the numbers of the method, (phase, column, body), in place."""
 
-    def changed(plan: Any) -> Any:
-        result = plan.coefficients.copy()
+    def of_plan(plan: Any) -> Any:
+        result = plan.method.coefficients.copy()
         change(plan, result)
-        return replace(plan, coefficients=result)
+        return changed(plan, method__coefficients=result)
 
-    return planned(changed)
+    return planned(of_plan)
 
 
 def text(old: str, new: str) -> Plant:
     """Change the generated text of the forces."""
 
-    def changed(plan: Any) -> Any:
-        assert old in plan.text
-        return replace(plan, text=plan.text.replace(old, new))
+    def of_plan(plan: Any) -> Any:
+        assert old in plan.forces.text
+        return changed(plan, forces__text=plan.forces.text.replace(old, new))
 
-    return planned(changed)
+    return planned(of_plan)

@@ -13,6 +13,7 @@ import impactlab.given
 import impactlab.joint
 import impactlab.moments
 import impactlab.plan
+import impactlab.planning
 import impactlab.rules
 import impactlab.simulation
 from impactlab.integrators.exact_flow import _HALF_STEP
@@ -65,7 +66,7 @@ BUGS = [
     Bug("variance by squares of which one is of the chain, the other of the motion", LOADED,
         both(instead(impactlab.joint, "mean_load", no_load), instead(impactlab.moments, "mean_load", no_load))),
     Bug("rate by a flux, of kicks that a static load makes", LOADED,
-        instead(impactlab.plan, "counts_closings", lambda *_: False)),
+        instead(impactlab.planning, "counts_closings", lambda *_: False)),
     Bug("balances as controls of what hardly any contact moved", SELDOM,
         both(returned(impactlab.estimate, "_seldom", lambda seldom, *_: np.zeros_like(seldom)),
              instead(impactlab.estimate.Regression, "rests_on_few",

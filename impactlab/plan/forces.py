@@ -1,0 +1,93 @@
+"""The forces of contacts, couplings and residual forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impactlab.generate import generate
+from impactlab.integrators.exact_flow import kick_share, kick_width
+from impactlab.linear import flowing_systems
+from impactlab.model import Model
+from impactlab.plan.subdomains import Tile
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Generated functions, what they take, and which bodies they act on.
+
+    Attributes
+    ----------
+    text : str
+        Generated module.
+    parameters, indices : ndarray
+        What the generated functions take.
+    passes : int
+        How often a kick evaluates forces that depend on velocities, 0 where there are none.
+    likely : (contact,) ndarray of bool
+        Whether each contact may close in the run.
+    kicked : (body,) ndarray of bool
+        Whether these, couplings that do not flow or a residual force act on each body.
+    half_kick : (0 to 2, body) ndarray
+        Of what a unit force of a kick gives the velocity of each body and the wall: how far velocities are spread
+        around their own time, half of it without friction; and, where friction slows bodies within a step, what those
+        in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
+    """
+
+    text: str
+    parameters: np.ndarray
+    indices: np.ndarray
+    passes: int
+    likely: np.ndarray
+    kicked: np.ndarray
+    half_kick: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, likely: np.ndarray, *, single: bool, kick: float | None) -> Forces:
+        """Return the forces of a model.
+
+        Parameters
+        ----------
+        model : Model
+        likely : (contact,) ndarray of bool
+            Whether each contact may close in the run.
+        single : bool
+            Whether blocks have one lane, without an axis of lanes.
+        kick : float or None
+            Step of a method that kicks (s).
+        """
+        return cls(
+            generate(model, single=single), model.parameters, model.indices, model.passes, likely,
+            _kicked(model, likely), np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
+        )  # fmt: skip
+
+    def restricted(self, tile: Tile) -> Forces:
+        """Return the forces in a tile."""
+        with_wall = np.append(tile.bodies, len(self.kicked))
+        return replace(
+            self, parameters=tile.parameters, indices=tile.indices, likely=self.likely[tile.contacts],
+            kicked=self.kicked[tile.bodies], half_kick=self.half_kick[:, with_wall],
+        )  # fmt: skip
+
+
+def _kicked(model: Model, likely: np.ndarray) -> np.ndarray:
+    """Whether forces of kicks may act on each body, (body,) of bool."""
+    acting = model.kicking.copy()
+    acting[: len(likely)] &= likely
+    result = np.append(model.residual, False)
+    result[model.links[acting].ravel()] = True
+    return result[:-1]
+
+
+def _half_kick(model: Model, step: float) -> np.ndarray:
+    """Return `Forces.half_kick`."""
+    touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
+    alone = (touching <= 1) & ~model.residual
+    of_contacts = np.unique(model.ends[model.ends < model.wall])
+    friction = step * model.damping / model.mass
+    for slots, _ in flowing_systems(model):
+        friction[slots] = 0.0
+    shares = np.stack([kick_width(friction), kick_share(friction) - 0.5])
+    rows = 0 if alone[of_contacts].all() else 1 + bool(shares[1].any())
+    return np.pad(step / model.mass * shares, ((0, 0), (0, 1)))[:rows]

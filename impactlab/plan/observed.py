@@ -1,0 +1,52 @@
+"""Sums and records of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from impactlab.plan.subdomains import Tile
+
+WINDOW = 0.2
+"""Half width of the window of the contact rate, as a part of the length over which the density of a gap varies."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Statistics and records.
+
+    Attributes
+    ----------
+    records : tuple
+        Pairs of a resolved record and the number of snapshots between its own.
+    every : int
+        Steps between snapshots, 0 for none.
+    window : (contact,) ndarray
+        Half width for the flux that is a contact's rate (m).
+    counted : bool
+        Whether rates are counts of closings, not fluxes through the windows.
+    jitter : (contact,) ndarray
+        What noise changes closing velocities by in a step, root mean square (m s-1).
+    bodies, contacts : int
+        How many are summed, from the first on.
+    sampled : bool
+        Whether states are samples of a stationary motion, not all that there are.
+    """
+
+    records: tuple[tuple[Any, int], ...]
+    every: int
+    window: np.ndarray
+    counted: bool
+    jitter: np.ndarray
+    bodies: int
+    contacts: int
+    sampled: bool
+
+    def restricted(self, tile: Tile) -> Observed:
+        """Return what a tile sums: its own bodies and contacts; snapshots are brought together above."""
+        return replace(
+            self, records=(), window=self.window[tile.contacts], jitter=self.jitter[tile.contacts],
+            bodies=tile.own_bodies, contacts=tile.own_contacts,
+        )  # fmt: skip

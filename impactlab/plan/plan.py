@@ -1,0 +1,94 @@
+"""The plan of a run: a tree of parts, each of which says what one side of it will do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impactlab.model import connected_parts
+from impactlab.plan.clock import Clock
+from impactlab.plan.driving import Driving
+from impactlab.plan.forces import Forces
+from impactlab.plan.method import Method
+from impactlab.plan.noise import WhiteNoises
+from impactlab.plan.observed import Observed
+from impactlab.plan.realizations import Realizations
+from impactlab.plan.start import Start
+from impactlab.plan.subdomains import Subdomains, Tile
+from impactlab.plan.system import System
+from impactlab.rules import CALL_SECONDS
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything that a worker needs to run a block, as plain picklable data."""
+
+    system: System
+    forces: Forces
+    method: Method
+    noise: WhiteNoises
+    driving: Driving
+    start: Start
+    clock: Clock
+    realizations: Realizations
+    observed: Observed
+    subdomains: Subdomains
+
+    @property
+    def single(self) -> bool:
+        """Whether blocks have one lane, in arrays without an axis of lanes."""
+        return self.realizations.lanes == 1 and self.method.jumps is None
+
+    @property
+    def steady(self) -> bool:
+        """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
+        transient = self.start.given or self.noise.time_varying or len(self.driving.forced)
+        return not transient and bool(len(self.noise.white) or self.driving.lines)
+
+    @property
+    def transient(self) -> bool:
+        """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
+
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines, whose mean velocity
+        is known from the states at both ends only.
+        """
+        clock = self.clock
+        steady = self.steady and clock.settled and clock.relaxation > 0.0 and not self.driving.lines
+        return not (self.observed.sampled or steady)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the sums over bodies that the loop makes."""
+        return self.method.rows(bool(self.driving))
+
+    @property
+    def cold(self) -> np.ndarray:
+        """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (body,)."""
+        driven = np.zeros(len(self.system.bodies), dtype=bool)
+        for slots in (self.noise.rows, self.driving.forced, *(slots for slots, _ in self.driving.responses)):
+            driven[slots] = True
+        labels = connected_parts(len(driven), self.system.links)
+        return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
+
+    def seconds(self, workers: int) -> float:
+        """Time that the run will take on so many cores, roughly (s)."""
+        clock, realizations = self.clock, self.realizations
+        rounds = -(-realizations.blocks // workers)
+        sampling = self.driving.seconds(self.method.integrator, clock.step, clock.all_steps)
+        stepping = clock.all_steps / realizations.steps_per_call * CALL_SECONDS
+        return rounds * (stepping + min(realizations.lanes, realizations.number) * sampling)
+
+    def counts(self, begin: int, end: int) -> np.ndarray:
+        """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""
+        phases, before = self.method.integrator.phases, self.clock.spin_up_steps
+        last = phases - 1 - np.arange(phases)
+        steps: np.ndarray = (before + end + last) // phases - (before + begin + last) // phases
+        return steps
+
+    def restricted(self, tile: Tile) -> Plan:
+        """Return the plan of a tile."""
+        parts = ("system", "forces", "method", "noise", "start", "observed")
+        return replace(
+            self, **{name: getattr(self, name).restricted(tile) for name in parts}, subdomains=Subdomains(0, ())
+        )

@@ -1,0 +1,51 @@
+"""The bodies and links of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.model import Model
+from impactlab.plan.subdomains import Tile
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Bodies and links.
+
+    Attributes
+    ----------
+    bodies, contacts : tuple of str
+        Names by slot.
+    linear : (3, body) ndarray
+        Mass, damping and stiffness.
+    ends, clearance : ndarray
+        Of the contacts: slots of the bodies, (contact, 2), and clearance (m).
+    links : (link, 2) ndarray of int
+        Slots of the bodies of each contact, then of each coupling.
+    """
+
+    bodies: tuple[str, ...]
+    contacts: tuple[str, ...]
+    linear: np.ndarray
+    ends: np.ndarray
+    clearance: np.ndarray
+    links: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model) -> System:
+        """Return the bodies and links of a model."""
+        linear = np.stack([model.mass, model.damping, model.stiffness])
+        return cls(model.bodies, model.contacts, linear, model.ends, model.clearance, model.links)
+
+    def restricted(self, tile: Tile) -> System:
+        """Return those of a tile."""
+        return System(
+            tuple(self.bodies[slot] for slot in tile.bodies),
+            tuple(self.contacts[slot] for slot in tile.contacts),
+            self.linear[:, tile.bodies],
+            tile.ends,
+            self.clearance[tile.contacts],
+            tile.ends,
+        )
