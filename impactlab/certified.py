@@ -39,7 +39,7 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
 
 def _a_power(force: np.ndarray, places: np.ndarray) -> bool:
     """Whether a force is nearly a power of the place."""
-    if not (force > 0.0).all():
+    if not ((force > 0.0) & (force < np.inf)).all():
         return not force.any()
     exponents = np.diff(np.log(force)) / np.diff(np.log(places))
     low, high = EXPONENTS

@@ -187,6 +187,7 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
         pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed"),
         pytest.param(at_wall(Jump(0.0, stiffness=2.0, second=5.0, depth=0.5)), id="jump inside"),
         pytest.param(at_wall(Saturating(20.0, depth=0.001)), id="saturating"),
+        pytest.param(at_wall(Saturating(1.2, depth=0.2), 2.3, damping=0.17), id="rarely met, saturating"),
         pytest.param(at_wall(il.PowerLawContact(20.0, exponent=0.1)), id="power of 0.1"),
     ],
 )
