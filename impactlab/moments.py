@@ -132,7 +132,7 @@ def _processed(
         middle = of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + q[:, :, row, row, None]
         over_step = middle.mean(axis=0) if of_xx is None else middle.mean(axis=0) + (of_xx, of_vv)[row]
         result[name] = np.where(closed, (at_kicks[name] + 2.0 * over_step) / 3.0, at_kicks[name])
-    result["mean_square_velocity"] = result["mean_square_velocity"] - np.where(closed, _teeth(plan, s), 0.0)
+    result["mean_square_velocity"] = result["mean_square_velocity"] - np.where(closed, _sawtooth(plan, s), 0.0)
     at_middle = (a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v).mean(axis=0)
     loads = mean_load(result["mean_displacement"], at_kicks["mean_displacement"], at_middle)
     result[LOAD] = np.where(closed, loads, 0.0)
@@ -159,7 +159,7 @@ def _over_time(
     forgotten, own = _forgotten(plan)[:, None], _slowed(plan, s[None], at_kicks["mean_square_velocity"])
     at_kicks = at_kicks | {"mean_square_velocity": np.where(forgotten, own, at_kicks["mean_square_velocity"])}
     over_time = {name: (at_kicks[name] + 2.0 * item) / 3.0 for name, item in middle.items()}
-    over_time["mean_square_velocity"] -= _teeth(plan, s[None])
+    over_time["mean_square_velocity"] -= _sawtooth(plan, s[None])
     means = [item["mean_displacement"] for item in (over_time, at_kicks, middle)]
     over_time[LOAD] = mean_load(*means)
     # half of the states at both ends are in the others
@@ -212,7 +212,7 @@ def _forgotten(plan: Plan) -> np.ndarray:
     return np.asarray(damping * plan.clock.step > 0.999 * mass)  # steps are often m/c
 
 
-def _teeth(plan: Plan, s: np.ndarray) -> np.ndarray:
+def _sawtooth(plan: Plan, s: np.ndarray) -> np.ndarray:
     """Return what `_processed` has too much in the mean squares of velocities that friction forgets, (body, unit).
 
     A time τ after a kick by F the body moves at A F/c instead of F/c, ``A = g e^(−γτ)/(1 − e^(−g))``, g = γh. Where a
