@@ -23,7 +23,7 @@ from impactlab.kinks import warn_of_kinks
 from impactlab.linear import relaxation_time
 from impactlab.model import Model
 from impactlab.plan import Plan
-from impactlab.plan.clock import Clock
+from impactlab.plan.clock import Clock, settles
 from impactlab.plan.driving import Driving
 from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
@@ -39,7 +39,6 @@ from impactlab.rules import (
     MOST_SAMPLES,
     MOST_STEPS,
     RELAXATION_TIMES,
-    SETTLED,
     TRANSIENT,
     batch_count,
     block_shape,
@@ -177,7 +176,7 @@ class Expected:
     @property
     def settled(self) -> bool:
         """Whether the motion is stationary when statistics begin."""
-        rested = self.spin_up >= SETTLED * self.settling * (1.0 - 1e-9)
+        rested = settles(self.spin_up, self.settling)
         return isinstance(self.start, str) and (self.start == "stationary" or rested)
 
 
@@ -287,9 +286,10 @@ def make_plan(model: Model, request: Request) -> Plan:
     integrator = WholeFlow() if steps.jumping else request.integrator
     _warn(model, request, expected, steps, integrator)
     observed = _observed(model, request, steps, window)
-    clock = _clock(model, request, expected, steps, max(observed.every, steps.unit))
-    driving = Driving.of(model)
-    realizations = _realizations(model, request, clock, steps, driving, max(observed.every, steps.unit))
+    unit = max(observed.every, steps.unit)
+    clock, driving = _clock(model, request, expected, steps, unit), Driving.of(model)
+    series = driving.nbytes(integrator, clock.step, clock.all_steps)
+    realizations = _realizations(model, request, clock, steps.jumping, series, unit)
     single = realizations.lanes == 1 and not steps.jumping
     likely = _likely(model, request, stiffening)
     return Plan(
@@ -361,14 +361,10 @@ def _clock(model: Model, request: Request, expected: Expected, steps: Steps, uni
     )
 
 
-def _realizations(
-    model: Model, request: Request, clock: Clock, steps: Steps, driving: Driving, unit: int
-) -> Realizations:
-    """Return the shape of blocks."""
+def _realizations(model: Model, request: Request, clock: Clock, jumping: bool, series: int, unit: int) -> Realizations:
+    """Return the shape of blocks, in which a realization takes some bytes for its series."""
     number, workers = int(request.realizations), request.workers
-    most = jump_lanes(model) if steps.jumping else most_lanes(model, number, workers)
-    integrator = WholeFlow() if steps.jumping else request.integrator
-    series = driving.nbytes(integrator, clock.step, clock.all_steps)
+    most = jump_lanes(model) if jumping else most_lanes(model, number, workers)
     lanes, steps_per_call = block_shape(model, number, workers, series, most)
     batches = (np.diff([0, *clock.boundaries]) + unit) * clock.step
     return Realizations(number, lanes, steps_per_call, enough_units(number, batches, clock.relaxation), request.seed)

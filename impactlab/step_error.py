@@ -293,20 +293,17 @@ def step_error(plan: Plan, model: Model, initial: object, velocity: np.ndarray |
 
 def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     """Return realizations, steps of the spin-up, stretches, and steps of each, for a share of the work of a plan."""
-    bodies, links, steps = len(model.mass), len(model.links), plan.clock.spin_up_steps + plan.clock.steps
+    bodies, links = len(model.mass), len(model.links)
+    clock, number = plan.clock, plan.realizations.number
     lane = LANE_STEP_SECONDS * (bodies + links)
-    seconds = min(max(LEAST_SECONDS, SHARE * steps * (STEP_SECONDS + plan.realizations.number * lane)), MOST_SECONDS)
-    single = (
-        plan.realizations.number == 1 or most_lanes(model, plan.realizations.number, 1) == 1
-    )  # on any number of cores
+    seconds = min(max(LEAST_SECONDS, SHARE * clock.all_steps * (STEP_SECONDS + number * lane)), MOST_SECONDS)
+    single = number == 1 or most_lanes(model, number, 1) == 1  # on any number of cores
     least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
     numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
     led = len(plan.driving.forced) > 0  # to a motion that may depend on how it began
-    settling = (
-        plan.clock.spin_up_steps
-        if led
-        else math.ceil(min(plan.clock.spin_up_steps, SPIN_UP * plan.clock.relaxation / plan.clock.step))
-    )
+    settling = clock.spin_up_steps
+    if not led:
+        settling = math.ceil(min(settling, SPIN_UP * clock.relaxation / clock.step))
     for realizations in numbers:
         cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
         affordable = int(seconds / cost)
@@ -316,9 +313,7 @@ def _budget(plan: Plan, model: Model) -> tuple[int, int, int, int]:
     left = max(affordable - settling, 3 * STRETCH) // 3
     steps = STRETCH
     if not len(model.ends) or led:  # paths do not part: as long as they remember
-        steps = max(
-            steps, min(left // FEWEST, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)) // SLOTS * SLOTS
-        )
+        steps = max(steps, min(left // FEWEST, math.ceil(2.0 * clock.relaxation / clock.step)) // SLOTS * SLOTS)
     if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
         left = min(left, plan.clock.steps)
         steps = max(2, min(steps, left // 2 * 2))

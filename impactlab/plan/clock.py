@@ -57,4 +57,9 @@ class Clock:
     @property
     def settled(self) -> bool:
         """Whether the spin-up is long enough for balances to be used."""
-        return self.spin_up >= SETTLED * self.settling * (1.0 - 1e-9)
+        return settles(self.spin_up, self.settling)
+
+
+def settles(spin_up: float, settling: float) -> bool:
+    """Whether a motion is stationary after a spin-up, by the relaxation time of what its start does not know (s)."""
+    return spin_up >= SETTLED * settling * (1.0 - 1e-9)

@@ -47,14 +47,16 @@ class Driving:
         """Bytes of the samples of a realization, and of some rows more."""
         if not self.lines:
             return 0
-        interval, samples = step / integrator.samples_per_step, steps * integrator.samples_per_step + 1
-        rows = sum(len(slots) for slots, _ in self.responses) * (2 if integrator.takes_response else 1) + more
-        return 8 * rows * sample_count(self.lines, interval, samples)
+        return 8 * (sum(self.rows(integrator)) + more) * sample_count(self.lines, *_samples(integrator, step, steps))
 
     def seconds(self, integrator: Integrator, step: float, steps: int) -> float:
         """Time that sampling takes for a realization (s)."""
-        interval, samples = step / integrator.samples_per_step, steps * integrator.samples_per_step + 1
         return sum(
-            rows * sampling_seconds(item, interval, samples)
+            rows * sampling_seconds(item, *_samples(integrator, step, steps))
             for rows, item in zip(self.rows(integrator), self.lines, strict=True)
         )
+
+
+def _samples(integrator: Integrator, step: float, steps: int) -> tuple[float, int]:
+    """Return the time between the samples of some steps (s), and their number."""
+    return step / integrator.samples_per_step, steps * integrator.samples_per_step + 1
