@@ -10,25 +10,9 @@ import pytest
 from hypothesis import settings
 
 import impactlab as il
-import impactlab.simulation
-from impactlab import component
 
 settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
 settings.load_profile("impactlab")
-
-
-@pytest.fixture(autouse=True)
-def _own_components(request, monkeypatch):
-    """Let every test module see its own classes only: two of them may define one name."""
-
-    def seen(module):
-        return module == request.module.__name__ or not module.rpartition(".")[2].startswith("test_")
-
-    registry = {
-        name: {module: cls for module, cls in found.items() if seen(module)}
-        for name, found in component._REGISTRY.items()
-    }
-    monkeypatch.setattr(component, "_REGISTRY", registry)
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 import impactlab as il
+from impactlab.assembly.model import Model
 from impactlab.kernels.random import philox_words, stream
-from impactlab.model import Model
-from impactlab.planning import Request, make_plan
+from impactlab.simulation.planning import Request, make_plan
 
 
 def plan_of(network, **options):

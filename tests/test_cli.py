@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import impactlab as il
-from impactlab.cli import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
+from impactlab.__main__ import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
 from impactlab.studies.discovery import study_class
 
 PLUGIN = Path(__file__).parent / "plugin_example"
@@ -241,7 +241,7 @@ def test_a_request_to_terminate_is_not_taken_for_an_error(capsys, monkeypatch):
 @pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plugins"], ["run", "example", "--dry-run"]])
 def test_light_commands_import_nothing_heavy(arguments):
     code = (
-        "import sys\nfrom impactlab.cli import main\n"
+        "import sys\nfrom impactlab.__main__ import main\n"
         f"try: main({arguments})\nexcept SystemExit: pass\n"
         "heavy = [name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules]\n"
         "print(heavy, 'numpy' in sys.modules, file=sys.stderr)"

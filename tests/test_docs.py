@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 import impactlab as il
-from impactlab.cli import _parser
-from impactlab.dataset import STATISTICS
+from impactlab.__main__ import _parser
+from impactlab.results.schema import STATISTICS
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import impactlab as il
-from impactlab.plot import COLORS, draw_network, style
+from impactlab.plotting.drawing import draw_network
+from impactlab.plotting.style import COLORS, style
 
 NETWORK = il.Network(
     oscillators={

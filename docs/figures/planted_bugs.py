@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from impactlab.plot import COLORS, style
+from impactlab.plotting.style import COLORS, style
 
 LINE = re.compile(r"^([^|]+) \| ([^|]+) \| (?:refused: .*|([^|]+) \| ([^|]+))$")
 

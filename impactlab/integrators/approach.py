@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from impactlab.integrators.base import History, Noise, Sums
-from impactlab.integrators.exact_flow import _SHIFT, kick
+from impactlab.integrators.arguments import Account, Closings, History, Noise, Sums
+from impactlab.integrators.kicks import SHIFT, kick, slot_of
 from impactlab.kernels.flow import flow
-from impactlab.kernels.jit import dense, kernel
+from impactlab.kernels.jit import address_of, borrow, call, dense, kernel, scalar
 from impactlab.kernels.jump import (
     add_to,
     amend_samples,
@@ -23,187 +25,215 @@ from impactlab.kernels.jump import (
 )
 from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
-from impactlab.kernels.sums import PEAK, SLOTS, F, add_history, count_closings, empty_slots
+from impactlab.kernels.rows import PEAK, F
+from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
+
+
+class Piece(NamedTuple):
+    """State of some lanes at the beginning of an interval, and the noise in it, [body, lane] each."""
+
+    x: np.ndarray
+    v: np.ndarray
+    wx: np.ndarray
+    wv: np.ndarray
 
 
 @kernel
-def approach(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
-    interval, near, x, v, after_x, after_v,
-):  # fmt: skip
+def approach(functions, tables, noise, state, history, sums, steps, interval):  # type: ignore[no-untyped-def]
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
 
     Intervals are halved in the order of time, each for the lanes that may touch in it. The lanes of a
     level are dense blocks of their own.
     """
-    top, leaf, ends = jumps.levels, jumps.leaf, sums.ends
+    jumps, work, levels, ends = tables.jumps, state.work, state.work.levels, sums.ends
+    top, leaf, near = jumps.levels, jumps.leaf, interval.near
     counts, half = np.zeros(top + 1, np.int64), np.zeros(top + 1, np.int64)
     node, begin = np.zeros(top + 1, np.int64), np.zeros(top + 1, np.int64)
     # look closer at those that a bound did not clear
-    chosen, flagged = work.chosen[top], work.chosen[0]
-    take_level(top, near, x, v, work.noise[0], work.noise[1], chosen, noise.realizations, work)
+    chosen, flagged = levels.chosen[top], levels.chosen[0]
+    start = Piece(interval.x, interval.v, work.noise[0], work.noise[1])
+    take_level(top, near, start, chosen, noise.realizations, levels)
     now = half[top]
-    number = find(jumps, ends, top, top, 2 * now + 2, now, near, work, flagged)
+    number = find(jumps, ends, top, piece(levels, top, now, 1, near), work.worst, flagged)
     for lane in range(number):
         chosen[lane] = chosen[flagged[lane]]
     if number == 0:
         return 0
-    take_level(top, number, x, v, work.noise[0], work.noise[1], chosen, noise.realizations, work)
+    take_level(top, number, start, chosen, noise.realizations, levels)
     for lane in range(number):
-        work.lanes[top, lane] = chosen[lane]
-    level, counts[top], node[top], begin[top] = top, number, 1, interval * (leaf << top)
-    halve_level(jumps, top, number, interval, node[top], work)
+        levels.lanes[top, lane] = chosen[lane]
+    level, counts[top], node[top], begin[top] = top, number, 1, interval.number * (leaf << top)
+    halve_level(jumps, top, number, (interval.number << top) + node[top], work)
     last = 0
     while half[top] < 2:
         n, now = counts[level], half[level]
         if now == 2:
             above = level + 1
-            put(dense(work.x[level, 0], n), work.chosen[level], dense(work.x[above, 1 - half[above]], counts[above]))
-            put(dense(work.v[level, 0], n), work.chosen[level], dense(work.v[above, 1 - half[above]], counts[above]))
+            put(
+                dense(levels.x[level, 0], n),
+                levels.chosen[level],
+                dense(levels.x[above, 1 - half[above]], counts[above]),
+            )
+            put(
+                dense(levels.v[level, 0], n),
+                levels.chosen[level],
+                dense(levels.v[above, 1 - half[above]], counts[above]),
+            )
             half[above] += 1
             level = above
             continue
-        part = level - 1
-        number = find(jumps, ends, part, level, 2 * now, now, n, work, work.chosen[part])
-        old_x, old_v = dense(work.x[level, now], n), dense(work.v[level, now], n)
-        wx, wv = dense(work.w[level, 2 * now], n), dense(work.w[level, 2 * now + 1], n)
-        new_x, new_v = dense(work.x[level, 1 - now], n), dense(work.v[level, 1 - now], n)
-        jump(jumps.transition[part], old_x, old_v, wx, wv, new_x, new_v)
+        part, old = level - 1, piece(levels, level, now, now, n)
+        number = find(jumps, ends, part, old, work.worst, levels.chosen[part])
+        new_x, new_v = dense(levels.x[level, 1 - now], n), dense(levels.v[level, 1 - now], n)
+        jump(jumps.transition[part], old.x, old.v, old.wx, old.wv, new_x, new_v)
         last = 0
         if number == 0:
             half[level] += 1
             continue
-        take_level(part, number, old_x, old_v, wx, wv, work.chosen[part], work.realizations[level], work)
+        take_level(part, number, old, levels.chosen[part], levels.realizations[level], levels)
         for lane in range(number):
-            work.lanes[part, lane] = work.lanes[level, work.chosen[part, lane]]
+            levels.lanes[part, lane] = levels.lanes[level, levels.chosen[part, lane]]
         counts[part], begin[part] = number, begin[level] + now * (leaf << part)
         if part > 0:
             node[part], half[part] = 2 * node[level] + now, 0
-            halve_level(jumps, part, number, interval, node[part], work)
+            halve_level(jumps, part, number, (interval.number << top) + node[part], work)
             level = part
             continue
-        step_by_step(
-            forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes,
-            summing, begin[0], number,
-        )  # fmt: skip
-        put(dense(work.x[0, 1], number), work.chosen[0], new_x)
-        put(dense(work.v[0, 1], number), work.chosen[0], new_v)
+        own = of_lanes(noise, levels.realizations[0][:number])
+        step_by_step(functions, tables, own, state, history, sums, steps, begin[0])
+        put(dense(levels.x[0, 1], number), levels.chosen[0], new_x)
+        put(dense(levels.v[0, 1], number), levels.chosen[0], new_v)
         half[level] += 1
         last = number
-    put(dense(work.x[top, 0], counts[top]), work.lanes[top], after_x)
-    put(dense(work.v[top, 0], counts[top]), work.lanes[top], after_v)
-    if last and summing:
+    put(dense(levels.x[top, 0], counts[top]), levels.lanes[top], interval.after_x)
+    put(dense(levels.v[top, 0], counts[top]), levels.lanes[top], interval.after_v)
+    if last and steps.summing:
         middle = dense(history.v, last)[leaf - 1]
-        amend_samples(dense(work.x[0, 1], last), dense(work.v[0, 1], last), middle, work.lanes[0], sums.bodies[0])
+        amend_samples(dense(levels.x[0, 1], last), dense(levels.v[0, 1], last), middle, levels.lanes[0], sums.bodies[0])
     return last
 
 
+@scalar
+def of_lanes(noise, realizations):  # type: ignore[no-untyped-def]
+    """Return the noise of some realizations."""
+    return Noise(
+        noise.bodies, noise.runs, noise.seconds, noise.amplitude, noise.streams, realizations, noise.scale,
+        noise.coarse, noise.normals,
+    )  # fmt: skip
+
+
+@scalar
+def piece(levels, level, state, half, number):  # type: ignore[no-untyped-def]
+    """Return a state of the lanes of a level, before or after half their interval, with the noise of one half."""
+    w = levels.w[level]
+    return Piece(
+        dense(levels.x[level, state], number), dense(levels.v[level, state], number), dense(w[2 * half], number),
+        dense(w[2 * half + 1], number),
+    )  # fmt: skip
+
+
 @kernel
-def take_level(level, number, x, v, wx, wv, chosen, realizations, work):  # type: ignore[no-untyped-def]
+def take_level(level, number, whole, chosen, realizations, levels):  # type: ignore[no-untyped-def]
     """Fill the blocks of a level with some lanes."""
-    take(x, chosen, dense(work.x[level, 0], number))
-    take(v, chosen, dense(work.v[level, 0], number))
-    take(wx, chosen, dense(work.w[level, 2], number))
-    take(wv, chosen, dense(work.w[level, 3], number))
+    own = piece(levels, level, 0, 1, number)
+    take(whole.x, chosen, own.x)
+    take(whole.v, chosen, own.v)
+    take(whole.wx, chosen, own.wx)
+    take(whole.wv, chosen, own.wv)
     for lane in range(number):
-        work.realizations[level, lane] = realizations[chosen[lane]]
+        levels.realizations[level, lane] = realizations[chosen[lane]]
 
 
 @kernel
-def find(jumps, ends, part, level, noise, state, number, work, chosen):  # type: ignore[no-untyped-def]
-    """Find the lanes of a level that may touch within an interval of the level `part`."""
-    worst = dense(work.worst, number)
+def find(jumps, ends, part, whole, spare, chosen):  # type: ignore[no-untyped-def]
+    """Find the lanes that may touch within an interval of the level `part`."""
+    worst = dense(spare, whole.x.shape[1])
     begin = jumps.leaf * ((1 << part) - 1)
     search(
-        jumps.path, ends, jumps.limit, begin, begin + (jumps.leaf << part), dense(work.x[level, state], number),
-        dense(work.v[level, state], number), dense(work.w[level, noise], number),
-        dense(work.w[level, noise + 1], number), worst,
+        jumps.path, ends, jumps.limit, begin, begin + (jumps.leaf << part), whole.x, whole.v, whole.wx, whole.wv, worst,
     )  # fmt: skip
     return select(worst, chosen)
 
 
 @kernel
-def halve_level(jumps, level, number, interval, node, work):  # type: ignore[no-untyped-def]
-    """Draw the noise of the halves of the intervals of a level; `node` numbers them within the longest one."""
-    normals = dense(work.halves, number)
-    if jumps.halves.shape[1]:
-        address = np.uint64((interval << jumps.levels) + node)
-        fill_normals(jumps.halves, work.realizations[level][:number], address, normals)
+def halve_level(jumps, level, number, address, work):  # type: ignore[no-untyped-def]
+    """Draw the noise of the halves of the intervals of a level."""
+    normals, noise, levels = dense(work.halves, number), jumps.noise, work.levels
+    if noise.halves.shape[1]:
+        fill_normals(noise.halves, levels.realizations[level][:number], np.uint64(address), normals)
+    first, second = piece(levels, level, 0, 0, number), piece(levels, level, 0, 1, number)
     halve(
-        jumps.gain[level], jumps.rest[level], jumps.transition[level - 1], jumps.rows, normals,
-        dense(work.w[level, 2], number), dense(work.w[level, 3], number), dense(work.w[level, 0], number),
-        dense(work.w[level, 1], number),
+        noise.gain[level], noise.rest[level], jumps.transition[level - 1], noise.rows, normals, second.wx, second.wv,
+        first.wx, first.wv,
     )  # fmt: skip
 
 
 @kernel
-def step_by_step(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, jumps, noise, state, history, work, sums, passes, summing,
-    first, number,
-):  # fmt: skip
+def step_by_step(functions, tables, noise, state, history, sums, steps, first):  # type: ignore[no-untyped-def]
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
-    own = Noise(
-        noise.bodies, noise.runs, noise.seconds, noise.amplitude, noise.streams, work.realizations[0][:number],
-        noise.scale, noise.coarse,
-    )  # fmt: skip
-    groups = jumps.leaf // 4
-    x, v = dense(work.x[0, 0], number), dense(work.v[0, 0], number)
-    of_x, of_v, spare = dense(work.w[0, 0], number), dense(work.w[0, 1], number), dense(work.x[0, 1], number)
+    forces, jumps, levels, coefficients = functions.forces, tables.jumps, state.work.levels, tables.coefficients
+    number = noise.realizations.shape[0]
+    x, v, of_x, of_v = piece(levels, 0, 0, 0, number)
+    whole = piece(levels, 0, 1, 1, number)  # of the state after it, and the noise of all steps
+    spare = whole.x
     clear(of_x)
     clear(of_v)
     clear(spare)
-    for group in range(groups):
-        normals = dense(work.steps[group], number)
+    for group in range(jumps.leaf // 4):
+        normals = dense(state.work.steps[group], number)
         if noise.bodies.shape[0]:
-            fill_steps(own, first // 4 + group, normals)
+            fill_steps(noise, first // 4 + group, normals)
         for column in range(4):
-            flow(coefficients, 0, own, 0, normals, column, of_x, of_v, spare)
+            flow(coefficients, 0, noise, 0, normals, column, of_x, of_v, spare)
             of_x, spare = spare, of_x
-    pin(jumps.inverse, dense(work.w[0, 2], number), dense(work.w[0, 3], number), of_x, of_v)
+    pin(jumps.noise.inverse, whole.wx, whole.wv, of_x, of_v)
     past = History(
         dense(history.x, number), dense(history.v, number), dense(history.force, number),
         dense(history.indentation, number), dense(history.contact_force, number),
     )  # fmt: skip
     empty_slots(past, jumps.leaf, SLOTS)
-    y, rest = dense(state.external, number), dense(state.rest, number)
+    y, still = dense(state.work.place, number), dense(state.still, number)
     hold_wall(y)
-    counted = sums.before.shape[1]
-    before = np.empty((2, counted, number))
-    if counted:  # where the kick before was read; its half makes no difference that counts
+    before = np.empty((2, sums.closings.before.shape[1], number))
+    if before.shape[1]:  # where the kick before was read; its half makes no difference that counts
         total, contact_force = past.force[0], past.contact_force[0]
-        forces(x, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
-        scaled_sum(x, coefficients, _SHIFT, total, y)
-        forces(y, rest, rest, 0.0, parameters, indices, before[0], contact_force, total)
+        parameters, indices = tables.parameters, tables.indices
+        forces(x, still, still, 0.0, parameters, indices, before[0], contact_force, total)
+        scaled_sum(x, coefficients, SHIFT, total, y)
+        forces(y, still, still, 0.0, parameters, indices, before[0], contact_force, total)
         differences(indices, v, before[1])
     for step in range(jumps.leaf):
-        hold_wall(past.x[step])
-        hold_wall(past.v[step])
-        after = past.x[step]
-        flow(coefficients, 0, own, 0, dense(work.steps[step // 4], number), step % 4, x, v, after)
-        correct(jumps.terms[step], of_x, of_v, after, v)
-        x = after
-        kick(
-            forces, parameters, indices, coefficients, passes, rest, x, v, y, past.v[step], past.force[step],
-            past.indentation[step], past.contact_force[step],
-        )  # fmt: skip
-    if summing:
-        bodies, contacts = sums.bodies.shape[2], sums.contacts.shape[1]
-        own_sums = Sums(
-            np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
-            sums.ends, sums.indices, sums.window, sums.half_kick, sums.closing, sums.push, sums.kick, sums.products,
-            sums.pairs, before, sums.jitter, sums.step,
-        )  # fmt: skip
-        for step in range(counted and jumps.leaf):
-            count_closings(past.indentation[step], past.v[step], own_sums)
-        add_history(past, own_sums)
-        lanes = work.lanes[0]
-        for row in range(F, sums.bodies.shape[1]):
-            add_to(own_sums.bodies[0, row], lanes, sums.bodies[0, row])
-        for row in range(PEAK):
-            add_to(own_sums.contacts[row], lanes, sums.contacts[row])
-        for contact in range(contacts):
-            for lane in range(number):
-                peak = sums.contacts[PEAK, contact, lanes[lane]]
-                sums.contacts[PEAK, contact, lanes[lane]] = max(peak, own_sums.contacts[PEAK, contact, lane])
-    copy(x, dense(work.x[0, 1], number))
-    copy(v, dense(work.v[0, 1], number))
+        here = slot_of(past, step)
+        hold_wall(here.x)
+        hold_wall(here.v)
+        flow(coefficients, 0, noise, 0, dense(state.work.steps[step // 4], number), step % 4, x, v, here.x)
+        correct(jumps.noise.terms[step], of_x, of_v, here.x, v)
+        x = here.x
+        kick(forces, tables, steps.passes, still, v, y, here)
+    if steps.summing:
+        add_leaf(functions.add, past, before, jumps.leaf, levels.lanes[0], sums)
+    copy(x, whole.x)
+    copy(v, whole.v)
+
+
+@kernel
+def add_leaf(add, past, before, steps, lanes, sums):  # type: ignore[no-untyped-def]
+    """Add contacts and kicks of some lanes in the steps of a leaf to the sums of their block."""
+    bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
+    own = Sums(
+        np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
+        sums.products, sums.ends, sums.pairs, sums.indices,
+        Closings(before, sums.closings.jitter, sums.closings.step), sums.flux, sums.turns,
+    )  # fmt: skip
+    for step in range(before.shape[1] and steps):
+        count_closings(past.indentation[step], past.v[step], own)
+    call(add, address_of(Account(past, borrow(own))), 0)  # which lets go of what it does not borrow
+    for row in range(F, sums.bodies.shape[1]):
+        add_to(own.bodies[0, row], lanes, sums.bodies[0, row])
+    for row in range(sums.contacts.shape[0]):
+        if row != PEAK:
+            add_to(own.contacts[row], lanes, sums.contacts[row])
+    for contact in range(contacts):
+        for lane in range(number):
+            peak = sums.contacts[PEAK, contact, lanes[lane]]
+            sums.contacts[PEAK, contact, lanes[lane]] = max(peak, own.contacts[PEAK, contact, lane])

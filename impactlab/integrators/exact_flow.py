@@ -2,67 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from impactlab.component import parameter
-from impactlab.integrators.base import Cross, Flows, Group, Integrator, compiled, coupling_rate, frequencies
-from impactlab.kernels.flow import (
-    COEFFICIENTS,
+from impactlab.assembly.model import Model, kept
+from impactlab.components.component import parameter
+from impactlab.integrators.arguments import Cross, Flows, Group
+from impactlab.integrators.base import Integrator, coupling_rate, frequencies
+from impactlab.integrators.driver import sample_of, sampled
+from impactlab.integrators.kicks import KICK, PUSH, SPLIT_FRICTION, kick, slot_of
+from impactlab.kernels.flow import flow, flow_between, push_between
+from impactlab.kernels.kick import add_forced, add_response, clear, copy, scaled_sum, smooth_velocity
+from impactlab.kernels.sums import SLOTS
+from impactlab.linear.laws import coupled_systems, flowing_systems
+from impactlab.linear.systems import LinearSystem
+from impactlab.linear.transitions import (
     GAUSS,
-    flow,
-    flow_between,
     noise_columns,
     noise_root,
-    push_between,
     response_to_force,
     split_transition,
     system_response,
     system_transition,
     transition,
 )
-from impactlab.kernels.jit import borrow, kernel
-from impactlab.kernels.kick import add_forced, add_response, apply_kick, clear, copy, scaled_sum, smooth_velocity
-from impactlab.kernels.random import fill_steps
-from impactlab.kernels.series import NEAR, bring_near
-from impactlab.kernels.sums import SLOTS, TURN, add_turns, close_slot, empty_slots, write_snapshot
-from impactlab.linear import LinearSystem, coupled_systems, flowing_systems
-from impactlab.model import Model, kept
-
-_SHIFT, _KICK, _HALF_KICK, _HALF_STEP, _PUSH = range(COEFFICIENTS, COEFFICIENTS + 5)
-"""Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""
-
-SPLIT_FRICTION = 0.125
-"""Largest friction over a step, ``c h/m``, that may act at one moment of it."""
 
 STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
 """A coupling kicks up to ``h² k (1/m₁ + 1/m₂)`` and ``h c (1/m₁ + 1/m₂)``, and in groups of more bodies."""
-
-
-def kick_share(friction: np.ndarray) -> np.ndarray:
-    """Return the share of kicks that counts in velocities at their own time, by friction over a step, ``γh = c h/m``.
-
-    A constant force F keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1), so that
-    1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
-    """
-    slowed = friction > SPLIT_FRICTION
-    strong = np.where(slowed, friction, 1.0)
-    return np.where(slowed, 1.0 / strong + np.exp(-strong) / np.expm1(-strong), 0.5)
-
-
-def kick_width(friction: np.ndarray) -> np.ndarray:
-    """Return the share w of kicks g so that velocities at their own time, and w g to either side of them, are right.
-
-    Mean squares of velocities with the `kick_share` θ of linear kicks are ``(θ² − (1 − 2θ)/(exp(2γh) − 1)) E[g²]`` too
-    small, a sixth of E[g²] where there is little friction; the mean of the three has ``2w²/3 E[g²]`` more.
-    """
-    share = kick_share(friction)
-    with np.errstate(over="ignore"):
-        missing = share**2 - (1.0 - 2.0 * share) / np.expm1(2.0 * np.maximum(friction, SPLIT_FRICTION))
-    return np.where(friction > SPLIT_FRICTION, np.sqrt(1.5 * np.maximum(missing, 0.0)), 0.5)
 
 
 class ExactFlow(Integrator):
@@ -95,7 +63,8 @@ class ExactFlow(Integrator):
         displacements and velocities are sampled once per interval then, contacts at every step.
     measured : bool
         Whether the error of the step is measured on the scene before the run, where the automatic step is not
-        certified or a larger one is given (default); see `impactlab.step_error`. Else a run takes the step as it is.
+        certified or a larger one is given (default); see `impactlab.simulation.step_error`. Else a run takes the
+        step as it is.
     """
 
     jumps: bool = parameter(True)
@@ -106,11 +75,44 @@ class ExactFlow(Integrator):
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
     reach: ClassVar[int] = 2
+    blocks: ClassVar[int] = 2
     takes_response: ClassVar[bool] = True
 
     @staticmethod
-    def loop(single: bool = False) -> Callable[..., None]:
-        return compiled(_advance, single)
+    def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+        coefficients, cross = tables.coefficients, tables.cross
+        noise, series, forced = driven.noise, driven.series, driven.forced
+        now = steps.first + index
+        past, slot = slot_of(history, (now - 1) % SLOTS), slot_of(history, now % SLOTS)
+        v, y, push, before = state.v, state.reading, state.work[0], state.work[1]
+        x, last_force = (past.x, past.force) if index else (state.x, state.total)
+        if series.bodies.shape[0]:
+            copy(x, y)
+            x = y
+            add_response(series, sample_of(steps, now), -1.0, x, v)
+        if cross.bodies.shape[0]:
+            copy(v, before)
+        sample = index if noise.scale.shape[0] > 1 else 0
+        flow(coefficients, now % coefficients.shape[0], noise, sample, noise.normals, now % 4, x, v, slot.x)
+        if cross.bodies.shape[0]:
+            flow_between(cross, noise.normals, now % 4, x, before, slot.x, v)
+        if forced.bodies.shape[0]:
+            for part in range(2):  # mean and slope
+                clear(push)
+                add_forced(forced.force, 2 * index + part, forced.bodies, push)
+                scaled_sum(slot.x, coefficients, PUSH + 2 * part, push, slot.x)
+                scaled_sum(v, coefficients, PUSH + 2 * part + 1, push, v)
+                push_between(cross, part, push, slot.x, v)
+        if series.bodies.shape[0]:
+            add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)
+        kick(forces, tables, steps.passes, state.still, v, y, slot)
+        last = index == steps.number - 1
+        if last or sampled(steps, index):
+            smooth_velocity(coefficients, KICK, slot.v, slot.force, last_force, state.velocity)
+            copy(slot.contact_force, state.contact_force)
+        if last:
+            copy(slot.x, state.x)
+            copy(slot.force, state.total)
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
@@ -130,15 +132,22 @@ class ExactFlow(Integrator):
         return flowing([part for part in parts if (part & stiff).any()])
 
     def cross(self, model: Model, step: float) -> Cross:
-        rows = [super().cross(model, step)]
-        for group in self.flows(model, step).groups:
+        groups = self.flows(model, step).groups
+        if not groups:
+            return super().cross(model, step)
+        blocks = []
+        for group in groups:
             body, other = np.nonzero(~np.eye(len(group.slots), dtype=bool))
             flow, noise = (
                 _blocks(part)[body, other].reshape(-1, 4) for part in (group.transition, noise_root(group.covariance))
             )
             push = np.moveaxis(_response(group.system, step), 0, 2)[body, other]  # x, v by each of both forces
-            rows.append(Cross(np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
-        return Cross(*(np.ascontiguousarray(np.concatenate(part)) for part in zip(*rows, strict=True)))
+            blocks.append((np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
+        bodies, flow, noise, push = (np.ascontiguousarray(np.concatenate(part)) for part in zip(*blocks, strict=True))
+        rows = np.full((2, len(model.mass)), -1)
+        for row, body in enumerate(self.noise(model, step)[0]):
+            rows[int(rows[0, body] >= 0), body] = row
+        return Cross(bodies, flow, noise, push, rows)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         a = self.flows(model, step).transition
@@ -261,82 +270,18 @@ def _over(number: float, frequency: float) -> float:
     return number / float(frequency) if frequency > 0.0 else float("inf")
 
 
-def _advance(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, cross, noise, series, forced, state, history, sums, snapshots,
-    step, passes, summing, first, count, every, phase,
-):  # fmt: skip
-    cross, noise, series, forced = borrow(cross), borrow(noise), borrow(series), borrow(forced)
-    state, history, sums = borrow(state), borrow(history), borrow(sums)
-    coefficients, parameters, indices = borrow(coefficients), borrow(parameters), borrow(indices)
-    x, v, y, push, before = state.x, state.v, state.reading, state.external, state.slope_v
-    rows = np.full((2, coefficients.shape[2] if cross.bodies.shape[0] else 0), -1)
-    for row in range(noise.bodies.shape[0] if cross.bodies.shape[0] else 0):
-        body = noise.bodies[row]
-        rows[0 if rows[0, body] < 0 else 1, body] = row
-    empty_slots(history, 0, first % SLOTS)
-    for index in range(count):
-        now = first + index
-        slot = now % SLOTS
-        after, middle, total = history.x[slot], history.v[slot], history.force[slot]
-        indentation, contact_force = history.indentation[slot], history.contact_force[slot]
-        if series.bodies.shape[0]:
-            if index == 0 or now % NEAR == 0:
-                bring_near(series, now // NEAR * NEAR)
-            copy(x, y)
-            x = y
-            add_response(series, now % NEAR, -1.0, x, v)
-        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
-            fill_steps(noise, now // 4, state.normals)
-        sample = index if noise.scale.shape[0] > 1 else 0
-        if cross.bodies.shape[0]:
-            copy(v, before)
-        cycle = now % coefficients.shape[0]
-        flow(coefficients, cycle, noise, sample, state.normals, now % 4, x, v, after)
-        if cross.bodies.shape[0]:
-            flow_between(cross, rows, state.normals, now % 4, x, before, after, v)
-        x = after
-        if forced.bodies.shape[0]:
-            for part in range(2):  # mean and slope
-                clear(push)
-                add_forced(forced.force, 2 * index + part, forced.bodies, push)
-                scaled_sum(x, coefficients, _PUSH + 2 * part, push, x)
-                scaled_sum(v, coefficients, _PUSH + 2 * part + 1, push, v)
-                push_between(cross, part, push, x, v)
-        if series.bodies.shape[0]:
-            add_response(series, now % NEAR + 1, 1.0, x, v)
-        kick(
-            forces, parameters, indices, coefficients, passes, state.rest, x, v, y, middle, total, indentation,
-            contact_force,
-        )  # fmt: skip
-        if sums.bodies.shape[1] > TURN:
-            add_turns(total, middle, coefficients, _HALF_KICK, state.slope_x, state.middle, summing, cycle, sums)
-        wanted = every > 0 and (phase + index + 1) % every == 0
-        if wanted or index == count - 1:
-            if index:
-                copy(history.force[(slot - 1) % SLOTS], state.total)
-            smooth_velocity(coefficients, _KICK, middle, total, state.total, state.velocity)
-        if summing:
-            close_slot(history, slot, index == count - 1, sums)
-        if wanted:
-            write_snapshot(y, state.velocity, contact_force, sums, snapshots, (phase + index + 1) // every - 1)
-    last = (first + count - 1) % SLOTS
-    copy(x, state.x)
-    copy(history.force[last], state.total)
-    copy(history.contact_force[last], state.contact_force)
+class WholeFlow(ExactFlow):
+    """The exact flow with the exact Gaussian transition for all bodies, so that steps add up to that of an interval.
 
+    `ExactFlow` turns into it where jumps save work.
+    """
 
-@kernel
-def kick(  # type: ignore[no-untyped-def]
-    forces, parameters, indices, coefficients, passes, rest, x, v, y, middle, total, indentation, contact_force,
-):  # fmt: skip
-    """Change the velocities by all forces at the shifted place y; write those in the middle of the kick."""
-    # the conservative force at x says where the kick is read
-    forces(x, rest, rest, 0.0, parameters, indices, indentation, contact_force, total)
-    scaled_sum(x, coefficients, _SHIFT, total, y)
-    if passes == 0:
-        forces(y, v, v, 0.0, parameters, indices, indentation, contact_force, total)
-    for _ in range(passes):  # each force is solved for its own velocity, with the other forces of the pass before
-        scaled_sum(v, coefficients, _HALF_KICK, total, middle)
-        half_step = coefficients[0, _HALF_STEP, 0]
-        forces(y, v, middle, half_step, parameters, indices, indentation, contact_force, total)
-    apply_kick(coefficients, _KICK, total, v, middle)
+    phases: ClassVar[int] = 1
+
+    def flows(self, model: Model, step: float) -> Flows:
+        both = super().flows(model, step)
+        a, q, middle_a, middle_q = (part[:1] for part in both[:-1])
+        return Flows(a, q, middle_a, middle_q, both.groups)
+
+    def _split(self, model: Model, step: float) -> np.ndarray:
+        return np.zeros(len(model.mass), dtype=bool)

@@ -9,6 +9,7 @@ for every step. So a realization has the same noise in any order of drawing.
 from __future__ import annotations
 
 from impactlab.kernels.jit import kernel
+from impactlab.kernels.rows import VV, XV, XX, V, X
 
 
 @kernel
@@ -234,15 +235,15 @@ def correct(gain, of_x, of_v, x, v):  # type: ignore[no-untyped-def]
 
 @kernel
 def add_samples(x, v, sums):  # type: ignore[no-untyped-def]
-    """Add the powers of displacement and velocity to the first five rows of ``sums[row, body, lane]``."""
+    """Add the powers of displacement and velocity to ``sums[row, body, lane]``."""
     for body in range(sums.shape[1]):
         for lane in range(sums.shape[2]):
             displacement, velocity = x[body, lane], v[body, lane]
-            sums[0, body, lane] += displacement
-            sums[1, body, lane] += velocity
-            sums[2, body, lane] += displacement * displacement
-            sums[3, body, lane] += displacement * velocity
-            sums[4, body, lane] += velocity * velocity
+            sums[X, body, lane] += displacement
+            sums[V, body, lane] += velocity
+            sums[XX, body, lane] += displacement * displacement
+            sums[XV, body, lane] += displacement * velocity
+            sums[VV, body, lane] += velocity * velocity
 
 
 @kernel
@@ -252,6 +253,6 @@ def amend_samples(x, v, middle, chosen, sums):  # type: ignore[no-untyped-def]
         for lane in range(middle.shape[1]):
             other = chosen[lane]
             old, new = v[body, lane], middle[body, lane]
-            sums[1, body, other] += new - old
-            sums[3, body, other] += x[body, lane] * (new - old)
-            sums[4, body, other] += new * new - old * old
+            sums[V, body, other] += new - old
+            sums[XV, body, other] += x[body, lane] * (new - old)
+            sums[VV, body, other] += new * new - old * old

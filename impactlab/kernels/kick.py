@@ -12,7 +12,7 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     indices : ndarray of int
-        `Model.indices`: the second entry tells where the rows for this begin.
+        `Members.indices`: the second entry tells where the rows for this begin.
     contact_force : [contact, lane]
         Forces of the contacts.
     total : [body, lane]
@@ -75,7 +75,7 @@ def differences(indices, a, result):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     indices : ndarray of int
-        `Model.indices`: the first entry tells where the rows for this begin.
+        `Members.indices`: the first entry tells where the rows for this begin.
     a : [body, lane]
         The quantity.
     result : [contact, lane]

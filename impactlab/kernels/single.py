@@ -14,7 +14,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from impactlab.kernels.jit import Function, is_kernel, kernel
+from impactlab.kernels.jit import Function, maker
+from impactlab.kernels.parsing import parsed
 
 
 def _is_lane(node: ast.AST) -> bool:
@@ -42,7 +43,7 @@ class _WithoutLanes(ast.NodeTransformer):
 
 def single_text(text: str) -> str:
     """Return the text of a generated module for blocks of one lane."""
-    tree = _WithoutLanes().visit(ast.parse(text))
+    tree = _WithoutLanes().visit(parsed(text))
     body = tree.body
     for place, node in enumerate(body):
         if isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.jit":
@@ -52,7 +53,7 @@ def single_text(text: str) -> str:
         elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.kick":
             singles = [f"{item.name} = single({item.name})" for item in node.names]
             lines = ["from impactlab.kernels.single import single", *singles]
-            body[place + 1 : place + 1] = ast.parse("\n".join(lines)).body
+            body[place + 1 : place + 1] = parsed("\n".join(lines)).body
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
@@ -72,19 +73,21 @@ def instead_of(compiled: Function) -> Callable[[Function], Function]:
 @cache
 def single(compiled: Function) -> Function:
     """Return a kernel for blocks of one lane."""
-    return kernel(without_lanes(_instead.get(compiled, compiled)))
+    make = maker(compiled)
+    assert make is not None
+    return make(without_lanes(_instead.get(compiled, compiled)))
 
 
 def without_lanes(function: Function) -> Function:
     """Return a function over blocks for blocks of one lane, as the kernels that it calls; not compiled."""
     plain: Any = getattr(function, "py_func", function)
-    tree: Any = _WithoutLanes().visit(ast.parse(textwrap.dedent(inspect.getsource(plain))))
+    tree: Any = _WithoutLanes().visit(parsed(textwrap.dedent(inspect.getsource(plain))))
     definition = tree.body[0]
     definition.decorator_list, definition.name = [], f"{definition.name}_single"
     ast.fix_missing_locations(ast.increment_lineno(tree, plain.__code__.co_firstlineno - 1))
     names = dict(plain.__globals__)
     for name in plain.__code__.co_names:
-        if is_kernel(names.get(name)):
+        if maker(names.get(name)):
             names[name] = single(names[name])
     exec(compile(tree, plain.__code__.co_filename, "exec"), names)
     return names[definition.name]  # type: ignore[no-any-return]

@@ -8,31 +8,10 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.jit import kernel, scalar
-from impactlab.kernels.kick import copy, differences
+from impactlab.kernels.jit import inlined, kernel, scalar
+from impactlab.kernels.kick import differences
+from impactlab.kernels.rows import CLOSED, FF, FLUX, FORCE, FV, FX, PEAK, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.single import instead_of
-
-X, V, XX, XV, VV, F, FF, FX, FV = range(9)
-"""Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
-kick applied; the last four are there for methods that kick."""
-
-TURN = 9
-"""Row of the sums over bodies, where series or given forces push some: the force of kicks times what the flow
-between them adds to the velocity."""
-
-CLOSED, FORCE, FLUX, PEAK = range(4)
-"""Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
-point of contact or the number of closings, largest force."""
-
-STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
-
-BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
-"""In sums of transients the first rows are over [0, T], with half of the states at both ends. Then come those over the
-kicks after which the flows of a phase begin, from the row `BEGUN` on, and the sum of the intensity of the white noise
-in these flows, by that which the flow is made with. And how many rows these are."""
-
-PAIR_ROWS = 9
-"""Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
 
 SLOTS = 8
 """Steps that are added together."""
@@ -58,26 +37,18 @@ def empty_slots(history, begin, end):  # type: ignore[no-untyped-def]
                 history.contact_force[slot, contact, lane] = 0.0
 
 
-@kernel
-def keep(history, slot, x, v, indentation, contact_force):  # type: ignore[no-untyped-def]
-    """Copy a state into a slot of a history."""
-    copy(x, history.x[slot])
-    copy(v, history.v[slot])
-    copy(indentation, history.indentation[slot])
-    copy(contact_force, history.contact_force[slot])
-
-
-@kernel
+@inlined
 def close_slot(history, slot, last, sums):  # type: ignore[no-untyped-def]
-    """Add the history to the sums if the slot is its last one, or the last one of a call."""
-    if sums.before.shape[1]:
+    """Count the closings of a step; return whether the history must be added: after its last slot, or of a call."""
+    if sums.closings.before.shape[1]:
         count_closings(history.indentation[slot], history.v[slot], sums)
-    if last or slot == SLOTS - 1:
+    full = last or slot == SLOTS - 1
+    if full:
         empty_slots(history, slot + 1, SLOTS)
-        add_history(history, sums)
+    return full
 
 
-@kernel
+@inlined
 def add_history(history, sums):  # type: ignore[no-untyped-def]
     """Add all slots to the sums; those of different phases of the method's cycle apart."""
     phases = sums.bodies.shape[0]
@@ -125,33 +96,29 @@ def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_turns(force, middle, coefficients, column, last_force, last_middle, summing, phase, target):  # type: ignore[no-untyped-def]
+def add_turns(force, middle, summing, phase, target):  # type: ignore[no-untyped-def]
     """Add the mean force of two kicks times what the flow between them gave to the velocity.
 
     Parameters
     ----------
     force, middle : [body, lane]
         Force of the later kick, and velocity in its middle.
-    coefficients : (phase, column, body) ndarray
-        Half the velocity that a unit force of a kick gives is a `column` of it.
-    last_force, last_middle : [body, lane]
-        Those of the earlier kick; replaced by those of the later.
     summing : bool
         Whether to add anything.
     phase : int
         Which step of the method's cycle it is.
     target : Sums
-        Where to add.
+        Where to add; the earlier kick in `target.turns` is replaced by the later.
     """
-    sums = target.bodies
+    sums, last = target.bodies, target.turns
     for body in range(sums.shape[2]):
-        half = coefficients[0, column, body]
+        half = last.half[body]
         for lane in range(sums.shape[3]):
-            both = last_force[body, lane] + force[body, lane]
-            turn = 0.5 * both * (middle[body, lane] - last_middle[body, lane] - half * both)
+            both = last.force[body, lane] + force[body, lane]
+            turn = 0.5 * both * (middle[body, lane] - last.middle[body, lane] - half * both)
             sums[phase, TURN, body, lane] += turn if summing else 0.0
-            last_force[body, lane] = force[body, lane]
-            last_middle[body, lane] = middle[body, lane]
+            last.force[body, lane] = force[body, lane]
+            last.middle[body, lane] = middle[body, lane]
 
 
 @kernel
@@ -171,7 +138,7 @@ def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
             f2, f3 = force[c, contact, lane], force[d, contact, lane]
             sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
             sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
-    if target.before.shape[1] == 0:
+    if target.closings.before.shape[1] == 0:
         add_flux(history, slots, target)
 
 
@@ -208,14 +175,14 @@ def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: i
 @kernel
 def count_closings(indentation, v, target):  # type: ignore[no-untyped-def]
     """Add the closings since the step before, whose indentations and rates are in `target.before`."""
-    before, sums = target.before, target.contacts
+    before, sums = target.closings.before, target.contacts
     for contact in range(sums.shape[1]):
         first, second = target.ends[contact, 0], target.ends[contact, 1]
-        jitter = target.jitter[contact]
+        jitter = target.closings.jitter[contact]
         for lane in range(sums.shape[2]):
             depth, closing = indentation[contact, lane], v[first, lane] - v[second, lane]
             number = closings(
-                before[0, contact, lane], before[1, contact, lane], depth, closing, target.step, jitter
+                before[0, contact, lane], before[1, contact, lane], depth, closing, target.closings.step, jitter
             )  # fmt: skip
             sums[FLUX, contact, lane] += number
             before[0, contact, lane], before[1, contact, lane] = depth, closing
@@ -244,7 +211,7 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
     the gap count. Counting sign changes between samples would miss the short contacts.
 
     Velocities in the middle of kicks are what friction makes of them within the step, if that is much, later: see
-    `impactlab.integrators.exact_flow.kick_share`.
+    `impactlab.integrators.kicks.kick_share`.
 
     At a kick by force gradients K the mean square of the velocity is off by −h²K/6 in its middle
     and by h²K/12 on either side. Where bodies feel other forces than that of the contact,
@@ -254,7 +221,7 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
     v, indentation, force, sums = history.v, history.indentation, history.force, target.contacts
     for contact in range(sums.shape[1]):
         first, second = target.ends[contact, 0], target.ends[contact, 1]
-        half = target.window[contact]
+        half = target.flux.window[contact]
         curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
             flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
@@ -262,17 +229,17 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
             flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
             flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
             sums[FLUX, contact, lane] += flux
-        if target.half_kick.shape[0] == 1:
-            of_first, of_second = target.half_kick[0, first], target.half_kick[0, second]
+        if target.flux.half_kick.shape[0] == 1:
+            of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
             for slot in slots:
                 for lane in range(sums.shape[2]):
                     closing = v[slot, first, lane] - v[slot, second, lane]
                     kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
                     depth = indentation[slot, contact, lane]
                     sums[FLUX, contact, lane] += change_around(depth, closing, kick, half, curvature)
-        if target.half_kick.shape[0] > 1:  # friction slows bodies within a step
-            of_first, of_second = target.half_kick[0, first], target.half_kick[0, second]
-            late_first, late_second = target.half_kick[1, first], target.half_kick[1, second]
+        if target.flux.half_kick.shape[0] > 1:  # friction slows bodies within a step
+            of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
+            late_first, late_second = target.flux.half_kick[1, first], target.flux.half_kick[1, second]
             for slot in slots:
                 for lane in range(sums.shape[2]):
                     middle = v[slot, first, lane] - v[slot, second, lane]
@@ -291,14 +258,14 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
     indentation, sums, closing, kick, push = (
         history.indentation,
         target.contacts,
-        target.closing,
-        target.kick,
-        target.push,
+        target.flux.closing,
+        target.flux.kick,
+        target.flux.push,
     )
     for place in range(4):
-        if target.half_kick.shape[0] > 1:  # friction slows bodies within a step
+        if target.flux.half_kick.shape[0] > 1:  # friction slows bodies within a step
             for body in range(push.shape[0]):
-                late = target.half_kick[1, body]
+                late = target.flux.half_kick[1, body]
                 for lane in range(push.shape[1]):
                     push[body, lane] = (
                         history.v[slots[place], body, lane] + late * history.force[slots[place], body, lane]
@@ -307,7 +274,7 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
         else:
             differences(target.indices, history.v[slots[place]], closing[place])
     for contact in range(sums.shape[1]):
-        half = target.window[contact]
+        half = target.flux.window[contact]
         curvature = 5.0 / 3.0 / half**2
         for lane in range(sums.shape[2]):
             flux = weighted(indentation[a, contact, lane], closing[0, contact, lane], half, curvature)
@@ -315,16 +282,16 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
             flux += weighted(indentation[c, contact, lane], closing[2, contact, lane], half, curvature)
             flux += weighted(indentation[d, contact, lane], closing[3, contact, lane], half, curvature)
             sums[FLUX, contact, lane] += flux
-    if target.half_kick.shape[0]:
+    if target.flux.half_kick.shape[0]:
         for place in range(4):
             slot = slots[place]
             for body in range(push.shape[0]):
-                of_body = target.half_kick[0, body]
+                of_body = target.flux.half_kick[0, body]
                 for lane in range(push.shape[1]):
                     push[body, lane] = of_body * history.force[slot, body, lane]
             differences(target.indices, push, kick)
             for contact in range(sums.shape[1]):
-                half = target.window[contact]
+                half = target.flux.window[contact]
                 curvature = 5.0 / 3.0 / half**2
                 for lane in range(sums.shape[2]):
                     depth, velocity = indentation[slot, contact, lane], closing[place, contact, lane]

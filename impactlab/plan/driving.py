@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
-from impactlab.linear import Lines, flowing_systems, lines_of, responses
-from impactlab.model import Model
-from impactlab.series import sample_count, sampling_seconds
+from impactlab.linear.cosine_series import sample_count, sampling_seconds
+from impactlab.linear.cosines import Lines, regular_lines
+from impactlab.linear.laws import flowing_systems, lines_of, responses
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,7 @@ class Driving:
     lines : tuple of Lines
         Sums of cosines.
     responses : tuple
-        What each of them moves; see `impactlab.linear.responses`.
+        What each of them moves; see `impactlab.linear.laws.responses`.
     forced : (row,) ndarray of int
         Slots of the bodies under given forces.
     """
@@ -60,3 +63,36 @@ class Driving:
 def _samples(integrator: Integrator, step: float, steps: int) -> tuple[float, int]:
     """Return the time between the samples of some steps (s), and their number."""
     return step / integrator.samples_per_step, steps * integrator.samples_per_step + 1
+
+
+def check_periods(model: Model, total: float) -> float | None:
+    """Return the period of the first series that repeats, after checking the time of the run.
+
+    Raises
+    ------
+    InvalidInput
+        If a series would repeat within the run.
+    """
+    for name, excitation in model.network.excitations.items():
+        if total > excitation.period * (1.0 + 1e-9):
+            raise InvalidInput(
+                f"The series of {name!r} repeats after {excitation.period:g} s, but the run with its spin-up takes "
+                f"{total:g} s. Use more components, a shorter run, or allow_repeat=True."
+            )
+    for item in lines_of(model):
+        regular = regular_lines(item.frequencies)
+        if regular is not None:
+            return regular[1]
+    return None
+
+
+def warn_of_bands(model: Model) -> None:
+    """Warn of series that hardly excite their body: no line near its natural frequency."""
+    for item in lines_of(model):
+        natural = math.sqrt(model.stiffness[item.body] / model.mass[item.body])
+        if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
+            warn(
+                f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
+                f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain its natural frequency "
+                f"{natural / (2 * math.pi):g} Hz."
+            )

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impactlab.generate import generate
-from impactlab.integrators.exact_flow import kick_share, kick_width
-from impactlab.linear import flowing_systems
-from impactlab.model import Model
+from impactlab.assembly.generate import generate
+from impactlab.assembly.model import Model
+from impactlab.integrators.kicks import kick_share, kick_width
+from impactlab.linear.laws import flowing_systems
 from impactlab.plan.subdomains import Tile
 
 
@@ -58,7 +58,7 @@ class Forces:
             Step of a method that kicks (s).
         """
         return cls(
-            generate(model, single=single), model.parameters, model.indices, model.passes, likely,
+            generate(model, single=single), model.members.parameters, model.members.indices, model.passes, likely,
             _kicked(model, likely), np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 

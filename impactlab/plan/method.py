@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from impactlab.integrators.base import Cross, Flows, Group, Integrator
-from impactlab.integrators.jumps import Jumps
-from impactlab.kernels.sums import KICK_ROWS, STATE_ROWS
-from impactlab.model import Model
+from impactlab.assembly.model import Model
+from impactlab.integrators.arguments import Cross, Flows, Group, Tables
+from impactlab.integrators.base import Integrator
+from impactlab.integrators.driver import stepping
+from impactlab.integrators.jumps import Jumps, JumpTables, Work, Zeros, jumping_loop, work_space
+from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
 from impactlab.plan.subdomains import Tile
 
 
@@ -26,21 +30,39 @@ class Method:
         Blocks of the linear motion between bodies.
     flows : Flows or None
         What is between kicks.
-    jumps : Jumps or None
-        How intervals in which nothing can touch are covered at once.
     """
 
     integrator: Integrator
     coefficients: np.ndarray
     cross: Cross
     flows: Flows | None
-    jumps: Jumps | None
+
+    jumps: ClassVar[Jumps | None] = None
+    """How intervals in which nothing can touch are covered at once."""
 
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float, jumps: Jumps | None) -> Method:
         """Return a method for a model at a step (s)."""
         coefficients = np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1))
-        return cls(integrator, coefficients, integrator.cross(model, step), integrator.flows(model, step), jumps)
+        parts = integrator, coefficients, integrator.cross(model, step), integrator.flows(model, step)
+        return Method(*parts) if jumps is None else JumpingMethod(*parts, jumps)
+
+    @property
+    def interval(self) -> int:
+        """Steps that are made at once."""
+        return 1
+
+    def loop(self, single: bool) -> Callable[..., None]:
+        """Return the compiled loop, for blocks or for those of one lane."""
+        return stepping(self.integrator.step, single)
+
+    def tables(self, parameters: np.ndarray, indices: np.ndarray) -> Tables | JumpTables:
+        """Return the numbers that the loop takes, with those of the forces."""
+        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau())
+
+    def work(self, rows: int, lanes: int, zeros: Zeros) -> np.ndarray | Work:
+        """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""
+        return zeros((self.integrator.blocks, self.coefficients.shape[-1] + 1, lanes))
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -68,3 +90,29 @@ class Method:
     def restricted(self, tile: Tile) -> Method:
         """Return the method for the bodies of a tile, which nothing but contacts connects."""
         return replace(self, coefficients=np.ascontiguousarray(self.coefficients[:, :, tile.bodies]))
+
+
+@dataclass(frozen=True, eq=False)
+class JumpingMethod(Method):
+    """A method that covers intervals in which nothing can touch at once.
+
+    Attributes
+    ----------
+    jumps : Jumps
+        How it does.
+    """
+
+    jumps: Jumps  # type: ignore[misc]
+
+    @property
+    def interval(self) -> int:
+        return self.jumps.steps
+
+    def loop(self, single: bool) -> Callable[..., None]:
+        return jumping_loop()
+
+    def tables(self, parameters: np.ndarray, indices: np.ndarray) -> JumpTables:
+        return JumpTables(parameters, indices, self.coefficients, self.jumps)
+
+    def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:
+        return work_space(self.jumps, rows, self.coefficients.shape[-1], lanes, zeros)

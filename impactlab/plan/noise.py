@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impactlab.incidence import runs
+from impactlab.assembly.incidence import runs
+from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import streams_of
-from impactlab.model import Model
 from impactlab.plan.subdomains import Tile
 
 

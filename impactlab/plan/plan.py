@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from impactlab.model import connected_parts
+from impactlab.assembly.model import connected_parts
+from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
 from impactlab.plan.forces import Forces
@@ -17,7 +19,7 @@ from impactlab.plan.realizations import Realizations
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains, Tile
 from impactlab.plan.system import System
-from impactlab.rules import CALL_SECONDS
+from impactlab.results.snapshot import Snapshot
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Plan:
     @property
     def single(self) -> bool:
         """Whether blocks have one lane, in arrays without an axis of lanes."""
-        return self.realizations.lanes == 1 and self.method.jumps is None
+        return self.realizations.lanes == 1 and self.method.interval == 1
 
     @property
     def steady(self) -> bool:
@@ -62,6 +64,15 @@ class Plan:
         """Rows of the sums over bodies that the loop makes."""
         return self.method.rows(bool(self.driving))
 
+    @cached_property  # names of 100 000 bodies are not cut for every call
+    def snapshot(self) -> Snapshot:
+        """What a snapshot of the run holds."""
+        return Snapshot(self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts])
+
+    def interval(self, ratio: int) -> float:
+        """Time between every `ratio`-th snapshot (s)."""
+        return ratio * self.observed.every * self.clock.step
+
     @property
     def cold(self) -> np.ndarray:
         """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (body,)."""
@@ -76,7 +87,7 @@ class Plan:
         clock, realizations = self.clock, self.realizations
         rounds = -(-realizations.blocks // workers)
         sampling = self.driving.seconds(self.method.integrator, clock.step, clock.all_steps)
-        stepping = clock.all_steps / realizations.steps_per_call * CALL_SECONDS
+        stepping = clock.all_steps / realizations.steps_per_call * tuning().call_seconds
         return rounds * (stepping + min(realizations.lanes, realizations.number) * sampling)
 
     def counts(self, begin: int, end: int) -> np.ndarray:

@@ -1,10 +1,16 @@
-"""Realizations and the blocks that they run in."""
+"""Realizations, and the blocks that they run in."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.machine import tuning
+
+LANE_STEP_SECONDS, STEP_SECONDS = 5e-9, 1e-6
+"""Cost of a step, for each lane of each body and beside it, with which the length of a call is planned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,3 +45,38 @@ class Realizations:
     def of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
         return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.number), dtype=np.uint32)
+
+
+def most_lanes(model: Model, realizations: int, workers: int) -> int:
+    """Return the largest number of lanes that a block should have; 1 where loops over bodies cost less."""
+    bodies, sizes = len(model.mass), tuning()
+    if bodies >= min(sizes.single_lane_bodies, sizes.bodies_per_lane * -(-realizations // workers)):
+        return 1
+    return min(sizes.lanes, max(sizes.fewest_lanes, sizes.cached // bodies // 8 * 8))
+
+
+def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int) -> tuple[int, int]:
+    """Return lanes per block and steps per call.
+
+    Parameters
+    ----------
+    model : Model
+    realizations, workers : int
+    series_bytes : int
+        Memory that the series of one realization take.
+    most : int
+        Largest number of lanes.
+    """
+    bodies, sizes = len(model.mass), tuning()
+    if most == 1:
+        cost = STEP_SECONDS + LANE_STEP_SECONDS * (bodies + len(model.links))
+        return 1, max(1, int(sizes.call_seconds / cost))
+    blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
+    lanes = -(-realizations // (8 * blocks)) * 8
+    if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
+        lanes += 8
+    lanes = min(lanes, realizations)
+    if series_bytes:
+        lanes = max(1, min(lanes, int(sizes.series_bytes / series_bytes)))
+    cost = STEP_SECONDS * (1 + bodies // 10) + LANE_STEP_SECONDS * lanes * (bodies + len(model.links))
+    return lanes, max(1, int(sizes.call_seconds / cost))

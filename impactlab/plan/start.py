@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from impactlab.assembly.model import Model
+from impactlab.components.component import finite, suggestion
+from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
-from impactlab.linear import linear_variances
-from impactlab.model import Model
+from impactlab.linear.laws import coupled_systems, linear_variances
 from impactlab.plan.subdomains import Tile
-from impactlab.scene import Stiffening, start_factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,7 @@ class Start:
 
     @classmethod
     def of(
-        cls, model: Model, state: str | np.ndarray, stiffening: Stiffening, temperature: np.ndarray,
+        cls, model: Model, state: str | np.ndarray, residual: np.ndarray, rest: np.ndarray, temperature: np.ndarray,
         seed: tuple[int, int],
     ) -> Start:  # fmt: skip
         """Return a start.
@@ -49,8 +53,10 @@ class Start:
         model : Model
         state : str or ndarray
             What was asked for.
-        stiffening : Stiffening
-            The scene at its energies.
+        residual : (body,) ndarray
+            Stiffness of residual forces at the energies of the bodies (N m-1).
+        rest : (body,) ndarray
+            Displacements under the static forces of contacts (m).
         temperature : (body,) ndarray
             What is expected of bodies that nothing but contacts heats (J), NaN elsewhere.
         seed : tuple of int
@@ -58,8 +64,8 @@ class Start:
         """
         drawn = model.bodies if isinstance(state, str) and state == "stationary" else ()
         return cls(
-            state, addresses(seed, drawn, "start"), _deviations(model, stiffening, temperature),
-            start_factors(model, stiffening, temperature), stiffening.rest,
+            state, addresses(seed, drawn, "start"), _deviations(model, residual, temperature),
+            _factors(model, residual, temperature), rest,
         )  # fmt: skip
 
     @property
@@ -75,7 +81,7 @@ class Start:
         )  # fmt: skip
 
 
-def _deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
+def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> np.ndarray:
     """Standard deviations under white noise alone, 0 for other bodies, (2, body).
 
     They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
@@ -84,8 +90,56 @@ def _deviations(model: Model, stiffening: Stiffening, temperature: np.ndarray) -
     velocity = linear_variances(model)[1]
     velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variances = np.stack([model.mass * velocity / (model.stiffness + stiffening.bodies), velocity])
+        variances = np.stack([model.mass * velocity / (model.stiffness + residual), velocity])
     variances[~np.isfinite(variances)] = 0.0
     variances[:, list(model.lines)] = 0.0
     result: np.ndarray = np.sqrt(variances)
     return result
+
+
+def start_of(initial: Any, model: Model) -> str | np.ndarray:
+    """Return "stationary", "rest", or displacements and velocities (2, body).
+
+    Raises
+    ------
+    InvalidInput
+        If `initial` is none of the allowed forms or names a body that does not exist.
+    """
+    if initial is None or (isinstance(initial, str) and initial == "stationary"):
+        variances = linear_variances(model)
+        return "stationary" if np.isfinite(variances).all() and not model.time_varying else "rest"
+    if isinstance(initial, str) and initial == "rest":
+        return "rest"
+    if not isinstance(initial, Mapping) or set(initial) - {"displacement", "velocity"}:
+        raise InvalidInput(
+            'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
+            f"{initial!r} was given."
+        )
+    state = np.zeros((2, len(model.bodies)))
+    for row, quantity in enumerate(("displacement", "velocity")):
+        values = initial.get(quantity, {})
+        if not isinstance(values, Mapping):
+            raise InvalidInput(f"initial {quantity} must be {{name: value}}, {values!r} was given.")
+        for name, value in values.items():
+            if name not in model.bodies:
+                raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
+            state[row, model.bodies.index(name)] = finite(f"initial {quantity} of {name!r}", value)
+    return state
+
+
+def _factors(model: Model, residual: np.ndarray, temperature: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return the slots of bodies that linear couplings connect, and a root of the covariance of their (x, v).
+
+    Residual forces narrow the law. What only contacts can heat has the `temperature` given for it (J), (body,).
+    Without a stationary law the root is 0.
+    """
+    result = []
+    for slots, system in coupled_systems(model):
+        added = residual[slots]
+        stiffer = replace(system, stiffness=system.stiffness + np.diag(added)) if added.any() else system
+        cold = not system.damping.any() and not model.excited[slots].any()
+        heat = float(np.median(temperature[slots]))
+        covariance = stiffer.thermal_covariance(heat) if cold and math.isfinite(heat) else stiffer.covariance
+        squares, shapes = np.linalg.eigh(np.zeros((2 * len(slots),) * 2) if covariance is None else covariance)
+        result.append((slots, shapes * np.sqrt(np.maximum(squares, 0.0))))
+    return tuple(result)

@@ -14,16 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.model import Model, packed
-
-SIZE = 4000
-"""Bodies of a tile: few enough for the cache, enough to outweigh what a call costs."""
-
-STEPS = (64, 32, 16, 8)
-"""Steps that tiles make alone, the best first; multiples of the slots of the sums."""
-
-MOST = 1.5
-"""Largest number of bodies in all tiles with their halos, as a multiple of the bodies of the network."""
+from impactlab.assembly.members import packed
+from impactlab.assembly.model import Model
+from impactlab.machine import tuning
 
 
 class Tile(NamedTuple):
@@ -63,8 +56,8 @@ class Subdomains:
         reach : int
             Evaluations of forces in a step; 0 if tiles are not wanted.
         """
-        bodies = len(model.bodies)
-        count = bodies // SIZE
+        bodies, sizes = len(model.bodies), tuning()
+        count = bodies // sizes.tile_bodies
         if count < 2 or not reach:
             return cls(0, ())
         bounds = np.arange(count + 1) * bodies // count
@@ -72,8 +65,8 @@ class Subdomains:
         both = np.concatenate([between, between[:, ::-1]])
         both = both[np.argsort(both[:, 0], kind="stable")]
         begin = np.searchsorted(both[:, 0], np.arange(bodies + 1))
-        for steps in STEPS:
-            left, found = int(MOST * bodies), []
+        for steps in sizes.tile_steps:
+            left, found = int(sizes.tile_excess * bodies), []
             for low, high in itertools.pairwise(bounds):
                 inside = _near(begin, both[:, 1], np.arange(low, high), reach * steps, left)
                 left -= len(inside)
@@ -114,7 +107,7 @@ def _tile(model: Model, slots: np.ndarray, own: int) -> Tile:
     places = {"force": np.full(len(model.ends), -1), "residual": place}
     places["force"][contacts] = np.arange(len(contacts))
     tables = []
-    for kind, (leading, numbers) in zip(model.kinds, model.tables, strict=True):
+    for kind, (leading, numbers) in zip(model.members.kinds, model.members.tables, strict=True):
         if kind.role in places:
             here = places[kind.role][leading[:, 0]]
             order = np.argsort(here)[np.count_nonzero(here < 0) :]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.model import Model
+from impactlab.assembly.model import Model
 from impactlab.plan.subdomains import Tile
 
 

@@ -5,8 +5,3 @@ same temperature ``T = π S / damping`` (S the two-sided density of the force), 
 forces are conservative and ``exp(−H/T)`` can be normalised, then the stationary
 density is proportional to ``exp(−H/T)``, H being the energy.
 """
-
-from impactlab.reference.compare import compare
-from impactlab.reference.reference import ExactReference, exact
-
-__all__ = ["ExactReference", "compare", "exact"]

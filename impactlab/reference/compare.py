@@ -7,8 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import xarray as xr
 
-from impactlab.dataset import STATISTICS
 from impactlab.errors import InvalidInput
+from impactlab.results.schema import STATISTICS, Statistic
 
 
 @runtime_checkable
@@ -53,7 +53,7 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     for dataset in (result, reference):
         if not isinstance(dataset, xr.Dataset):
             raise InvalidInput(f"compare takes the dataset of a simulation and a reference, not {dataset!r}.")
-    rows = [row for name in STATISTICS for row in _rows(name, result, reference)]
+    rows = [row for statistic in STATISTICS.values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(
             "The result and the reference have no statistic of the same body or contact in common; "
@@ -80,9 +80,9 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     )  # fmt: skip
 
 
-def _rows(name: str, result: xr.Dataset, reference: xr.Dataset) -> list[tuple[Any, ...]]:
+def _rows(statistic: Statistic, result: xr.Dataset, reference: xr.Dataset) -> list[tuple[Any, ...]]:
     """Return the rows of one statistic; the last item is the combined standard error."""
-    dimension, units, _ = STATISTICS[name]
+    name, dimension = statistic.name, statistic.dimension
     if name not in result or name not in reference:
         return []
     for dataset in (result, reference):
@@ -97,14 +97,13 @@ def _rows(name: str, result: xr.Dataset, reference: xr.Dataset) -> list[tuple[An
     for label in labels:
         place = {dimension: label}
         value, expected = (float(dataset[name].sel(place)) for dataset in (result, reference))
-        error, other = (_standard_error(dataset, name, place) for dataset in (result, reference))
+        error, other = (_standard_error(dataset, statistic.error, place) for dataset in (result, reference))
         combined = np.nan if error is None and other is None else np.hypot(error or 0.0, other or 0.0)
-        rows.append((name, label, units, value, np.nan if error is None else error, expected, combined))
+        rows.append((name, label, statistic.units, value, np.nan if error is None else error, expected, combined))
     return rows
 
 
-def _standard_error(dataset: xr.Dataset, name: str, place: dict[str, str]) -> float | None:
-    error = f"{name}_standard_error"
+def _standard_error(dataset: xr.Dataset, error: str, place: dict[str, str]) -> float | None:
     return float(dataset[error].sel(place)) if error in dataset else None
 
 

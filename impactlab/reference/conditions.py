@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from impactlab.composition import Composition
-from impactlab.contact import Contact
-from impactlab.coupling import Coupling
+from impactlab.components.composition import Composition
+from impactlab.components.contact import Contact
+from impactlab.components.coupling import Coupling
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density

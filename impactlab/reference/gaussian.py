@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.special import j0, ndtr
 
 from impactlab.errors import NoExactReference
-from impactlab.linear import LinearSystem
+from impactlab.linear.systems import LinearSystem
 from impactlab.reference.marginal import Marginal
 
 _REACH = 10.0  # standard deviations beyond which the density of a sum of cosines is 0

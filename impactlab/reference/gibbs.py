@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr
 
-from impactlab.contact import Contact
+from impactlab.components.contact import Contact
 from impactlab.errors import NoExactReference
 from impactlab.reference.marginal import Marginal
 from impactlab.reference.potential import NODES, Gap, Potential, gauss_legendre

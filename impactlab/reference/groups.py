@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from impactlab.composition import Composition
-from impactlab.contact import Contact
-from impactlab.coupling import Coupling, LinearCoupling
+from impactlab.components.composition import Composition
+from impactlab.components.contact import Contact
+from impactlab.components.coupling import Coupling, LinearCoupling
 from impactlab.errors import InvalidInput, NoExactReference
 
 _SAME_TEMPERATURE = 1e-9  # relative difference

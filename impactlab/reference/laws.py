@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.component import suggestion
-from impactlab.composition import Composition
+from impactlab.components.component import suggestion
+from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.conditions import Law
 from impactlab.reference.gaussian import GaussianLaw

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.component import finite
-from impactlab.contact import ContactLaw
+from impactlab.components.component import finite
+from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.laws import Laws, finite_array, known_name
 from impactlab.reference.marginal import Marginal

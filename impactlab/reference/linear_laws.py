@@ -9,10 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from impactlab.composition import Composition
+from impactlab.assembly.model import Model
+from impactlab.components.composition import Composition
 from impactlab.errors import NoExactReference
-from impactlab.linear import LinearSystem, lines_of, responses
-from impactlab.model import Model
+from impactlab.linear.laws import lines_of, responses
+from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 

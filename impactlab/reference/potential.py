@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from impactlab.component import Component
-from impactlab.contact import Contact, ContactLaw
+from impactlab.components.component import Component
+from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.oscillator import Oscillator
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.oscillator import Oscillator
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -169,8 +170,9 @@ def _evaluate(component: Component, kernel: str, values: np.ndarray) -> np.ndarr
 
 def _check_work(component: Component, kernel: str, end: float, steps: np.ndarray, force: np.ndarray) -> None:
     """Compare a potential at the end with the work on the way there."""
-    potential, work = float(component.call(kernel, end)), float(steps @ force)
-    if abs(work - potential) > 1e-6 * max(float(np.abs(steps) @ np.abs(force)), abs(potential)):
+    potential, work = float(_evaluate(component, kernel, np.array([end]))[0]), float(steps @ force)
+    within = 1e-6 * max(float(np.abs(steps) @ np.abs(force)), abs(potential))
+    if math.isinf(potential) != math.isinf(work) or abs(work - potential) > within:
         raise InvalidInput(
             f"{type(component).__name__}.{kernel} is not the integral of the force from 0: at {end:g} m "
             f"it is {potential:g} J and the integral {work:g} J."

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
-from impactlab.composition import Composition
-from impactlab.dataset import provenance, statistics
+from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import laws_of
 from impactlab.reference.densities import Curves, Densities
@@ -18,6 +17,8 @@ from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.laws import finite_array
 from impactlab.reference.levels import Levels
 from impactlab.reference.linear_laws import linear_law_of
+from impactlab.results.dataset import provenance
+from impactlab.results.schema import Moments, OfBodies, statistics
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,14 +49,13 @@ class ExactReference(Levels, Densities):
             formula; a wall has ``1/m = 0``). What is known of contacts that cannot matter is 0.
             The attribute ``laws`` says which laws these are.
         """
-        bodies = [self._moments(name) for name in self.network.oscillators]
-        contacts = [self._contact(name) for name in self.network.contacts]
-        values = {
-            name: np.array([item[name] for item in items])
-            for items in (bodies, contacts)
-            for name in (items[0] if items else ())
-        }
-        dataset = statistics(list(self.network.oscillators), list(self.network.contacts), values)
+        oscillators, contacts = self.network.oscillators, self.network.contacts
+        mean, variance = np.array([self._law_of[name].moments(name) for name in oscillators]).T
+        kinetic = np.array([self._speed(name) for name in oscillators]) ** 2
+        linear = np.array([(body.mass, body.damping, body.stiffness) for body in oscillators.values()]).T
+        bodies = OfBodies.of_law(linear, mean, variance + mean**2, variance, kinetic)
+        moments = Moments.of_law(bodies, *np.array([self._contact(name) for name in contacts]).reshape(-1, 3).T)
+        dataset = statistics(list(oscillators), list(contacts), moments.values())
         configuration = {"network": self.network.to_dict()}
         return dataset.assign_attrs(provenance("exact stationary statistics", configuration), laws=self._described())
 
@@ -163,25 +163,12 @@ class ExactReference(Levels, Densities):
         law = self._law(oscillator, quantity)
         return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
 
-    def _moments(self, name: str) -> dict[str, float]:
-        mean, variance = self._law_of[name].moments(name)
-        return {
-            "mean_displacement": mean,
-            "mean_square_displacement": variance + mean**2,
-            "variance_displacement": variance,
-            "mean_velocity": 0.0,
-            "mean_square_velocity": self._speed(name) ** 2,
-        }
-
-    def _contact(self, name: str) -> dict[str, float]:
+    def _contact(self, name: str) -> tuple[float, float, float]:
+        """Return the part of the time in contact, the rate of contacts (s-1) and the mean force (N)."""
         if name in self.untouched:
-            return dict.fromkeys(("contact_ratio", "contact_rate", "mean_contact_force"), 0.0)
-        ratio, density, force = self._gap_law(name).contact(self.network.contacts[name])
-        return {
-            "contact_ratio": ratio,
-            "contact_rate": self._relative_speed(name) / math.sqrt(2.0 * math.pi) * density,
-            "mean_contact_force": force,
-        }
+            return 0.0, 0.0, 0.0
+        closed, density, force = self._gap_law(name).contact(self.network.contacts[name])
+        return closed, self._relative_speed(name) / math.sqrt(2.0 * math.pi) * density, force
 
 
 def exact(network: Composition) -> ExactReference:

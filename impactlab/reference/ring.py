@@ -9,7 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from impactlab.contact import Contact
+from impactlab.components.contact import Contact
 from impactlab.errors import NoExactReference
 from impactlab.reference.distribution import Distribution
 from impactlab.reference.ground import START, about_ground, depth_of, span_of

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from impactlab.contact import Contact
+from impactlab.components.contact import Contact
 from impactlab.reference.distribution import Distribution
 from impactlab.reference.ground import outwards
 from impactlab.reference.marginal import Marginal

@@ -1,6 +1,8 @@
 """Studies: simulations that are configured, run, judged and reported as one."""
 
+from impactlab.studies.claims import VERDICTS, Check, Claim
+from impactlab.studies.folder_study import FolderStudy
 from impactlab.studies.items import Item, SweepItem
-from impactlab.studies.study import VERDICTS, Check, Study, StudyResult
+from impactlab.studies.study import Study, StudyResult
 
-__all__ = ["VERDICTS", "Check", "Item", "Study", "StudyResult", "SweepItem"]
+__all__ = ["VERDICTS", "Check", "Claim", "FolderStudy", "Item", "Study", "StudyResult", "SweepItem"]

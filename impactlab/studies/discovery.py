@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from impactlab.component import suggestion
+from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.studies.study import Study
 

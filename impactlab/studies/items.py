@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from impactlab.network import Network
+if TYPE_CHECKING:
+    from impactlab import Network
 
 
 class Item(NamedTuple):

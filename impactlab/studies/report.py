@@ -10,9 +10,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from impactlab.studies.claims import VERDICTS
 from impactlab.studies.discovery import make_study, toml
 from impactlab.studies.run_folder import FIGURES, REPORT, RESULT, Folder
-from impactlab.studies.study import VERDICTS, StudyResult, judged
+from impactlab.studies.study import StudyResult, judged
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +33,7 @@ def publish(result: StudyResult, folder: Folder, begin: float) -> None:
     begin : float
         Reading of `time.perf_counter` when the run began.
     """
-    from impactlab.dataset import save
+    from impactlab.results.dataset import save
 
     files = {RESULT: save(result.tree, folder.path / RESULT)}
     pictures = _pictures(result)
@@ -68,7 +69,7 @@ def republish(folder: Folder) -> StudyResult:
 
 def _pictures(result: StudyResult) -> dict[str, bytes]:
     """Return the figures as PNG."""
-    from impactlab.plot import png, style
+    from impactlab.plotting.style import png, style
 
     pictures = {}
     for name, figure in result.figures.items():

@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import impactlab
-from impactlab.component import Component
+from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
-from impactlab.network import Network
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +48,7 @@ class Folder:
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:
-        """Return what the manifest says.
+        """Return the contents of the manifest.
 
         Raises
         ------
@@ -91,7 +90,7 @@ class Folder:
         self.write_manifest(study, complete=False)
 
     def write_manifest(self, study: Study, *, complete: bool, **content: Any) -> None:
-        """Write what the folder holds: the study, the versions, and the digest of each file."""
+        """Write the manifest: the study, the versions, and the digest of each file."""
         data = {
             "study": study.name,
             "title": study.title,
@@ -104,7 +103,7 @@ class Folder:
 
     def write(self, name: str, content: bytes) -> str:
         """Write a file, whole or not at all; return its SHA-256."""
-        from impactlab.dataset import replacing, told
+        from impactlab.results.dataset import replacing, told
 
         path = self.path / name
         path.parent.mkdir(exist_ok=True)
@@ -114,7 +113,7 @@ class Folder:
 
     def save_item(self, item: Item, result: xr.Dataset) -> None:
         """Keep the result of one item until the run is complete."""
-        from impactlab.dataset import save
+        from impactlab.results.dataset import save
 
         (self.path / ITEMS).mkdir(exist_ok=True)
         save(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
@@ -123,7 +122,7 @@ class Folder:
         """Return an item's result that is kept, None if there is no whole one of this configuration."""
         import xarray as xr
 
-        from impactlab import dataset
+        from impactlab.results import dataset
 
         path = self._item_path(item)
         if not path.is_file():
@@ -149,7 +148,7 @@ class Folder:
         """
         import xarray as xr
 
-        from impactlab import dataset
+        from impactlab.results import dataset
 
         manifest = self.manifest()
         if not manifest["complete"]:
@@ -172,7 +171,7 @@ class Folder:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what the numbers come from."""
+    """Return the versions of the packages that made the numbers."""
     packages = ("numpy", "scipy", "numba", "xarray", "netCDF4", "matplotlib")
     found = {"impactlab": impactlab.__version__, "python": platform.python_version()}
     return found | {name: version(name) for name in packages} | {"platform": platform.platform()}
@@ -192,7 +191,7 @@ def plain(value: Any) -> Any:
     InvalidInput
         If there is something that is not data, such as a random generator or a function.
     """
-    if isinstance(value, Component | Network):
+    if isinstance(value, Component | impactlab.Network):
         return plain(value.to_dict())
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}

@@ -1,4 +1,4 @@
-"""Runs the items of a study, and keeps what is complete."""
+"""Runs the items of a study, and keeps completed ones."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
     from impactlab.studies.run_folder import Folder
     from impactlab.studies.study import Study
-    from impactlab.sweeps import Sweep
-    from impactlab.together import Job
+    from impactlab.sweeps.scheduler import Job
+    from impactlab.sweeps.sweep import Sweep
 
 
 class Simulations(NamedTuple):
-    """What a study simulates, and the sweeps that some items are points of, by key."""
+    """Items of a study, and the sweeps to which points among them belong, by key."""
 
     items: list[Item]
     sweeps: dict[str, Sweep]
 
 
 def simulations(study: Study) -> Simulations:
-    """Return what a study simulates, each point of a sweep as an item.
+    """Return the items of a study, each point of a sweep as one.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def simulations(study: Study) -> Simulations:
         if not isinstance(entry, SweepItem):
             found.append(entry)
             continue
-        from impactlab.sweeps import make_sweep  # what is only described needs nothing that simulates
+        from impactlab.sweeps.sweep import make_sweep  # what is only described needs nothing that simulates
 
         sweeps[entry.key] = sweep = make_sweep(entry.make_network, entry.over, **entry.options)
         for point in sweep.points:
@@ -70,7 +70,7 @@ def checked_workers(workers: int | None) -> None:
 def run_simulations(
     wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
 ) -> dict[str, xr.Dataset]:
-    """Simulate what is not in the folder yet, several items at a time, on threads that they share.
+    """Simulate the items that the folder does not hold, several at a time, on shared threads.
 
     An item with a tolerance may spend a time on it: then each has the cores for itself.
 
@@ -89,7 +89,7 @@ def run_simulations(
     dict of str to Dataset
         Results of items and sweeps by key.
     """
-    from impactlab.together import run_together
+    from impactlab.sweeps.scheduler import run_together
 
     items = wanted.items
     by_key = {item.key: item for item in items}
@@ -127,7 +127,7 @@ def run_simulations(
 
 
 def _reporter(text: str, progress: bool) -> Callable[[float], None]:
-    """Show an item on stderr and return what shows how much of it is done, on a terminal."""
+    """Show an item on stderr and return its progress bar, on a terminal."""
     if not progress:
         return lambda _: None
     if not sys.stderr.isatty():

@@ -6,27 +6,17 @@ import dataclasses
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from impactlab.component import Component, finite
+from impactlab.components.component import Component, finite
 from impactlab.errors import InvalidInput
+from impactlab.studies.claims import Check
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
     from impactlab.studies.items import Item, SweepItem
-
-VERDICTS = ("holds", "holds partly", "does not hold", "sampling error", "not testable")
-"""What can be said of a claim."""
-
-
-class Check(NamedTuple):
-    """One pass or fail of a study."""
-
-    name: str
-    ok: bool
-    detail: str
 
 
 class Study(Component):
@@ -42,7 +32,7 @@ class Study(Component):
     """Name of the entry point, such as ``two-system``."""
 
     title: ClassVar[str]
-    """One line that says what the study is."""
+    """One line that describes the study."""
 
     required: ClassVar[tuple[str, ...]] = ("name", "title", "items", "collect")
 
@@ -74,7 +64,7 @@ class Study(Component):
         -------
         Dataset
             Dimension ``claim``; texts ``statement``, ``section``, ``measured`` and
-            ``verdict``, one of :data:`VERDICTS`. Empty if there are none.
+            ``verdict``, one of :data:`impactlab.studies.VERDICTS`. Empty if there are none.
         """
         import xarray as xr
 
@@ -150,7 +140,7 @@ class StudyResult:
     @functools.cached_property
     def figures(self) -> dict[str, Figure]:
         """The study's figures by name, drawn when they are first asked for."""
-        from impactlab.plot import style
+        from impactlab.plotting.style import style
 
         with style():
             return dict(self.study.figures(self.tree))
@@ -160,7 +150,7 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
     """Return the result of a study from its tree, with attributes, claims and checks, and the folder it is kept in."""
     import xarray as xr
 
-    from impactlab.dataset import provenance
+    from impactlab.results.dataset import provenance
 
     tree = tree.copy()
     attributes = provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}})

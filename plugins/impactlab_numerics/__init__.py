@@ -13,6 +13,7 @@ _HOME = {
     "TrustStudy": "trust",
     "WorkPrecisionStudy": "work_precision",
 }
+"""The folder of each study."""
 
 __all__ = ["AccuracyStudy", "ConservationStudy", "ScalingStudy", "StabilityStudy", "TrustStudy", "WorkPrecisionStudy"]
 
@@ -21,4 +22,4 @@ def __getattr__(name: str) -> Any:
     """Import a study when it is first asked for."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_HOME[name]}.study"), name)

@@ -16,7 +16,8 @@ STATISTICS = ("mean_square_displacement", "contact_ratio", "mean_contact_force",
 """What is compared: of the last body and of the last contact."""
 
 TEMPERATURE = 2.5  # J, that of the base case
-_LAW, _CLEARANCE = il.HertzContact(1e4), 0.05
+_LAW = il.HertzContact(1e4)
+_CLEARANCE = 0.05  # m
 _RANGE = 5.0  # half width of a density in standard deviations of the body alone
 
 
@@ -66,13 +67,18 @@ def _network(bodies: list[il.LinearOscillator], pairs: list[tuple[int, int]]) ->
     return il.Network(named, contacts, {name: _noise(body) for name, body in named.items()})
 
 
-def shaken(network: il.Network, components: int, band: tuple[float, ...]) -> il.Network:
+def shaken(network: il.Network, components: int, band: tuple[float, float]) -> il.Network:
     """Return the network with series of cosines in place of white noise."""
     noises = {
         name: il.ShinozukaNoise(noise.spectral_density, band=band, components=components)  # type: ignore[attr-defined]
         for name, noise in network.excitations.items()
     }
     return network.replace(excitations=noises)
+
+
+def automatic_step(network: il.Network) -> float:
+    """Return the step that a simulation chooses, before it is made to divide the duration (s)."""
+    return float(network.check().dataset.attrs["step"])
 
 
 def limits(network: il.Network) -> tuple[str, float, float]:
@@ -106,7 +112,7 @@ class Law:
                 edges,
                 exact.bin_density(body, "displacement", edges),
             )
-        from impactlab_numerics.transfer import Tree
+        from impactlab_numerics.transfer.trees import Tree
 
         tree = Tree(network)
         known = tree.of_body(body) | tree.of_contact(contact)

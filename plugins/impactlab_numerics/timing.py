@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import impactlab as il
-from impactlab.ensemble import SharedThreads
+from impactlab.machine import SharedThreads
 
 SHORT = 500
 """Steps of the shorter of two runs, of which the difference gives the rate."""
@@ -24,7 +24,7 @@ Measurement = tuple[float, float]
 
 @dataclass(eq=False)
 class Ensemble:
-    """Times `simulate` at two lengths: the difference is the rate, what remains is spent before.
+    """Times `simulate` at two lengths: the difference gives the rate, the remainder the time before the steps.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Ensemble:
 
 @dataclass(eq=False)
 class Whole:
-    """Times a call that simulates some seconds; the first call, not counted, compiles.
+    """Times a call that simulates a few seconds; the first call, which is not counted, compiles.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Stopwatch(SharedThreads):
 
 
 class Tracer(Stopwatch):
-    """Traces the memory from the first block on, without what was planned before."""
+    """Traces the memory from the first block on, without that of planning."""
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a block."""
@@ -144,7 +144,7 @@ class Tracer(Stopwatch):
 
 
 def peak_memory(network: il.Network, duration: float, **options: Any) -> int:
-    """Return the most memory in use at a time while a simulation runs blocks and makes its result (bytes)."""
+    """Return the peak memory while a simulation runs blocks and makes its result (bytes)."""
     try:
         il.simulate(network, duration, **options, rng=1, executor=Tracer(), progress=False)
         return tracemalloc.get_traced_memory()[1]
@@ -180,7 +180,7 @@ class Blocks:
             self.duration *= min(max(self.seconds / max(spent, 1e-9), 2.0), 100.0)
 
     def run(self, duration: float) -> float:
-        """Return the seconds that the blocks take; `result` is what was simulated, `rest` the seconds around them."""
+        """Return the seconds that the blocks take; `result` is the dataset, `rest` the seconds around them."""
         watch, begin = Stopwatch(), time.process_time()
         self.result = il.simulate(self.network, duration, **self.options, rng=1, executor=watch, progress=False)
         self.rest = time.process_time() - begin - watch.seconds

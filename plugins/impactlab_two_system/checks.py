@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.special import ndtri
 
 import impactlab as il
-from impactlab.dataset import BALANCES, STATISTICS
+from impactlab.results.schema import STATISTICS, balances
 from impactlab.studies import Check
 from impactlab_two_system.corrections import artefact
 from impactlab_two_system.results import Missing, Results
@@ -26,7 +26,7 @@ BIAS = 1e-3
 """Relative error that the time step may leave."""
 
 
-def check(study: TwoSystemStudy, tree: xr.DataTree) -> list[Check]:
+def checks(study: TwoSystemStudy, tree: xr.DataTree) -> list[Check]:
     """Return the checks that the settings of the study allow."""
     results = Results(study, tree)
     found = []
@@ -102,7 +102,7 @@ def _solved(results: Results) -> Iterator[Check]:
 def _balances(results: Results) -> Iterator[Check]:
     """Force and energy balance of every case."""
     accurate = results.node("accurate")
-    for name in BALANCES:
+    for name in (balance.name for balance in balances()):
         if name not in accurate:
             continue
         z = abs(accurate[name] / accurate[f"{name}_standard_error"]).values

@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 import impactlab as il
-from impactlab import dataset
-from impactlab.gather import gathered
+from impactlab.results import schema
+from impactlab.results.stack import gathered
 from impactlab_two_system.analytic import AnalyticSolution
 from impactlab_two_system.corrections import corrections
 
@@ -67,20 +67,19 @@ def _statistics(sweep: xr.Dataset) -> xr.Dataset:
 
     One record alone has no standard errors; many have the scatter of one, too.
     """
-    names = [name for name in (*dataset.STATISTICS, *dataset.BALANCES) if name in sweep]
-    found = sweep[names].drop_attrs(deep=False)
+    known = [item for item in (*schema.STATISTICS.values(), *schema.balances()) if item.name in sweep]
+    found = sweep[[item.name for item in known]].drop_attrs(deep=False)
     data: dict[str, Any] = {}
-    for name in names:
+    for item in known:
         if (sweep["realizations"] == 1).all():
-            found[name].attrs.pop("ancillary_variables", None)
+            found[item.name].attrs.pop("ancillary_variables", None)
             continue
-        data[f"{name}_standard_error"] = sweep[f"{name}_standard_error"]
-        if f"{name}_by_realization" in sweep and name in dataset.STATISTICS:
-            records = sweep[f"{name}_by_realization"]
+        data[item.error] = sweep[item.error]
+        if item.by_realization in sweep and item.name in schema.STATISTICS:
+            records = sweep[item.by_realization]
             scatter = xr.apply_ufunc(_scatter, records, input_core_dims=[["realization"]], vectorize=True)
-            _, units, long_name = dataset.STATISTICS[name]
-            scatter.attrs = {"units": units, "long_name": f"standard deviation of one record's {long_name}"}
-            data[f"{name}_scatter"] = scatter
+            scatter.attrs = {"units": item.units, "long_name": f"standard deviation of one record's {item.long_name}"}
+            data[f"{item.name}_scatter"] = scatter
     for name in ("step", "spin_up", "duration", "realizations"):
         chosen = sweep[name].astype(float)
         chosen.attrs = {**sweep[name].attrs, "long_name": name.replace("_", " ")}
@@ -170,7 +169,7 @@ def _reference(study: TwoSystemStudy, bins: xr.Dataset) -> dict[str, xr.Dataset]
 
     cases = list(product(study.frequency_ratios, study.clearances))
     solutions = [AnalyticSolution.of(study.network(*case)) for case in cases]
-    analytic = [dataset.statistics(list(SYSTEMS), ["gap"], solution.statistics()) for solution in solutions]
+    analytic = [schema.statistics(list(SYSTEMS), ["gap"], solution.statistics()) for solution in solutions]
     nodes = {
         "/reference/analytic": gathered(analytic, _axes(study.frequency_ratios, study.clearances)),
         "/reference/density": _reference_densities(study, bins),

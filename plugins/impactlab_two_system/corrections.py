@@ -56,21 +56,6 @@ def corrections(study: TwoSystemStudy, tree: xr.DataTree) -> xr.Dataset:
     return xr.Dataset({name: ("row", values, {"long_name": text}) for name, (values, text) in columns.items()})
 
 
-def rows(tree: xr.DataTree) -> list[dict[str, Any]]:
-    """Return the corrections as rows of text for the report."""
-    table = tree["corrections"].to_dataset()
-    return [
-        {
-            "correction": int(row.correction),
-            "quantity": str(row.quantity.item()),
-            "units": str(row.units.item()),
-            "paper": "" if np.isnan(row.paper) else f"{float(row.paper):.4g}",
-            "found": f"{Measured(float(row.found), float(row.found_standard_error))}",
-        }
-        for row in (table.isel(row=index) for index in range(table.sizes["row"]))
-    ]
-
-
 def _exponent(results: Results) -> Iterator[Row]:
     study = results.study
     network = study.network(study.balanced_ratio, study.density_clearance)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from impactlab.plot import band
+from impactlab.plotting.style import band
 from impactlab_two_system.results import Missing, Results
 from impactlab_two_system.style import AXIS, BLUE, DENSITY_UNITS, GREEN, GREY, ORANGE, SKY, letter
 

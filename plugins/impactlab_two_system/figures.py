@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from impactlab.plot import COLORS, draw_network, points, style
+from impactlab.plotting.drawing import draw_network
+from impactlab.plotting.style import COLORS, points, style
 from impactlab_two_system.density_figures import base_densities, density_grid
 from impactlab_two_system.results import Measured, Missing, Results, mean
 from impactlab_two_system.style import (
@@ -37,7 +38,7 @@ _SOLVED: dict[str, Any] = {
 }
 
 
-def draw(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
+def figures(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
     """Yield the figures that the settings of the study allow."""
     results = Results(study, tree)
     drawings: dict[str, Any] = {

@@ -7,16 +7,11 @@ impact interactions, ENG Transactions 4 (2023) 2868, https://doi.org/10.61186/en
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import impactlab as il
-from impactlab.component import suggestion
-from impactlab.studies import Check, Item, Study, SweepItem
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
+from impactlab.components.component import suggestion
+from impactlab.studies import FolderStudy, Item, SweepItem
 
 ONE_SIDED = {"consistent": 4.0 * math.pi, "equation 14": 1.0, "equation 16": math.pi}
 """One-sided density per hertz S_f that stands for a two-sided S, in units of S: the one that agrees
@@ -27,7 +22,7 @@ REFERENCES = ("none", "analytic", "fokker-planck")
 """Nothing; the paper's solution, and the exact law where there is one; these and the Fokker–Planck equation."""
 
 
-class TwoSystemStudy(Study):
+class TwoSystemStudy(FolderStudy):
     """Two oscillators with one Hertz contact under random excitation, over frequency ratio and clearance.
 
     Two variants answer the same questions: `accurate` (white noise, exact flow, an
@@ -59,7 +54,7 @@ class TwoSystemStudy(Study):
     bins: int = il.parameter(200, minimum=10)
     normalisation: str = il.parameter("consistent")
     components: int = il.parameter(50000, minimum=1)
-    band: tuple[float, ...] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
+    band: tuple[float, float] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
     paper_step: float = il.parameter(0.001, units="s", above=0.0)
     paper_seeds: int = il.parameter(32, minimum=2)
     seed: int = il.parameter(2023, minimum=0)
@@ -240,28 +235,3 @@ class TwoSystemStudy(Study):
             ),
             Item("repetition", self.network(*base, allow_repeat=True), twice),
         ]
-
-    def collect(self, results: Mapping[str, xr.Dataset]) -> xr.DataTree:
-        from impactlab_two_system.collect import collect
-
-        return collect(self, results)
-
-    def claims(self, tree: xr.DataTree) -> xr.Dataset:
-        from impactlab_two_system.claims import judge
-
-        return judge(self, tree)
-
-    def checks(self, tree: xr.DataTree) -> list[Check]:
-        from impactlab_two_system.checks import check
-
-        return check(self, tree)
-
-    def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:
-        from impactlab_two_system.figures import draw
-
-        return draw(self, tree)
-
-    def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
-        from impactlab_two_system.corrections import rows
-
-        yield "Corrections to the paper", rows(tree)

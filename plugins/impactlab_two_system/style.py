@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from impactlab.plot import COLORS
+from impactlab.plotting.style import COLORS
 
 BLUE, ORANGE, GREEN, SKY, GREY = COLORS[0], COLORS[1], COLORS[2], COLORS[5], "#767676"
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
 import impactlab as il
-from impactlab.model import Model
+from impactlab.assembly.model import Model
 
 OMEGA, RATIO, DENSITY = 2.0 * np.pi, 0.2, 1.5
 DAMPING, STIFFNESS = 2.0 * RATIO * OMEGA, OMEGA**2

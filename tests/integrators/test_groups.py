@@ -7,12 +7,12 @@ from scipy.linalg import expm
 from trio import DAMPER, MASS, OWN, STIFFNESS, drift_by_hand, law_by_hand, spring, trio
 
 import impactlab as il
-from impactlab.dataset import BALANCES
-from impactlab.kernels.flow import noise_root, system_response, system_transition, transition
-from impactlab.linear import flowing_systems
-from impactlab.linearized import LinearizedNetwork
-from impactlab.model import Model
-from impactlab.scene import Stiffening, energies
+from impactlab.assembly.model import Model
+from impactlab.linear.laws import flowing_systems
+from impactlab.linear.transitions import noise_root, system_response, system_transition, transition
+from impactlab.networks.linearized import LinearizedNetwork
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
+from impactlab.results.schema import balances
 
 MOMENTS = ["mean_square_displacement", "mean_square_velocity"]
 
@@ -262,7 +262,7 @@ def test_balances_of_a_group_hold_at_every_step_and_serve_as_controls(share):
     network = base(couplings={"s": spring("one", "two", 900.0, 2.0), "w": spring("two", il.WALL, 20.0)})
     options = {"step": share * steps(network)[0], "integrator": il.ExactFlow(measured=False)}
     result = il.simulate(network, duration=100.0, **options, realizations=256, rng=5)
-    for name in BALANCES:
+    for name in (balance.name for balance in balances()):
         score = result[name] / result[f"{name}_standard_error"]
         assert (np.abs(score) < 3.5).all(), (name, score.values)
     gain = result.direct_mean_square_displacement_standard_error / result.mean_square_displacement_standard_error

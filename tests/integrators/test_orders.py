@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.oscillators import CubicDragOscillator
 from scenes import phases
 from scipy.integrate import solve_ivp
 
 import impactlab as il
-from impactlab.compiled import CompiledNetwork
-from impactlab.linear import lines_of
-from impactlab.model import Model
-from impactlab.rules import seed_of
+from impactlab.assembly.model import Model
+from impactlab.linear.laws import lines_of
+from impactlab.networks.compiled import CompiledNetwork
+from impactlab.plan.seed import seed_of
 
 
 def concrete(cls=il.Integrator):
@@ -29,14 +30,6 @@ class HuntCrossley(il.ContactLaw):
     @staticmethod
     def force(indentation, rate, stiffness, damping):
         return stiffness * indentation + damping * indentation * rate
-
-
-class Drag(il.Oscillator):
-    drag: float = il.parameter(units="N s3 m-3", minimum=0.0)
-
-    @staticmethod
-    def residual(displacement, velocity, drag):
-        return drag * velocity * velocity * velocity
 
 
 class Push(il.Excitation):
@@ -135,7 +128,7 @@ def test_order_with_a_hertz_contact(integrator):
 @pytest.mark.parametrize("integrator", concrete())
 def test_order_with_forces_that_depend_on_velocity(integrator):
     expected, _, steps = EXPECTED[integrator.__name__]
-    network = il.Network({name: Drag(drag=0.5, stiffness=4.0, damping=0.5) for name in "ab"})
+    network = il.Network({name: CubicDragOscillator(drag=0.5, stiffness=4.0, damping=0.5) for name in "ab"})
     order, errors = measured_order(network, integrator(), steps)
     assert order == pytest.approx(expected, abs=0.15), errors
 

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from impactlab.integrators.base import Noise
-from impactlab.kernels.flow import GAUSS, flow, noise_columns, split_transition, transition
+from impactlab.integrators.arguments import Noise
+from impactlab.kernels.flow import flow
+from impactlab.linear.transitions import GAUSS, noise_columns, split_transition, transition
 
 BODIES = {  # mass, damping, stiffness, density
     "underdamped": (2.0, 0.7, 30.0, 3.0),
@@ -238,7 +239,7 @@ def test_kernel_applies_the_transition_and_leaves_the_wall(column):
     rows = np.array([1, 3, 4, 3])
     runs = np.array([[0, -1, 1], [1, 0, 1], [2, -1, 1], [3, 1, 2], *([5 + k, -1, 1] for k in range(len(a) - 5))])
     streams, realizations = np.zeros((3, 4), np.uint64), np.arange(5, dtype=np.uint32)
-    noise = Noise(rows, runs, 3, amplitude, streams, realizations, scale, False)
+    noise = Noise(rows, runs, 3, amplitude, streams, realizations, scale, False, np.zeros((4, 0, 0), np.float32))
     before = np.stack([x, v], axis=1).copy()
     coefficients = np.stack([np.full((4, len(a)), np.nan), a.reshape(-1, 4).T])
     result = x.copy()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impactlab.incidence import differences, gathering
+from impactlab.assembly.incidence import differences, gathering
 from impactlab.kernels import kick
 from impactlab.kernels.single import single
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import chi2, kstest, norm
 
-from impactlab.integrators.base import Noise
+from impactlab.integrators.arguments import Noise
 from impactlab.kernels.random import (
     fill_normals,
     fill_steps,
@@ -313,8 +313,8 @@ def test_a_coarse_step_has_the_noise_of_two():
     lanes = np.arange(5, dtype=np.uint32)
     fine = np.stack([normals_of(SEED, name, "noise", lanes, 6, 2) for name in ("a", "b")])
     for coarse in (False, True):
-        noise = Noise(np.arange(2), runs, 2, np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse)
         normals = np.empty((4, 2, 5), dtype=np.float32)
+        noise = Noise(np.arange(2), runs, 2, np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse, normals)
         fill_steps(noise, 3 if coarse else 6, normals)
         expected = (fine[:, 0::2] + fine[:, 1::2]) / math.sqrt(2.0) if coarse else fine[:, :4]
         np.testing.assert_allclose(normals.swapaxes(0, 1), expected, rtol=1e-6, atol=1e-7)

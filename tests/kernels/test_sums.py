@@ -3,29 +3,11 @@
 import numpy as np
 import pytest
 
-from impactlab.incidence import differences, gathering
-from impactlab.integrators.base import History, Sums
+from impactlab.assembly.incidence import differences, gathering
+from impactlab.integrators.arguments import Closings, Flux, History, Sums, Turns
 from impactlab.kernels.histogram import count_pairs, count_samples
-from impactlab.kernels.sums import (
-    CLOSED,
-    FF,
-    FLUX,
-    FORCE,
-    FV,
-    FX,
-    PEAK,
-    SLOTS,
-    VV,
-    XV,
-    XX,
-    F,
-    V,
-    X,
-    close_slot,
-    empty_slots,
-    keep,
-    write_snapshot,
-)
+from impactlab.kernels.rows import CLOSED, FF, FLUX, FORCE, FV, FX, PEAK, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import SLOTS, add_history, close_slot, empty_slots, write_snapshot
 
 BODIES, LANES, STEPS = 3, 11, SLOTS
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
@@ -53,8 +35,16 @@ def empty_sums(phases, rows, half_kick=(), jitter=None):
     half_kicks = np.array(half_kick).reshape(-1, BODIES + 1)
     work = np.zeros((4, 2, LANES)), np.zeros(((BODIES + 1) * bool(half_kick), LANES)), np.zeros((2, LANES))
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
-    counting = before, np.zeros(0) if jitter is None else np.array(jitter), 0.1
-    return Sums(bodies, contacts, ENDS, indices, WINDOW, half_kicks, *work, products, PAIRS, *counting)
+    counting = Closings(before, np.zeros(0) if jitter is None else np.array(jitter), 0.1)
+    turns = Turns(np.zeros(BODIES), *[np.zeros((0, LANES))] * 2)
+    flux = Flux(WINDOW, half_kicks, *work)
+    return Sums(bodies, contacts, products, ENDS, PAIRS, indices, counting, flux, turns)
+
+
+def closed(history, slot, last, sums):
+    """Close a slot as the loop over steps does."""
+    if close_slot(history, slot, last, sums):
+        add_history(history, sums)
 
 
 @pytest.mark.parametrize("phases", [1, 2])
@@ -64,7 +54,7 @@ def test_powers_of_state_and_kick_by_phase(states, phases, used):
     sums = empty_sums(phases, 9)
     x, v, force = (item[:, :-1].copy() for item in states[:3])
     empty_slots(states, 0, used.start)
-    close_slot(states, used.stop - 1, True, sums)
+    closed(states, used.stop - 1, True, sums)
     expected = {
         X: x, V: v, XX: x * x, XV: x * v, VV: v * v, F: force, FF: force * force, FX: force * x, FV: force * v
     }  # fmt: skip
@@ -80,7 +70,7 @@ def test_products_of_pairs(states, used):
     sums = empty_sums(2, 9)
     quantities = [item.copy() for item in states[:3]]
     empty_slots(states, 0, used.start)
-    close_slot(states, used.stop - 1, True, sums)
+    closed(states, used.stop - 1, True, sums)
     products = [left[used, PAIRS[:, 0]] * right[used, PAIRS[:, 1]] for left in quantities for right in quantities]
     np.testing.assert_allclose(sums.products, np.sum(products, axis=1), rtol=1e-13, atol=1e-14)
 
@@ -88,27 +78,18 @@ def test_products_of_pairs(states, used):
 def test_sums_wait_for_the_last_slot(states):
     sums = empty_sums(2, 9)
     for slot in range(SLOTS - 1):
-        close_slot(states, slot, False, sums)
+        closed(states, slot, False, sums)
         assert not sums.bodies.any()
         assert not sums.contacts.any()
-    close_slot(states, SLOTS - 1, False, sums)
+    closed(states, SLOTS - 1, False, sums)
     assert sums.bodies.all()
 
 
 def test_methods_that_do_not_kick_have_no_forces(states):
     sums, nine = empty_sums(1, 5), empty_sums(1, 9)
-    close_slot(states, SLOTS - 1, False, sums)
-    close_slot(states, SLOTS - 1, False, nine)
+    closed(states, SLOTS - 1, False, sums)
+    closed(states, SLOTS - 1, False, nine)
     np.testing.assert_array_equal(sums.bodies, nine.bodies[:, :5])
-
-
-def test_a_state_is_kept_in_its_slot(states):
-    expected = [item[3].copy() for item in states]
-    kept = History(*(np.zeros_like(item) for item in states))
-    keep(kept, 1, states.x[3], states.v[3], states.indentation[3], states.contact_force[3])
-    for index in (0, 1, 3, 4):
-        np.testing.assert_array_equal(kept[index][1], expected[index])
-        assert not kept[index][[0, *range(2, SLOTS)]].any()
 
 
 WIDTHS, LATE = (0.1, 0.2, 0.3, 0.0), (-0.1, 0.0, -0.2, 0.0)
@@ -128,7 +109,7 @@ def test_contacts(states, half_kick):
     weight = 1.0 - 5.0 / 3.0 * (states.indentation / WINDOW[:, None]) ** 2
     weight *= np.abs(states.indentation) < WINDOW[:, None]
     flux = weight * np.mean([np.maximum(reading, 0.0) for reading in readings], axis=0)
-    close_slot(states, SLOTS - 1, False, sums)
+    closed(states, SLOTS - 1, False, sums)
     np.testing.assert_array_equal(sums.contacts[CLOSED], (states.indentation > 0.0).sum(axis=0))
     np.testing.assert_allclose(sums.contacts[FORCE], states.contact_force.sum(axis=0), rtol=1e-13)
     np.testing.assert_allclose(sums.contacts[FLUX], flux.sum(axis=0), rtol=1e-13, atol=1e-15)
@@ -156,7 +137,7 @@ def test_closings_are_counted_on_the_cubic_between_steps(states):
     counted = History(states.x, 4.0 * states.v, states.force, depth, states.contact_force)
     sums = empty_sums(2, 9, jitter=(0.0, 0.0))
     for slot in range(SLOTS):
-        close_slot(counted, slot, slot == SLOTS - 1, sums)
+        closed(counted, slot, slot == SLOTS - 1, sums)
     np.testing.assert_array_equal(sums.contacts[FLUX], expected)
     assert hidden > 3
 
@@ -165,9 +146,9 @@ def test_counts_go_on_where_a_call_ended(states):
     whole, parts = (empty_sums(2, 9, jitter=(0.5, 1.0)) for _ in range(2))
     again = History(*(item.copy() for item in states))
     for slot in range(SLOTS):
-        close_slot(states, slot, slot == SLOTS - 1, whole)
+        closed(states, slot, slot == SLOTS - 1, whole)
     for slot in range(SLOTS):
-        close_slot(History(*(item.copy() for item in again)), slot, slot in (2, SLOTS - 1), parts)
+        closed(History(*(item.copy() for item in again)), slot, slot in (2, SLOTS - 1), parts)
     np.testing.assert_array_equal(parts.contacts[FLUX], whole.contacts[FLUX])
 
 

@@ -10,14 +10,15 @@ import scipy.special
 from scenes import changed
 
 import impactlab as il
-import impactlab.integrators.exact_flow
-import impactlab.plan.noise
-import impactlab.planning
-from impactlab.block import Block
+from impactlab.assembly.model import Model
+from impactlab.integrators import exact_flow
 from impactlab.integrators.exact_flow import ExactFlow
-from impactlab.kernels.flow import COEFFICIENTS, GAUSS, split_transition
-from impactlab.model import Model
+from impactlab.kernels.flow import COEFFICIENTS
+from impactlab.linear.transitions import GAUSS, split_transition
+from impactlab.plan import noise as noise_plan
 from impactlab.plan.realizations import Realizations
+from impactlab.simulation import planning
+from impactlab.simulation.block import Block
 from planted.plant import Bug, Plant, both, called, coefficients, in_plan, instead, planned, returned, text
 from planted.scenes import (
     ALONE,
@@ -180,7 +181,8 @@ def first_of_pair(plan: Any) -> np.ndarray:
 def jumping(**changes: Any) -> Plant:
     def changed_jumps(plan: Any) -> Any:
         jumps = plan.method.jumps
-        return jumps._replace(**{name: change(jumps) for name, change in changes.items()})
+        noise = jumps.noise._replace(**{name: change(jumps.noise) for name, change in changes.items()})
+        return jumps._replace(noise=noise)
 
     return in_plan(method__jumps=changed_jumps)
 
@@ -199,8 +201,8 @@ BUGS = [
     Bug("the same noise in every block", ALONE, own_realizations(lambda part, own: own % part.lanes)),
     Bug("the same noise again after eight steps", LINEAR, cycle_of_noise),
     Bug("streams without the seed", INTERVALS,
-        called(impactlab.plan.noise, "streams_of", lambda seed, names: ((0, 0), names))),
-    Bug("streams by the place of a body", ALONE, called(impactlab.plan.noise, "streams_of", by_place)),
+        called(noise_plan, "streams_of", lambda seed, names: ((0, 0), names))),
+    Bug("streams by the place of a body", ALONE, called(noise_plan, "streams_of", by_place)),
     Bug("no noise in the displacement", LINEAR, of_rows(velocity_rows)),
     Bug("no noise in the displacement of a body with contacts", PAIR, of_rows(velocity_rows)),
     Bug("displacement and velocity with independent noise", LINEAR, of_rows(independent_rows)),
@@ -209,7 +211,7 @@ BUGS = [
     Bug("flow with the damping ratio in the place of twice of it", PAIR, flow(damping=0.5)),
     Bug("flow with 1.01 times the stiffness", LONG, flow(stiffness=1.01)),
     Bug("friction and noise in the middle of the step", LONG,
-        instead(impactlab.integrators.exact_flow, "GAUSS", (0.5, 0.5))),
+        instead(exact_flow, "GAUSS", (0.5, 0.5))),
     Bug("coupling that moves one of its bodies", GROUP, cross(flow=first_of_pair)),
     Bug("coupled bodies with independent noise", LINEAR, cross(noise=lambda plan: 0.0)),
     Bug("force read before the shift", COARSE, column(SHIFT, 0.0)),
@@ -243,8 +245,8 @@ BUGS = [
         in_plan(start__streams=lambda plan: np.repeat(plan.start.streams[:, :1], 2, axis=1))),
     Bug("no spin-up", EARLY, in_plan(clock__spin_up_steps=lambda plan: 0)),
     Bug("spin-up by the fastest body", EARLY,
-        returned(impactlab.planning, "relaxation_time", lambda time, model: time / 16.0)),
+        returned(planning, "relaxation_time", lambda time, model: time / 16.0)),
     Bug("jumps with a bound of 3σ", JUMPS, instead(scipy.special, "ndtri", lambda tail: -3.0)),
     Bug("jumps without noise about the mean path", JUMPS, instead(scipy.special, "ndtri", lambda tail: 0.0)),
-    Bug("halves of a jump whose noise does not add up", JUMPS, jumping(gain=lambda jumps: 0.0 * jumps.gain)),
+    Bug("halves of a jump whose noise does not add up", JUMPS, jumping(gain=lambda noise: 0.0 * noise.gain)),
 ]  # fmt: skip

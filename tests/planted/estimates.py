@@ -8,38 +8,38 @@ from typing import Any
 import numpy as np
 
 import impactlab as il
-import impactlab.block
-import impactlab.density
-import impactlab.estimate
-import impactlab.moments
-import impactlab.reference.conditions
-import impactlab.reference.reference
-import impactlab.rules
-import impactlab.series
-import impactlab.simulation
-from impactlab.block import Block
-from impactlab.kernels.sums import FF, FLUX, FV, FX, SLOTS, TURN, VV, XV, XX, F, V, X
-from impactlab.series import Cosines
+from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
+from impactlab.kernels.sums import SLOTS
+from impactlab.linear import cosine_series
+from impactlab.linear.cosine_series import Cosines
+from impactlab.plan import clock
+from impactlab.records import density
+from impactlab.reference import conditions, reference
+from impactlab.results import schema
+from impactlab.simulation import block, simulate
+from impactlab.simulation.block import Block
+from impactlab.statistics import moments, regression, units
+from impactlab.statistics.chain import Chain
+from impactlab.step_size import automatic
 from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
 from planted.scenes import ALONE, BATCHES, BOUNDED, COARSE, DRIVEN, INTERVALS, LONG, PAIR, TREE
 
 
-def continuous_balances(right: Any, plan: Any, flows: Any, s: np.ndarray, *_: Any) -> Any:
+def continuous_balances(right: Any, chain: Any, intensity: np.ndarray, s: np.ndarray, *_: Any) -> Any:
     """The balances of continuous time: k E[x] = E[f], c E[v²] = πS/m + E[f v], and that of x v."""
-    (mass, damping, stiffness), mean = (item[:, None] for item in plan.system.linear), s.mean(axis=0)
-    heat = np.zeros_like(mass)
-    heat[plan.noise.white, 0] = np.pi * plan.noise.intensity
+    mass, damping, stiffness = (item[:, None] for item in (chain.mass, chain.damping, chain.stiffness))
+    heat, mean = np.pi * intensity[:, None], s.mean(axis=0)
     kinetic = mass * mean[VV] - (heat + mass * mean[FV]) / damping
     return {
-        "balance_mean_displacement": mean[X] - mean[F] / stiffness,
-        "balance_mean_square_displacement": mean[XX] - (mass * mean[VV] + mean[FX]) / stiffness,
-        "balance_mean_square_velocity": kinetic / mass,
+        "mean_displacement": mean[X] - mean[F] / stiffness,
+        "mean_square_displacement": mean[XX] - (mass * mean[VV] + mean[FX]) / stiffness,
+        "mean_square_velocity": kinetic / mass,
     }, right[1]
 
 
 def after_the_kick(monkeypatch: Any) -> None:
     """Read velocities at the end of the kick."""
-    right = impactlab.moments.statistics_of
+    right = moments.moments_of
 
     def wrong(plan: Any, sums: np.ndarray, *others: Any) -> Any:
         half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
@@ -50,7 +50,7 @@ def after_the_kick(monkeypatch: Any) -> None:
         s[:, FV] += half * sums[:, FF]
         return right(plan, s, *others)
 
-    monkeypatch.setattr(impactlab.estimate, "statistics_of", wrong)
+    monkeypatch.setattr(units, "moments_of", wrong)
 
 
 def closings(monkeypatch: Any) -> None:
@@ -73,56 +73,54 @@ def closings(monkeypatch: Any) -> None:
     in_plan(realizations__steps_per_call=lambda plan: SLOTS)(monkeypatch)
 
 
-def at_kicks(processed: Any, plan: Any, flows: Any, s: Any, kicks: Any, *_: Any) -> Any:
-    return dict(kicks)
+def at_kicks(over_steps: Any, chain: Any, s: Any, kicks: Any, *_: Any) -> Any:
+    return kicks
 
 
 def other_sign(monkeypatch: Any) -> None:
     """Move values away from balance 0 instead of to it."""
-    regression = impactlab.estimate.Regression
-    right = regression.at_zero
+    right = regression.Regression.at_zero
 
     def wrong(self: Any, values: np.ndarray) -> Any:
         value, error = right(self, values)
         return 2.0 * (values * self.share).sum(axis=1) - value, error
 
-    monkeypatch.setattr(regression, "at_zero", wrong)
+    monkeypatch.setattr(regression.Regression, "at_zero", wrong)
 
 
 def errors(factor: Any) -> Plant:
     """Multiply all standard errors by a function of the number of units."""
 
     def plant(monkeypatch: Any) -> None:
-        regression, mean = impactlab.estimate.Regression, impactlab.estimate._mean
-        at_zero = regression.at_zero
+        def wider(right: Any) -> Any:
+            def wrong(self: Any, values: np.ndarray) -> Any:
+                value, error = right(self, values)
+                return schema.Estimate(value, factor(values.shape[-1]) * error)
 
-        def of_regression(self: Any, values: np.ndarray) -> Any:
-            value, error = at_zero(self, values)
-            return value, factor(values.shape[-1]) * error
+            return wrong
 
-        def of_mean(units: np.ndarray, *others: Any) -> Any:
-            value, error = mean(units, *others)
-            return value, factor(units.shape[-1]) * error
-
-        monkeypatch.setattr(regression, "at_zero", of_regression)
-        monkeypatch.setattr(impactlab.estimate, "_mean", of_mean)
+        for kind, name in ((regression.Regression, "at_zero"), (regression.Mean, "__call__")):
+            monkeypatch.setattr(kind, name, wider(getattr(kind, name)))
 
     return plant
 
 
-def scaled(name: str, factor: float) -> Plant:
-    return returned(impactlab.estimate, "statistics_of", lambda found, *_: {**found, name: factor * found[name]})
+def scaled_rate(factor: float) -> Plant:
+    def change(found: Any, *_: Any) -> Any:
+        return found._replace(contacts=found.contacts._replace(rate=factor * found.contacts.rate))
+
+    return returned(units, "moments_of", change)
 
 
 def bins(shift: float = 0.0, width: float = 1.0) -> Plant:
     """Count into bins that are shifted by a part of their width, or wider."""
-    right = impactlab.density.count_samples
+    right = density.count_samples
 
     def wrong(snapshots, first, stride, quantity, low, inverse_width, groups, counts):  # type: ignore[no-untyped-def]
         low += shift / inverse_width
         right(snapshots, first, stride, quantity, low, inverse_width / width, groups, counts)
 
-    return instead(impactlab.density, "count_samples", wrong)
+    return instead(density, "count_samples", wrong)
 
 
 def into_end_bins(found: dict[str, np.ndarray], *_: Any) -> dict[str, np.ndarray]:
@@ -166,10 +164,10 @@ def printed_potential(monkeypatch: Any) -> None:
     monkeypatch.setattr(il.HertzContact, "potential", staticmethod(potential))
 
 
-def of_contacts(**factors: float) -> Plant:
+def of_contacts(rate: float = 1.0, force: float = 1.0) -> Plant:
     """Multiply what the exact law says of contacts."""
-    law = impactlab.reference.reference.ExactReference
-    return returned(law, "_contact", lambda found, *_: {**found, **{n: f * found[n] for n, f in factors.items()}})
+    law = reference.ExactReference
+    return returned(law, "_contact", lambda found, *_: (found[0], rate * found[1], force * found[2]))
 
 
 def without_turns(plan: Any, sums: np.ndarray, *others: Any) -> tuple[Any, ...]:
@@ -183,58 +181,58 @@ def without_middle(flows: Any) -> Any:
 
 
 BUGS = [
-    Bug("balances of continuous time", LONG, returned(impactlab.moments, "_balances", continuous_balances)),
+    Bug("balances of continuous time", LONG, returned(moments, "balances_of", continuous_balances)),
     Bug("regression with the other sign", LONG, other_sign),
-    Bug("moments at the kick alone", PAIR, returned(impactlab.moments, "_processed", at_kicks)),
+    Bug("moments at the kick alone", PAIR, returned(moments, "_over_steps", at_kicks)),
     Bug("velocities after the kick", PAIR, after_the_kick),
     Bug("increment of a kick without the mass", TREE,
-        returned(impactlab.moments, "_increment", lambda found, plan: plan.system.linear[0][:, None] * found)),
+        instead(Chain, "increment", property(lambda chain: np.full((len(chain.mass), 1), chain.step)))),
     Bug("middle of the flow without its noise", PAIR,
         in_plan(method__flows=lambda plan: without_middle(plan.method.flows))),
     Bug("window of the contact rate eight times as wide", PAIR,
         in_plan(observed__window=lambda plan: 8.0 * plan.observed.window)),
     Bug("contacts counted from step to step", COARSE, closings),
-    Bug("flux through the window in both directions", PAIR, scaled("contact_rate", 2.0)),
-    Bug("flux through the window without its weight", PAIR, scaled("contact_rate", 8.0 / 9.0)),
+    Bug("flux through the window in both directions", PAIR, scaled_rate(2.0)),
+    Bug("flux through the window without its weight", PAIR, scaled_rate(8.0 / 9.0)),
     Bug("variance without the square of the mean", PAIR,
-        returned(impactlab.estimate, "_influence", lambda _, units, *more: (units["mean_square_displacement"], 0.0))),
+        instead(schema.Variance, "averaged", lambda variance, bodies, average: average(bodies.xx))),
     Bug("sums that are not cleared between batches", PAIR, instead(Block, "_clear_sums", lambda block: None)),
     Bug("sums of one batch for the next", BATCHES,
-        returned(impactlab.simulation, "merged",
+        returned(simulate, "merged",
                  lambda found, _: tuple(np.repeat(sums[:1], len(sums), axis=0) for sums in found))),
     Bug("blocks in another order", ALONE,
-        returned(impactlab.simulation, "merged", lambda found, results: tuple(
+        returned(simulate, "merged", lambda found, results: tuple(
             np.concatenate([getattr(item, name) for item in results[::-1]], axis=-1)
             for name in ("bodies", "contacts", "products")))),
     Bug("means without the states at both ends", DRIVEN,
         returned(Block, "_edge", lambda edge, _: type(edge)(*(0.0 * item for item in edge)))),
     Bug("given forces as at the begin of a step", DRIVEN,
-        returned(impactlab.block, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0]))),
+        returned(block, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0]))),
     Bug("a step that does not know given forces", DRIVEN,
-        instead(impactlab.rules, "resolving_step", lambda model, begin, end, longest: longest)),
-    Bug("a slow load taken for motion", DRIVEN, called(impactlab.moments, "_open_flow", without_turns)),
+        instead(automatic, "resolving_step", lambda model, begin, end, longest: longest)),
+    Bug("a slow load taken for motion", DRIVEN, called(moments, "_open_flow", without_turns)),
     Bug("labels of bodies in another order", PAIR, in_plan(system__bodies=lambda plan: plan.system.bodies[::-1])),
     Bug("standard errors of samples as if they were independent", INTERVALS, errors(lambda units: 0.2)),
     Bug("standard deviations for standard errors", INTERVALS, errors(math.sqrt)),
     Bug("batches shorter than the relaxation time", BATCHES,
-        both(instead(impactlab.rules, "BATCH_TIMES", 0.2),
-             returned(impactlab.rules, "batches_wanted", lambda wanted, *_: 40 * wanted))),
+        both(instead(clock, "BATCH_TIMES", 0.2),
+             returned(clock, "batches_wanted", lambda wanted, *_: 40 * wanted))),
     Bug("bins half a width aside", PAIR, bins(shift=0.5)),
     Bug("bins that are too wide", PAIR, bins(width=24.0 / 23.0)),
     Bug("samples beyond the limits in the last bins", PAIR,
-        returned(impactlab.density._Counts, "result", into_end_bins)),
+        returned(density._Counts, "result", into_end_bins)),
     Bug("density by the width of the bins without the last", PAIR, returned(il.Density, "label", wider)),
     Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
     Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
     Bug("frequencies of cosines in Hz", BOUNDED, lines(frequency=0.5 / math.pi)),
     Bug("the same phases in every realization", BOUNDED, one_draw),
     Bug("the same phases on every body", BOUNDED,
-        instead(impactlab.series, "stream", lambda *_: (1, 2, 3))),
+        instead(cosine_series, "stream", lambda *_: (1, 2, 3))),
     Bug("linear response with its velocity reversed", BOUNDED, sign_of_velocity),
     Bug("potential as printed in the paper", PAIR, printed_potential, in_reference=True),
-    Bug("contact rate of one body's temperature", PAIR, of_contacts(contact_rate=math.sqrt(0.5)), in_reference=True),
-    Bug("mean force over the time in contact", PAIR, of_contacts(mean_contact_force=1.0 / 0.1077), in_reference=True),
+    Bug("contact rate of one body's temperature", PAIR, of_contacts(rate=math.sqrt(0.5)), in_reference=True),
+    Bug("mean force over the time in contact", PAIR, of_contacts(force=1.0 / 0.1077), in_reference=True),
     Bug("temperature without the factor π", PAIR,
-        called(impactlab.reference.conditions, "pair_law", lambda group, heat: (group, heat / math.pi)),
+        called(conditions, "pair_law", lambda group, heat: (group, heat / math.pi)),
         in_reference=True),
 ]  # fmt: skip

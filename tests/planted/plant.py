@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import changed
 
-import impactlab.simulation
+from impactlab.simulation import simulate
 from planted.detectors import Scene
 
 Plant = Callable[[pytest.MonkeyPatch], None]
@@ -80,7 +80,7 @@ def both(*plants: Plant) -> Plant:
 
 def planned(change: Change) -> Plant:
     """Change the plan of every simulation."""
-    return returned(impactlab.simulation, "make_plan", lambda plan, *_: change(plan))
+    return returned(simulate, "make_plan", lambda plan, *_: change(plan))
 
 
 def in_plan(**changes: Change) -> Plant:

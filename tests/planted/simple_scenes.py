@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.integrate
 import scipy.linalg
+from impactlab_numerics.laws.excitations import Harmonic
 from scenes import base
 
 import impactlab as il
@@ -116,17 +117,6 @@ class Bounded(Scene):
         return {**result, "bodies are independent": float(of_means(product, 0.0))}
 
 
-class Push(il.Excitation):
-    """A harmonic force."""
-
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1", above=0.0)
-
-    @staticmethod
-    def force(time, amplitude, frequency):
-        return amplitude * math.sin(frequency * time)
-
-
 class Driven(Scene):
     """A body without noise from a given start: swinging under a fast force, and pressed on a wall by a slow one."""
 
@@ -160,7 +150,7 @@ class Driven(Scene):
             wall = {}
             if clearance < math.inf:
                 wall["w"] = il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=clearance)
-            push = {"a": Push(amplitude, frequency=frequency)}
+            push = {"a": Harmonic(amplitude, frequency=frequency)}
             start = {"displacement": {"a": 0.1}}
             found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start, step=step)
         return found

@@ -7,27 +7,23 @@ from typing import Any
 
 import numpy as np
 
-import impactlab.block
-import impactlab.estimate
-import impactlab.given
-import impactlab.joint
-import impactlab.moments
-import impactlab.plan
-import impactlab.planning
-import impactlab.rules
-import impactlab.simulation
-from impactlab.integrators.exact_flow import _HALF_STEP
+import impactlab.plan.plan
+from impactlab.integrators.kicks import HALF_STEP
+from impactlab.linear import given_functions
+from impactlab.simulation import block, planning, simulate
+from impactlab.statistics import joint_moments, moments, rare, regression
+from impactlab.step_size import automatic
 from planted.dynamics import column
 from planted.plant import Bug, both, instead, returned
 from planted.wider_scenes import CLAMP, DASHPOT, DECAY, FAST, GUST, LOADED, RESONANCE, SELDOM
 
-UNMEASURED = instead(impactlab.simulation, "worth_measuring", lambda *_: False)
+UNMEASURED = instead(simulate, "worth_measuring", lambda *_: False)
 """The step as rules choose it; else its error is measured, and it is made smaller whatever a rule forgot."""
 
 
 def mean_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A given force as constant over a step."""
-    mean, slope = impactlab.given.mean_and_slope(values)
+    mean, slope = given_functions.mean_and_slope(values)
     return mean, np.zeros_like(slope)
 
 
@@ -47,28 +43,28 @@ def no_load(*means: Any) -> Any:
 
 BUGS = [
     Bug("step without the rates of dashpots", DASHPOT,
-        both(instead(impactlab.rules, "damping_step", lambda *_: math.inf), UNMEASURED)),
+        both(instead(automatic, "damping_step", lambda *_: math.inf), UNMEASURED)),
     Bug("step whose error is not measured", CLAMP, UNMEASURED),
     Bug("force of a clamped dashpot at the velocity before the kick", CLAMP,
-        both(column(_HALF_STEP, 0.0), UNMEASURED)),
-    Bug("force of a strong dashpot at the velocity before the kick", DASHPOT, column(_HALF_STEP, 0.0)),
-    Bug("force of a dashpot at the velocity after the kick", CLAMP, both(column(_HALF_STEP, 2.0), UNMEASURED)),
-    Bug("step that does not see how fast a force varies", FAST, instead(impactlab.rules, "resolving_step", longest)),
-    Bug("given force at the beginning of a step", RESONANCE, instead(impactlab.block, "mean_and_slope", first_only)),
-    Bug("given force as constant over a step", FAST, instead(impactlab.block, "mean_and_slope", mean_only)),
+        both(column(HALF_STEP, 0.0), UNMEASURED)),
+    Bug("force of a strong dashpot at the velocity before the kick", DASHPOT, column(HALF_STEP, 0.0)),
+    Bug("force of a dashpot at the velocity after the kick", CLAMP, both(column(HALF_STEP, 2.0), UNMEASURED)),
+    Bug("step that does not see how fast a force varies", FAST, instead(automatic, "resolving_step", longest)),
+    Bug("given force at the beginning of a step", RESONANCE, instead(block, "mean_and_slope", first_only)),
+    Bug("given force as constant over a step", FAST, instead(block, "mean_and_slope", mean_only)),
     Bug("density of noise at the beginning of a step that does not see how fast it varies", GUST,
-        both(instead(impactlab.rules, "resolving_step", longest),
-             instead(impactlab.block, "mean_and_slope", first_only))),
+        both(instead(automatic, "resolving_step", longest),
+             instead(block, "mean_and_slope", first_only))),
     Bug("means of a transient over its kicks", DECAY,
-        instead(impactlab.plan.Plan, "transient", property(lambda plan: False))),
+        instead(impactlab.plan.plan.Plan, "transient", property(lambda plan: False))),
     Bug("means of a transient without the halves of its ends", DECAY,
-        returned(impactlab.block.Block, "_edge", lambda edge, *_: type(edge)(*(0.0 * item for item in edge)))),
+        returned(block.Block, "_edge", lambda edge, *_: type(edge)(*(0.0 * item for item in edge)))),
     Bug("variance by squares of which one is of the chain, the other of the motion", LOADED,
-        both(instead(impactlab.joint, "mean_load", no_load), instead(impactlab.moments, "mean_load", no_load))),
+        both(instead(joint_moments, "mean_load", no_load), instead(moments, "mean_load", no_load))),
     Bug("rate by a flux, of kicks that a static load makes", LOADED,
-        instead(impactlab.planning, "counts_closings", lambda *_: False)),
+        instead(planning, "counts_closings", lambda *_: False)),
     Bug("balances as controls of what hardly any contact moved", SELDOM,
-        both(returned(impactlab.estimate, "_seldom", lambda seldom, *_: np.zeros_like(seldom)),
-             instead(impactlab.estimate.Regression, "rests_on_few",
+        both(returned(rare.Events, "seldom", lambda seldom, *_: np.zeros_like(seldom)),
+             instead(regression.Regression, "rests_on_few",
                      lambda regression, values: np.zeros(len(values), dtype=bool)))),
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.integrate
 import scipy.linalg
+from impactlab_numerics.laws.excitations import Harmonic
 
 import impactlab as il
 from planted.detectors import Distances, Scene, of_statistics
@@ -106,17 +107,6 @@ class Clamp(Scene):
         return of_facts(found, law)
 
 
-class Tone(il.Excitation):
-    """A given force."""
-
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1", above=0.0)
-
-    @staticmethod
-    def force(time, amplitude, frequency):
-        return amplitude * math.sin(frequency * time)
-
-
 class Forced(Scene):
     """A linear body from rest under a given force, slower or faster than itself."""
 
@@ -136,7 +126,7 @@ class Forced(Scene):
 
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
-        network = il.Network({"a": body}, None, {"a": Tone(1.0, frequency=self.frequency)})
+        network = il.Network({"a": body}, None, {"a": Harmonic(1.0, frequency=self.frequency)})
         return il.simulate(network, self.duration, initial={}, rng=1)
 
     def distances(self, found: Any, law: Any) -> Distances:

@@ -64,7 +64,8 @@ class ExampleStudy(Study):
     def figures(self, tree: xr.DataTree) -> Iterable[tuple[str, Figure]]:
         from matplotlib.figure import Figure
 
-        from impactlab.plot import draw_network, points
+        from impactlab.plotting.drawing import draw_network
+        from impactlab.plotting.style import points
 
         yield "system", draw_network(self.items()[0].network)
         figure = Figure(figsize=(3.0, 2.0))

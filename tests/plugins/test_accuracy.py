@@ -1,46 +1,18 @@
 """The accuracy study: random networks, its small run, and verdicts that follow the numbers."""
 
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
-from impactlab_numerics import AccuracyStudy
-from impactlab_numerics.accuracy_claims import judge
-from impactlab_numerics.accuracy_collect import exact_statistics
-from impactlab_numerics.random_networks import LEAST_RATE, closing_rates, random_network
+from impactlab_numerics.accuracy.collect import exact_statistics
+from impactlab_numerics.accuracy.random_networks import LEAST_RATE, closing_rates, random_network
+from impactlab_numerics.accuracy.study import AccuracyStudy
 
 import impactlab as il
-from impactlab.dataset import STATISTICS
+from impactlab.results.schema import STATISTICS
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def run():
-    """The quick form of the study, run as a person does it."""
-    return il.run_study(AccuracyStudy, quick=True, progress=False)
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "accuracy.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == AccuracyStudy.name
-    assert set(settings) == set(AccuracyStudy.field_names())
-    assert AccuracyStudy(**settings) == AccuracyStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import AccuracyStudy; AccuracyStudy()\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+STUDY = AccuracyStudy
 
 
 def test_a_study_of_nothing_is_refused():
@@ -132,7 +104,7 @@ def verdicts(run, **groups):
     tree = run.tree.copy(deep=True)
     for name, group in groups.items():
         tree[name] = group
-    return judge(run.study, tree).verdict.values.tolist()
+    return run.study.claims(tree).verdict.values.tolist()
 
 
 def test_verdicts_see_a_bias(run):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.quadrature import Quadrature
-from impactlab_numerics.random_networks import random_network
-from impactlab_numerics.transfer import transfer_statistics
+from impactlab_numerics.accuracy.random_networks import random_network
+from impactlab_numerics.transfer.quadrature import Quadrature
+from impactlab_numerics.transfer.trees import transfer_statistics
 from scenes import base
 
 import impactlab as il

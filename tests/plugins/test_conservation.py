@@ -1,45 +1,18 @@
 """The conservation study: its small run, energies by hand, and verdicts that follow the numbers."""
 
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
 from impactlab_numerics import ConservationStudy
-from impactlab_numerics.conservation_claims import judge, over_contacts
-from impactlab_numerics.conservation_collect import energies, kink
-from impactlab_numerics.conservation_scenes import SCENES, bounces, free_chain, pair, side_by_side, starts
+from impactlab_numerics.conservation.claims import over_contacts
+from impactlab_numerics.conservation.collect import energies, kink
+from impactlab_numerics.conservation.scenes import SCENES, bounces, free_chain, pair, side_by_side, starts
 
 import impactlab as il
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def run():
-    """The quick form of the study, run as a person does it."""
-    return il.run_study(ConservationStudy, quick=True, progress=False)
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "conservation.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == ConservationStudy.name
-    assert set(settings) == set(ConservationStudy.field_names())
-    assert ConservationStudy(**settings) == ConservationStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import ConservationStudy; ConservationStudy()\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+STUDY = ConservationStudy
 
 
 def test_copies_are_apart_and_start_differently():
@@ -101,7 +74,7 @@ def test_figures_and_tables_are_made(run):
 
 
 def verdict_of(tree, words):
-    table = judge(tree)
+    table = ConservationStudy().claims(tree)
     found = [v for s, v in zip(table.statement.values, table.verdict.values, strict=True) if words in str(s)]
     assert len(found) == 1
     return found[0]

@@ -1,17 +1,12 @@
 """The scaling study: its networks and arithmetic, a small run, and verdicts that follow the numbers."""
 
 import math
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from impactlab_numerics import ScalingStudy
-from impactlab_numerics.scaling import SEEN, SHORTEST, closing_rate
-from impactlab_numerics.scaling_claims import check, judge
-from impactlab_numerics.scaling_collect import COMPARED, realizations_of
+from impactlab_numerics.scaling.collect import COMPARED, realizations_of
+from impactlab_numerics.scaling.study import SEEN, SHORTEST, closing_rate
 from impactlab_numerics.scenes import GRAPHS, TEMPERATURE, scene
 from impactlab_numerics.timing import Blocks, Stopwatch, peak_memory
 
@@ -19,29 +14,7 @@ import impactlab as il
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def run():
-    """The quick form of the study."""
-    return il.run_study(ScalingStudy, quick=True, progress=False)
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "scaling.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == ScalingStudy.name
-    assert set(settings) == set(ScalingStudy.field_names())
-    assert ScalingStudy(**settings) == ScalingStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import ScalingStudy; ScalingStudy().apart(3.0)\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+STUDY = ScalingStudy
 
 
 @pytest.mark.parametrize(
@@ -143,7 +116,7 @@ def verdicts(run, group, **changes):
     """Verdicts by the beginning of the statement, after variables of a group were replaced."""
     tree = run.tree.copy(deep=True)
     tree[group] = tree[group].to_dataset().assign(changes)
-    table = judge(tree)
+    table = ScalingStudy().claims(tree)
     return dict(zip(table.statement.values.tolist(), table.verdict.values.tolist(), strict=True)), tree
 
 
@@ -193,14 +166,14 @@ def test_a_bias_is_seen(run):
     assert holding(found, "Jumps leave no bias") == "holds"
     found, tree = verdicts(run, "exactness", difference=4e-3 * table.reference, **precise)
     assert holding(found, "Jumps leave no bias") == "does not hold"
-    assert [item.name for item in check(tree) if not item.ok] == ["exact in a long run"]
+    assert [item.name for item in ScalingStudy().checks(tree) if not item.ok] == ["exact in a long run"]
     _, tree = verdicts(run, "clearance", z=run.tree["clearance"].to_dataset().z + 10.0)
-    assert [item.name for item in check(tree) if not item.ok] == ["exact at all clearances"]
+    assert [item.name for item in ScalingStudy().checks(tree) if not item.ok] == ["exact at all clearances"]
 
 
 def test_a_timer_that_does_not_jump_is_seen(run):
     _, tree = verdicts(run, "clearance", timed_jump=xr_full(run.tree["clearance"].to_dataset().timed_jump, 0.0))
-    assert [item.name for item in check(tree) if not item.ok] == ["jumps are timed"]
+    assert [item.name for item in ScalingStudy().checks(tree) if not item.ok] == ["jumps are timed"]
 
 
 def test_peak_memory_is_that_of_the_arrays_of_a_block():

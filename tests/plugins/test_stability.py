@@ -1,46 +1,19 @@
 """The stability study and the wild scenes: scenes, verdicts, a small run."""
 
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
 from impactlab_numerics import StabilityStudy
-from impactlab_numerics.stability import AXES
-from impactlab_numerics.stability_cells import JUDGED, Length, pair, scene_on, shaken, verdict
-from impactlab_numerics.stability_claims import check, judge
-from impactlab_numerics.wild import BAD, FAMILIES, Outcome, run_scene, wild_scene
+from impactlab_numerics.stability.cells import JUDGED, Length, pair, scene_on, shaken, verdict
+from impactlab_numerics.stability.study import AXES
+from impactlab_numerics.stability.wild_runs import BAD, Outcome, run_scene
+from impactlab_numerics.stability.wild_scenes import FAMILIES, wild_scene
 
 import impactlab as il
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def run():
-    """The quick form of the study."""
-    return il.run_study(StabilityStudy, quick=True, progress=False)
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "stability.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == StabilityStudy.name
-    assert set(settings) == set(StabilityStudy.field_names())
-    assert StabilityStudy(**settings) == StabilityStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import StabilityStudy; StabilityStudy().quick()\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+STUDY = StabilityStudy
 
 
 @pytest.mark.parametrize(
@@ -164,10 +137,10 @@ def test_claims_and_checks_follow_the_numbers(run):
     tree["cells"] = xr.DataTree(cells.assign(kind=("cell", np.where(own, "degraded", cells.kind.values))))
     wild = tree["wild"].to_dataset()
     tree["wild"] = xr.DataTree(wild.assign(outcome=("scene", np.array([*wild.outcome.values[:-1], "hanging"]))))
-    verdicts = judge(tree).verdict.values
+    verdicts = StabilityStudy().claims(tree).verdict.values
     assert run.claims.verdict.values[[0, -1]].tolist() == ["holds", "holds"]
     assert verdicts[[0, -1]].tolist() == ["does not hold", "does not hold"]
-    assert {item.name for item in check(tree) if not item.ok} == {"automatic step", "wild scenes"}
+    assert {item.name for item in StabilityStudy().checks(tree) if not item.ok} == {"automatic step", "wild scenes"}
 
 
 # wild scenes

@@ -2,46 +2,22 @@
 
 import json
 import math
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from impactlab_numerics import TrustStudy
-from impactlab_numerics.trust_claims import judge as verdicts_of
-from impactlab_numerics.trust_claims import tables
-from impactlab_numerics.trust_collect import collect, found_of, tree_of
-from impactlab_numerics.trust_figures import draw
-from impactlab_numerics.trust_judge import OUTCOMES, compared, judge, outcome, reduced
-from impactlab_numerics.trust_laws import Harmonic
-from impactlab_numerics.trust_networks import CLASSES, Scene, class_of, scene_of
-from impactlab_numerics.trust_path import PathMeans, path_statistics
-from impactlab_numerics.trust_reference import Reference, reference_of, scale_of
-from impactlab_numerics.trust_tables import class_rows, coverage, text_of, wrong_rows
+from impactlab_numerics.laws.excitations import Harmonic
+from impactlab_numerics.trust.collect import found_of, tree_of
+from impactlab_numerics.trust.drawing import Scene
+from impactlab_numerics.trust.judge import OUTCOMES, compared, judge, outcome, reduced
+from impactlab_numerics.trust.networks import CLASSES, class_of, scene_of
+from impactlab_numerics.trust.path_means import PathMeans, path_statistics
+from impactlab_numerics.trust.reference import Reference, reference_of, scale_of
+from impactlab_numerics.trust.tables import class_rows, coverage, text_of, wrong_rows
 
 import impactlab as il
 
 pytestmark = pytest.mark.campaign
-
-ROOT = Path(__file__).parents[2]
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "trust.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == TrustStudy.name
-    assert set(settings) == set(TrustStudy.field_names())
-    assert TrustStudy(**settings) == TrustStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import TrustStudy; TrustStudy()\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
 
 
 def test_the_quick_form_has_one_network_of_each_class():
@@ -112,11 +88,24 @@ def test_means_of_the_path_are_those_of_a_trajectory():
     closed = (x[:, :, 0] > 0.3).astype(float)
     assert path.contact_ratio.item() == pytest.approx(np.trapezoid(closed, dx=step, axis=1).mean() / 20.0, rel=1e-9)
     count = (np.diff(closed, axis=1) > 0.0).sum()
-    assert path.closings.item() == pytest.approx(count)
-    assert path.contact_rate.item() == pytest.approx(count / 70 / 20.0)
+    seen = np.sqrt((np.diff(x, axis=1) ** 2).sum() / (v[:, 1:] ** 2).sum()) / step
+    assert path.closings.item() * seen == pytest.approx(count)
+    assert path.contact_rate.item() * seen == pytest.approx(count / 70 / 20.0)
     each = np.trapezoid(x[:, :, 0] ** 2, dx=step, axis=1) / 20.0
     error = each.std(ddof=1) / math.sqrt(70)
     assert path.mean_square_displacement_standard_error.item() == pytest.approx(error, rel=1e-9)
+
+
+def test_closings_within_a_step_of_the_path_are_allowed_for():
+    """At ``c h/m`` of 0.3 samples of the path show 5 % too few."""
+    body = il.LinearOscillator(mass=1.0, damping=40.0, stiffness=4.0)
+    contact = il.Contact("a", il.WALL, il.LinearContact(60.0), clearance=0.3)
+    heavy = il.Network({"a": body}, {"wall": contact}, {"a": il.WhiteNoise(40.0 / math.pi)})
+    result = il.simulate(heavy, 800.0, realizations=256, step=0.3 / 40.0, record=PathMeans(), rng=1)
+    path, exact = path_statistics(result), il.exact(heavy).statistics().contact_rate.item()
+    error = path.contact_rate_standard_error.item()
+    assert error < 0.015 * exact
+    assert abs(path.contact_rate.item() - exact) < 3.0 * error
 
 
 def test_the_path_is_looked_at_at_every_step():
@@ -205,7 +194,7 @@ def test_the_small_campaign_is_right(seed):
 
 
 def test_what_is_off_by_chance_is_told_from_what_is_wrong(monkeypatch):
-    import impactlab_numerics.trust_judge as module
+    import impactlab_numerics.trust.judge as module
 
     seed = 0
     found = judge(seed, share=0.1)
@@ -231,7 +220,7 @@ def test_what_is_off_by_chance_is_told_from_what_is_wrong(monkeypatch):
 
 
 def test_refusals_and_other_ends_are_outcomes(monkeypatch):
-    import impactlab_numerics.trust_judge as module
+    import impactlab_numerics.trust.judge as module
 
     for error, expected in ((il.InvalidInput, "refused"), (il.Diverged, "diverged"), (ZeroDivisionError, "failed")):
 
@@ -255,7 +244,7 @@ def made(**changes):
 
 
 def verdicts(found):
-    return verdicts_of(tree_of(found)).verdict.values.tolist()
+    return TrustStudy().claims(tree_of(found)).verdict.values.tolist()
 
 
 def test_verdicts_follow_the_numbers():
@@ -292,8 +281,8 @@ def test_a_tree_holds_everything_that_was_found():
     again = found_of(tree_of(found))
     assert [{name: item[name] for name in made()} for item in again] == found
     assert coverage(again)[::2] == (19 / 21, 21)
-    assert len(list(draw(tree_of(found)))) == 3
-    assert dict(tables(tree_of(found))).keys() == {"Networks by class", "Warned or refused without need"}
+    assert len(list(TrustStudy().figures(tree_of(found)))) == 3
+    assert dict(TrustStudy().tables(tree_of(found))).keys() == {"Networks by class", "Warned or refused without need"}
     assert "refused" in text_of(class_rows(again))
     assert [row["seed"] for row in wrong_rows(again)] == [5]
 
@@ -301,16 +290,16 @@ def test_a_tree_holds_everything_that_was_found():
 def test_a_run_that_was_stopped_continues(tmp_path):
     file = tmp_path / "judged.jsonl"
     study = TrustStudy().quick().replace(networks=2, first_network=12, kept_in=str(file))
-    tree = collect(study)
+    tree = study.collect({})
     first, second = file.read_text(encoding="utf-8").splitlines()
     changed = json.loads(first) | {"outcome": "refused"}
     file.write_text(json.dumps(changed) + "\n" + second[:50], encoding="utf-8")
-    outcomes = collect(study)["networks"].outcome.values
+    outcomes = study.collect({})["networks"].outcome.values
     assert outcomes.tolist() == ["refused", tree["networks"].outcome.values[1]]
     assert len(file.read_text(encoding="utf-8").splitlines()) == 2
     file.write_text("something\n", encoding="utf-8")
     with pytest.raises(il.InvalidInput, match="does not hold networks that were judged"):
-        collect(study)
+        study.collect({})
 
 
 def test_realizations_are_not_fewer_than_errors_need():

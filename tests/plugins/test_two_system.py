@@ -1,21 +1,14 @@
 """The study of the paper: settings, a small run with its numbers, verdicts, figures."""
 
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import pytest
 from impactlab_two_system import TwoSystemStudy
-from impactlab_two_system.claims import CLAIMS
+from impactlab_two_system.claims import STATEMENTS
 from impactlab_two_system.results import Measured, Results
 
 import impactlab as il
 from impactlab.studies import VERDICTS
 from impactlab.studies.simulations import run_simulations, simulations
-
-ROOT = Path(__file__).parents[2]
 
 
 def simulated(study: TwoSystemStudy) -> dict:
@@ -29,22 +22,6 @@ def run():
     with pytest.warns(il.AccuracyWarning, match="Too few independent samples"):  # one record has no error
         results = simulated(study)
     return study, results, study.collect(results)
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "two_system.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == TwoSystemStudy.name
-    assert set(settings) == set(TwoSystemStudy.field_names())
-    assert TwoSystemStudy(**settings) == TwoSystemStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_two_system import TwoSystemStudy; TwoSystemStudy().network(16, 0.05)\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(
@@ -126,7 +103,7 @@ def test_one_record_scatters_by_a_tenth(run):
 def test_every_claim_is_judged(run):
     study, _, tree = run
     table = study.claims(tree)
-    assert table.sizes["claim"] == len(CLAIMS) == 52
+    assert table.sizes["claim"] == len(STATEMENTS) == 52
     assert set(table["verdict"].values) <= set(VERDICTS)
     verdicts = dict(zip(table["statement"].values, table["verdict"].values, strict=True))
     expected = {
@@ -222,7 +199,7 @@ def test_one_variant_alone_is_enough():
         results = simulated(study)
     tree = study.collect(results)
     assert "accurate" not in tree.children
-    assert study.claims(tree).sizes["claim"] == len(CLAIMS)
+    assert study.claims(tree).sizes["claim"] == len(STATEMENTS)
     figures = dict(study.figures(tree))
     assert set(figures) == {"figure_1", "figure_2", "figure_5", "figure_6", "figure_7"}
     squares = [line for line in figures["figure_7"].axes[0].get_lines() if line.get_marker() == "s"]

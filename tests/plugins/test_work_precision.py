@@ -1,50 +1,24 @@
 """The work-precision study: its arithmetic, its baselines, and a small run."""
 
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
-
 import numpy as np
 import pytest
 from impactlab_numerics import WorkPrecisionStudy
-from impactlab_numerics.baselines import Loop, SeriesLoop
-from impactlab_numerics.methods import STATISTICS, Findings, Method, seconds_to
+from impactlab_numerics.baselines.loops import Loop, SeriesLoop
 from impactlab_numerics.scenes import Law, scene
-from impactlab_numerics.work_precision import CHAIN, PAIR
-from impactlab_numerics.work_precision_results import time_text
+from impactlab_numerics.work_precision.methods import STATISTICS, Findings, Method, seconds_to
+from impactlab_numerics.work_precision.results import time_text
+from impactlab_numerics.work_precision.study import CHAIN, PAIR
 
 import impactlab as il
 
 pytestmark = pytest.mark.campaign
 
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def outcome():
-    return il.run_study(WorkPrecisionStudy, quick=True, progress=False)
+STUDY = WorkPrecisionStudy
 
 
 def findings(bias=0.0, bias_error=0.0, **changes):
     arrays = [np.full(4, value) for value in (bias, bias_error, 2.0, 8.0)]
     return Findings(*arrays, **({"step": 0.01, "rate": 1e-5, "startup": 0.5} | changes))
-
-
-def test_the_file_has_every_default():
-    settings = tomllib.loads((ROOT / "studies" / "work_precision.toml").read_text(encoding="utf-8"))
-    assert settings.pop("study") == WorkPrecisionStudy.name
-    assert set(settings) == set(WorkPrecisionStudy.field_names())
-    assert WorkPrecisionStudy(**settings) == WorkPrecisionStudy()
-
-
-def test_the_study_is_described_without_heavy_imports():
-    code = (
-        "import sys; from impactlab_numerics import WorkPrecisionStudy; WorkPrecisionStudy().scenes()\n"
-        "print([name for name in ('numba', 'xarray', 'matplotlib', 'scipy') if name in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(
@@ -92,17 +66,10 @@ def test_times_are_written_in_a_suitable_unit(seconds, text):
 
 
 @pytest.mark.parametrize(("method", "step"), [("baoab", 0.001), ("euler_maruyama", 0.0001), ("runge_kutta", 0.001)])
-def test_the_loops_for_pairs_and_for_chains_are_the_same_methods(method, step, monkeypatch):
+def test_the_loops_for_pairs_and_for_chains_are_the_same_methods(method, step):
     """With one seed both make the same path, to rounding that collisions have not yet magnified."""
-    from impactlab_numerics import baselines, chain_loops
-
-    def batch():
-        loop = (SeriesLoop if method == "runge_kutta" else Loop)(scene(2), method, step, 50, 7)
-        return loop.run(1)
-
-    pair = batch()
-    monkeypatch.setattr(baselines, "pair_loops", chain_loops)
-    chain = batch()
+    loop = SeriesLoop if method == "runge_kutta" else Loop
+    pair, chain = (loop(scene(2), method, step, 50, 7, of_chains=of_chains).run(1) for of_chains in (False, True))
     assert chain.values == pytest.approx(pair.values, rel=1e-3)
 
 
@@ -114,15 +81,15 @@ def test_bins_hold_the_density_of_the_law():
         assert (law.density * center**2) @ np.diff(law.edges) == pytest.approx(law.values[0], rel=2e-3)
 
 
-def test_the_checks_pass_and_every_claim_has_a_verdict(outcome):
-    assert [check for check in outcome.checks if not check.ok] == []
-    verdicts = dict(zip(outcome.claims["statement"].values, outcome.claims["verdict"].values, strict=True))
+def test_the_checks_pass_and_every_claim_has_a_verdict(run):
+    assert [check for check in run.checks if not check.ok] == []
+    verdicts = dict(zip(run.claims["statement"].values, run.claims["verdict"].values, strict=True))
     assert len(verdicts) == 6
     assert set(verdicts.values()) <= {"holds", "does not hold", "not testable"}
 
 
-def test_all_cases_are_in_the_result(outcome):
-    methods = outcome.tree["methods"].to_dataset()
+def test_all_cases_are_in_the_result(run):
+    methods = run.tree["methods"].to_dataset()
     assert set(methods["scene"].values) == {PAIR, CHAIN}
     assert set(methods["tool"].values) == {"impactlab", "numba", "scipy"}
     assert list(methods["statistic"].values) == list(STATISTICS)
@@ -133,30 +100,30 @@ def test_all_cases_are_in_the_result(outcome):
     assert (methods["seconds_to"] > methods["startup"]).all()
 
 
-def test_a_library_that_is_not_installed_is_a_row_that_says_so(outcome, monkeypatch):
+def test_a_library_that_is_not_installed_is_a_row_that_says_so(run, monkeypatch):
     """The time that it would take is unknown, and nothing is judged by it."""
-    from impactlab_numerics import work_precision_collect
-    from impactlab_numerics.peers import Peer
+    from impactlab_numerics.work_precision import collect
+    from impactlab_numerics.work_precision.peers import Peer
 
     absent = Peer("absent_library", "method", 0.002, 8, None)
-    found = work_precision_collect._peer(outcome.study, absent, Law.of(scene(2), 10))
+    found = collect._peer(run.study, absent, Law.of(scene(2), 10))
     assert found.note == "not installed"
     assert np.isnan(seconds_to(0.01, found)).all()
 
 
-def test_the_checks_see_a_wrong_method(outcome):
-    spoiled = outcome.tree.copy(deep=True)
+def test_the_checks_see_a_wrong_method(run):
+    spoiled = run.tree.copy(deep=True)
     spoiled["methods"]["bias"][:, 1] += 0.2
-    failed = [check.name for check in outcome.study.checks(spoiled) if not check.ok]
+    failed = [check.name for check in run.study.checks(spoiled) if not check.ok]
     assert failed == ["default method: bias", "all methods solve one problem: bias"]
 
 
-def test_the_diagrams_and_tables_show_every_method(outcome):
-    assert set(outcome.figures) == {"work_precision_base_case", "work_precision_chain"}
-    figure = outcome.figures["work_precision_base_case"]
+def test_the_diagrams_and_tables_show_every_method(run):
+    assert set(run.figures) == {"work_precision_base_case", "work_precision_chain"}
+    figure = run.figures["work_precision_base_case"]
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    methods = outcome.tree["methods"].to_dataset()
+    methods = run.tree["methods"].to_dataset()
     assert labels == {str(line) for line in methods["line"].values[methods["scene"].values == PAIR]}
-    tables = dict(outcome.study.tables(outcome.tree))
-    cases = outcome.tree["methods"].to_dataset().sizes["case"]
+    tables = dict(run.study.tables(run.tree))
+    cases = run.tree["methods"].to_dataset().sizes["case"]
     assert sum(len(rows) for title, rows in tables.items() if title.startswith("E[x²]")) == cases

@@ -1,0 +1,331 @@
+"""From a model to the text of a module: one loop per kind of component. Pure.
+
+The text depends on the kinds of components only, never on how many there are or on
+their parameters, which travel in arrays. It holds the source of every kernel: numbers
+that a kernel reads from its module become literals, helper functions it calls are
+copied, anything else is refused with file and line. (Importing the kernels instead would
+miss changes in the imported file on a cache hit, and would not work for a script.)
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+
+from impactlab.assembly.inlining import Inliner, free_name
+from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
+from impactlab.assembly.model import Model, kept
+from impactlab.kernels.single import single_text
+
+_TAKEN = frozenset({
+    "above", "after", "at", "below", "body", "clear", "clearance", "contact_force", "count", "differences", "end",
+    "enough", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step",
+    "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
+    "off", "off_after", "off_end", "parameters", "r", "range", "rate", "refined", "response", "result", "row", "run",
+    "second", "share", "slot", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v", "velocity", "x",
+})  # fmt: skip
+
+_FORCES = '''
+@pointer(FORCES)
+def forces(x, v, middle, half_step, parameters, indices, indentation, contact_force, total):
+    """Write the force on every body, and the state of every contact, of a block.
+
+    x, v: displacement and velocity [body, lane]; the last body is the wall.
+    middle, half_step: v and 0, or for a kick from v on the velocity in its middle, as contact_force
+        and total make it, and half its length; forces that depend on velocities are then solved.
+    indentation, contact_force: of every contact [contact, lane]; positive when closed.
+    total: force on every body [body, lane].
+    """
+'''
+
+_DISTANCES = "    differences(indices, x, indentation)\n"
+
+_TIMETABLE = '''
+@timetable
+def {name}(times, parameters, indices, result):
+    """Write {what} at some times, result[time, row]."""
+'''
+
+_TIMETABLES = {
+    "forcing": "the given force on every forced body",
+    "intensity": "the two-sided spectral density of every white noise",
+}
+
+
+_SLOWING = '''
+@scalar
+def {name}_over_kick({place}, speed, response{fields}):
+    """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle.
+
+    It acts at r of ``r + share force(r) = speed``, found by secants, bracketed if they can be; the
+    share is the response, then what the slope of the force at that r makes of it.
+    """
+    result = force = {speed}
+    share = response
+    for refined in range(2):
+        given = share * force
+        if given == 0.0:
+            break
+        nudged = share * {nudged}
+        end, off_end, r, off = speed, given, speed, given
+        after = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
+        enough = 1e-6 * abs(given)
+        for _ in range(51):
+            off_after = after - speed + share * {after}
+            if off * off_after < 0.0 or off * off_end > 0.0:
+                end, off_end = r, off
+            else:
+                off_end *= 0.5
+            r, off = after, off_after
+            if abs(off) <= enough or abs(r - end) <= enough or off == off_end:
+                break
+            after = r - off * (r - end) / (off - off_end)
+        if refined:
+            result = (speed - r) / share
+            break
+        near = 0.001 * (speed - r)
+        if near == 0.0:
+            break
+        above = {above}
+        below = {below}
+        share = response * stretch(response * (above - below) / near)
+    return result
+'''
+
+
+def _slowing(kind: Kind, name: str) -> str:
+    """Text of the function that solves a force for the velocity that it changes."""
+    place, speed = kind.component.kernels[kind.kernel]
+    at = {
+        "speed": "speed",
+        "nudged": "speed - 0.001 * given",
+        "after": "after",
+        "above": "r + near",
+        "below": "r - near",
+    }
+    calls = {item: _call(kind, name, {place: place, speed: value}) for item, value in at.items()}
+    fields = "".join(f", {_local(field)}" for field in kind.fields)
+    return _SLOWING.format(name=name, place=place, fields=fields, **calls)
+
+
+def generate(model: Model, single: bool = False) -> str:
+    """Return the text of the module that holds a network's forces.
+
+    Parameters
+    ----------
+    model : Model
+        The network as arrays.
+    single : bool
+        Whether for blocks of one lane.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InvalidInput
+        If the source of a kernel cannot be found, or reads something that is neither a
+        number, nor a function, nor from ``math`` or ``numpy``.
+    """
+    return _generated(model, single)
+
+
+@kept
+def _generated(model: Model, single: bool) -> str:
+    names = _kernel_names(model.members.kinds)
+    kernels: dict[str, str] = {}
+    taken = set(names.values())
+    for kind, name in names.items():
+        Inliner(name, kernels, taken).inline(kind.component.kernel(kind.kernel)[0], name)
+    parts = [_header(model, kernels, single)]
+    parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
+    parts += [f"\n{_slowing(kind, names[kind])}" for kind in model.members.kinds if kind.slows]
+    parts.append("\n" + _FORCES)
+    if single and len(model.ends):
+        parts.append(_DISTANCES)
+    for role in _LOOPS:
+        if role == "coupling":  # after the contacts
+            parts.append(_gathering(model))
+        parts += [
+            _LOOPS[role](index, kind, names[kind], single)
+            for index, kind in enumerate(model.members.kinds)
+            if kind.role == role
+        ]
+    for role, what in _TIMETABLES.items():
+        if (role == "forcing" and model.members.of_role(role)) or (role == "intensity" and model.time_varying):
+            parts.append("\n" + _TIMETABLE.format(name=role, what=what))
+            parts += [
+                _timetable_loop(i, kind, names[kind]) for i, kind in enumerate(model.members.kinds) if kind.role == role
+            ]
+    return single_text("".join(parts)) if single else "".join(parts)
+
+
+def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
+    """Name each kernel after its class; classes of one name are numbered."""
+    names: dict[Kind, str] = {}
+    for kind in kinds:
+        if kind.role == "intensity" and not any(k.kinematic for k in kinds if k.role == "intensity"):
+            continue  # constant intensities are numbers, not code
+        names[kind] = free_name(f"{kind.component.__name__}_{kind.kernel}", names.values())
+    return names
+
+
+def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
+    roles = {kind.role for kind in model.members.kinds}
+    slowing = any(kind.slows for kind in model.members.kinds)
+    tables = "forcing" in roles or model.time_varying
+    called = (["differences", "gather"] if single else ["gather"]) if len(model.ends) else []
+    decorators = {"resident": bool(called), "scalar": bool(kernels), "timetable": tables}
+    text = "\n".join(kernels.values())
+    lines = [
+        '"""Forces of a network of oscillators; generated by impactlab, not to be edited."""',
+        "",
+        *(["import math", ""] if "math." in text else []),
+        *(["import numpy as np", ""] if "np." in text else []),
+        "from impactlab.kernels.jit import FORCES, "
+        + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
+        f"from impactlab.kernels.kick import {', '.join(called) or 'clear'}",
+        *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
+        *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if called else []),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _run(index: int, kind: Kind, *lines: str, slices: tuple[str, ...] = ()) -> str:
+    """Open the loops over the runs of a kind and over the members of each, and read their parameters.
+
+    `slices` name parts of arrays along a run, such as ``gaps = indentation[slot]``; `lines` begin a member.
+    """
+    leading, at, names = LEADING[kind.role], PLACES + HEADER * index, _parameters(kind)
+    entries = [*leading, "count", *(["start"] if names else [])]
+    parts = [item.replace("]", f" : {item.split('[')[1][:-1]} + count]") for item in slices]
+    parts += [f"column_{k} = parameters[start{_times(k)} : start{_times(k + 1)}]" for k in range(len(names))]
+    text = [
+        f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
+        + (f" with {', '.join(kind.parameters)}" if names else ""),
+        f"for run in range(indices[{at}]):",
+        f"    at = indices[{at + 1}] + {len(leading) + 2} * run",
+        *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate(entries)),
+        *(f"    {part}" for part in parts),
+        f"    for member in range({slices[0].split(' ')[0]}.shape[0]):"
+        if slices
+        else "    for member in range(count):",
+        *(f"        {name} = column_{k}[member]" for k, name in enumerate(names)),
+        *(f"        {line}" for line in lines),
+    ]
+    return textwrap.indent("\n".join(text), "    ") + "\n"
+
+
+def _parameters(kind: Kind) -> list[str]:
+    """Names of the parameters of a member inside a loop; the clearance is not a field."""
+    return [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
+
+
+def _times(count: int) -> str:
+    return ("", " + count")[count] if count < 2 else f" + {count} * count"
+
+
+def _plus(offset: int) -> str:
+    return f" + {offset}" if offset else ""
+
+
+def _call(kind: Kind, name: str, values: dict[str, str]) -> str:
+    return f"{name}({', '.join([*(values[item] for item in kind.kinematic), *map(_local, kind.fields)])})"
+
+
+def _local(field: str) -> str:
+    """Name of a field's value inside a loop, where some names are taken."""
+    return f"{field}_" if field.rstrip("_") in _TAKEN or field.startswith("column_") else field
+
+
+def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+    """Write the loop over some contacts.
+
+    The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
+    value, which throws a body out of every contact, does not pass for an open one.
+    """
+    place: tuple[str, ...] = ()
+    distance = "gaps[member, lane]"
+    if not single or kind.slows:
+        place = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
+        distance = "x[first, lane] - x[second, lane]"
+    lines = [f"gap = {distance} - clearance"]
+    if kind.slows:  # each alone: the rate without what this contact did to it in the pass before
+        place = (*place, "response = half_step * mobility")
+        lines += [
+            "force = gap - gap",
+            "if not gap <= 0.0:",
+            "    rate = middle[first, lane] - middle[second, lane] + response * forces_of[member, lane]",
+            f"    force = {_over_kick(kind, name, 'gap', 'rate')}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = force",
+        ]
+    else:
+        lines += [
+            f"force = {_call(kind, name, {'indentation': 'max(gap, 0.0)'})}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
+        ]
+    return (
+        f"{_run(index, kind, *place, slices=('gaps = indentation[slot]', 'forces_of = contact_force[slot]'))}"
+        "            for lane in range(gaps.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+    )
+
+
+def _over_kick(kind: Kind, name: str, place: str, speed: str) -> str:
+    return f"{name}_over_kick({', '.join([place, speed, 'response', *map(_local, kind.fields)])})"
+
+
+def _gathering(model: Model) -> str:
+    """Begin the total force with that of the contacts."""
+    return "    gather(indices, contact_force, total)\n" if len(model.ends) else "    clear(total)\n"
+
+
+def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+    rate = (
+        "                rate = middle[second + member, lane] - middle[first + member, lane]\n"
+        if "rate" in kind.kinematic
+        else ""
+    )
+    call = _call(kind, name, {"extension": "extension", "rate": "rate"})
+    return (
+        f"{_run(index, kind)}"
+        "            for lane in range(total.shape[1]):\n"
+        "                extension = x[second + member, lane] - x[first + member, lane]\n"
+        f"{rate}"
+        f"                force = {call}\n"
+        "                total[first + member, lane] += force\n"
+        "                total[second + member, lane] -= force\n"
+    )
+
+
+def _residual_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+    slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if kind.slows else [])]
+    if kind.slows:  # after all other forces
+        lines = [
+            "velocity = some_v[member, lane] + response * forces_on[member, lane]",
+            f"forces_on[member, lane] -= {_over_kick(kind, name, 'some_x[member, lane]', 'velocity')}",
+        ]
+    else:
+        lines = [f"forces_on[member, lane] -= {_call(kind, name, {'displacement': 'some_x[member, lane]'})}"]
+    return (
+        f"{_run(index, kind, *(['response = half_step * mobility'] if kind.slows else []), slices=tuple(slices))}"
+        "            for lane in range(forces_on.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+    )
+
+
+def _timetable_loop(index: int, kind: Kind, name: str) -> str:
+    call = _call(kind, name, {"time": "times[index]"})
+    return (
+        f"{_run(index, kind)}"
+        "            for index in range(result.shape[0]):\n"
+        f"                result[index, row + member] = {call}\n"
+    )
+
+
+_LOOPS: dict[str, Callable[[int, Kind, str, bool], str]] = {
+    "force": _contact_loop,
+    "coupling": _coupling_loop,
+    "residual": _residual_loop,
+}

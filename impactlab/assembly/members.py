@@ -1,0 +1,140 @@
+"""The non-linear members of a network, laid out for the loops of a generated module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.assembly.incidence import differences, gathering, runs
+from impactlab.components.component import Component, finite
+
+PLACES, HEADER = 3, 2
+"""Entries of `Members.indices` before those of the kinds, and for each kind."""
+
+LEADING = {
+    "force": ("slot",),
+    "coupling": ("first", "second"),
+    "residual": ("body",),
+    "forcing": ("row",),
+    "intensity": ("row",),
+}
+"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's."""
+
+
+Table = tuple[np.ndarray, np.ndarray]
+"""Members of a kind: their indices, (member, leading), and their parameters, (member, parameter)."""
+
+
+Row = tuple[Component, tuple[int, ...], tuple[float, ...]]
+"""A member, its indices, and its parameters before those that are fields."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """All members of a network with one class and one kernel: a loop in the generated text.
+
+    Attributes
+    ----------
+    role : str
+        A key of `LEADING`.
+    component : type
+        The class.
+    kernel : str
+        Name of its kernel.
+    """
+
+    role: str
+    component: type[Component]
+    kernel: str
+
+    @property
+    def kinematic(self) -> tuple[str, ...]:
+        """Kinematic arguments that the kernel takes."""
+        return self.component.kernel(self.kernel)[1]
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Fields that the kernel takes."""
+        return self.component.kernel(self.kernel)[2]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters of a row."""
+        leading = ("clearance",) if self.role == "force" else ()
+        return (*leading, "mobility", *self.fields) if self.slows else (*leading, *self.fields)
+
+    @property
+    def slows(self) -> bool:
+        """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
+        return not {"rate", "velocity"}.isdisjoint(self.kinematic) and self.role in ("force", "residual")
+
+
+@dataclass(frozen=True, eq=False)
+class Members:
+    """Members whose kernels are called, by class.
+
+    Attributes
+    ----------
+    kinds : tuple of Kind
+        In canonical order.
+    tables : tuple of Table
+        Members of each kind.
+    parameters : ndarray
+        Parameters of all kinds, run by run, one name after the other.
+    indices : ndarray of int
+        Members whose indices follow each other make a run, along which loops vectorise. Three places:
+        of what `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts; for each kind the
+        number of its runs and the place of the first; then, at these places, the runs: indices of the
+        first member, number of members, place of the parameters.
+    """
+
+    kinds: tuple[Kind, ...]
+    tables: tuple[Table, ...]
+    parameters: np.ndarray
+    indices: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: np.ndarray, bodies: int) -> Members:
+        """Lay out the members of each kind, with contacts between bodies of some slots, (contact, 2)."""
+        kinds = tuple(sorted(rows, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
+        tables = tuple(_table(kind, rows[kind]) for kind in kinds)
+        return cls(kinds, tables, *packed(tables, ends, bodies))
+
+    def of_role(self, *roles: str) -> tuple[Kind, ...]:
+        """Return the kinds of some roles."""
+        return tuple(kind for kind in self.kinds if kind.role in roles)
+
+
+def _table(kind: Kind, rows: Sequence[Row]) -> Table:
+    leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
+    numbers = np.array([(*extra, *(_number(item, field) for field in kind.fields)) for item, _, extra in rows])
+    return leading, numbers.reshape(len(rows), len(kind.parameters))
+
+
+def packed(
+    members: Iterable[Table], ends: np.ndarray, bodies: int, order: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Members`.
+
+    The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
+    """
+    tables, columns, header = [differences(ends), gathering(ends, bodies, order), ends.ravel()], [np.zeros(0)], []
+    for leading, numbers in members:
+        *begins, counts = runs(*leading.T)
+        ends_of_runs = np.cumsum(counts)
+        first = sum(map(len, columns)) + (ends_of_runs - counts) * numbers.shape[1]
+        tables.append(np.stack([*begins, counts, first]).T.ravel())
+        header.append(len(counts))
+        columns += [part.T.ravel() for part in np.split(numbers, ends_of_runs[:-1])]
+    places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
+    heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
+    return np.concatenate(columns), np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
+
+
+def _number(component: Component, field: str) -> float:
+    """Return the value of a field that a kernel takes: a number or a truth value."""
+    value = getattr(component, field)
+    place = f"{type(component).__name__}.{field}, which a kernel takes,"
+    return float(value) if isinstance(value, bool) else finite(place, value)

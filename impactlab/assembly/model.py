@@ -1,0 +1,319 @@
+"""From names to slots: a network as arrays of numbers. The only index arithmetic."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from impactlab.assembly.members import Kind, Members, Row
+from impactlab.components.component import call_each
+from impactlab.components.composition import Composition
+from impactlab.components.sides import Wall
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A network as arrays.
+
+    Bodies have slots 0 … n − 1 in the order of their names; slot n is the wall, a body
+    that is always at rest at 0, so that walls need no code of their own.
+
+    Attributes
+    ----------
+    network : Network
+        Where the model comes from.
+    mass, damping, stiffness : (body,) ndarray
+        Linear part (kg, N s m-1, N m-1).
+    ends : (contact, 2) ndarray of int
+        Slots of the first and second body of each contact.
+    clearance : (contact,) ndarray
+        Clearances (m).
+    coupled : (coupling, 2) ndarray of int
+        Slots of the first and second body of each coupling.
+    coupling : (2, coupling) ndarray
+        Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
+    flowing : (coupling,) ndarray of bool
+        Which of them an integrator treats as a part of the bodies' linear motion.
+    members : Members
+        Contacts, other couplings, residual forces and functions of time, as generated loops take them.
+    """
+
+    network: Composition
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    ends: np.ndarray
+    clearance: np.ndarray
+    coupled: np.ndarray
+    coupling: np.ndarray
+    flowing: np.ndarray
+    members: Members
+
+    @classmethod
+    def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:
+        """Make the model of a network, with some linear couplings in the linear motion."""
+        slots = {name: slot for slot, name in enumerate(network.oscillators)}
+
+        def slot_of(body: str | Wall) -> int:
+            return slots[body] if isinstance(body, str) else len(slots)
+
+        bodies = list(network.oscillators.values())
+        ends, coupled = (
+            np.array([(slot_of(item.first), slot_of(item.second)) for item in links.values()], dtype=np.int64)
+            for links in (network.contacts, network.couplings)
+        )
+        ends, coupled = ends.reshape(-1, 2), coupled.reshape(-1, 2)
+        return cls(
+            network=network,
+            mass=np.array([body.mass for body in bodies]),
+            damping=np.array([body.damping for body in bodies]),
+            stiffness=np.array([body.stiffness for body in bodies]),
+            ends=ends,
+            clearance=np.array([contact.clearance for contact in network.contacts.values()]),
+            coupled=coupled,
+            coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
+            flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
+            members=Members.of(_members(network, ends, coupled, flowing), ends, len(bodies)),
+        )
+
+    @cached_property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies by slot."""
+        return tuple(self.network.oscillators)
+
+    @cached_property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts."""
+        return tuple(self.network.contacts)
+
+    @cached_property
+    def couplings(self) -> tuple[str, ...]:
+        """Names of the couplings."""
+        return tuple(self.network.couplings)
+
+    @cached_property
+    def white(self) -> tuple[int, ...]:
+        """Slots of the bodies under white noise."""
+        return self._excited_by("intensity")
+
+    @cached_property
+    def lines(self) -> tuple[int, ...]:
+        """Slots of the bodies under sums of cosines."""
+        return self._excited_by("lines")
+
+    @cached_property
+    def forced(self) -> tuple[int, ...]:
+        """Slots of the bodies under a given force."""
+        return self._excited_by("force")
+
+    def _excited_by(self, kind: str) -> tuple[int, ...]:
+        given = self.network.excitations
+        return tuple(slot for slot, name in enumerate(self.bodies) if name in given and given[name].kind == kind)
+
+    @property
+    def natural_frequencies(self) -> np.ndarray:
+        """Undamped natural frequencies of the bodies without contacts (rad s-1), (body,)."""
+        return np.asarray(np.sqrt(self.stiffness / self.mass))
+
+    @property
+    def excited(self) -> np.ndarray:
+        """Whether each body has an excitation, (body,) of bool."""
+        result = np.zeros(len(self.bodies), dtype=bool)
+        result[[*self.white, *self.lines, *self.forced]] = True
+        return result
+
+    @property
+    def wall(self) -> int:
+        """Slot of the wall."""
+        return len(self.bodies)
+
+    @property
+    def links(self) -> np.ndarray:
+        """Slots of the first and second body of each contact, then of each coupling, (link, 2)."""
+        return np.concatenate([self.ends, self.coupled])
+
+    @property
+    def kicking(self) -> np.ndarray:
+        """Whether each link is a force of its own, not a part of the linear motion, (link,) of bool."""
+        return np.concatenate([np.ones(len(self.ends), dtype=bool), ~self.flowing])
+
+    def of_links(self, strength: np.ndarray) -> np.ndarray:
+        """Return the matrix of springs of some strengths in the places of the links, (body, body)."""
+        return _springs(self.links, strength, np.arange(self.wall))
+
+    @property
+    def passes(self) -> int:
+        """How often a kick evaluates forces with the velocities that they give; 0 where none depends on any.
+
+        Contacts and residuals are solved for their own velocity, so that once will do where no two of them meet.
+        """
+        slowed = [np.zeros(0, dtype=np.int64)]
+        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
+            if kind.slows:
+                slowed.append(self.ends[leading[:, 0]].ravel() if kind.role == "force" else leading[:, 0])
+            elif kind.role == "coupling" and "rate" in kind.kinematic:
+                slowed.append(np.repeat(leading, 2))
+        numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
+        return 0 if not self.dissipative else min(int(numbers.max()), 2)
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether a force of a contact, a coupling or a residual depends on velocities, except those that flow."""
+        kinds = self.members.of_role("force", "residual")
+        return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
+            item.law.dissipative
+            for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
+            if not flows
+        )
+
+    @property
+    def only_touching(self) -> bool:
+        """Whether bodies act on each other in contacts only, under noise and no other excitation."""
+        return not (len(self.coupled) or self.lines or self.forced)
+
+    @property
+    def time_varying(self) -> bool:
+        """Whether the intensity of a white noise depends on time."""
+        return any(kind.kinematic for kind in self.members.of_role("intensity"))
+
+    @property
+    def nonlinear_bodies(self) -> np.ndarray:
+        """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
+        result = np.zeros(len(self.bodies) + 1, dtype=bool)
+        result[self.links[self.kicking].ravel()] = True
+        result[:-1] |= self.residual
+        return result[:-1]
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Whether each body has a residual force, (body,) of bool."""
+        if not self.members.of_role("residual"):
+            return np.zeros(len(self.bodies), dtype=bool)
+        return np.array([body.has_kernel("residual") for body in self.network.oscillators.values()])
+
+    def intensities(self, time: float = 0.0) -> np.ndarray:
+        """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
+        result = np.zeros(len(self.bodies))
+        given = self.network.excitations
+        excitations = [given[self.bodies[slot]] for slot in self.white]
+        result[list(self.white)] = call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
+        return result
+
+    @cached_property
+    def initial_intensities(self) -> np.ndarray:
+        """Return :meth:`intensities` at time 0; not to be changed."""
+        return self.intensities()
+
+    def reference_intensities(self) -> np.ndarray:
+        """Densities for which coefficients are made: the constant ones, 1 where they vary, (body,)."""
+        if not self.time_varying:
+            return self.initial_intensities
+        result = np.zeros(len(self.bodies))
+        result[list(self.white)] = 1.0
+        return result
+
+    def connected(self) -> np.ndarray:
+        """Label of the connected part of each body, (body,) of int; walls do not connect."""
+        return self._labels
+
+    @property
+    def random(self) -> np.ndarray:
+        """Whether a noise acts on the connected part of each body, (body,) of bool."""
+        noisy = self.reference_intensities() > 0.0
+        noisy[list(self.lines)] = True
+        labels = self.connected()
+        return np.isin(labels, labels[noisy])
+
+    def touching(self) -> np.ndarray:
+        """Label of the part of each body that contacts alone connect, (body,) of int."""
+        return connected_parts(len(self.bodies), self.ends)
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
+        return connected_parts(len(self.bodies), self.links)
+
+    def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
+        linear = self.coupling.any(axis=0)
+        pairs, (stiffness, damping) = self.coupled[linear], self.coupling[:, linear]
+        labels = connected_parts(len(self.bodies), pairs)
+        part_of_pair = labels[pairs.min(axis=1)]  # the wall has the largest slot
+        result = []
+        for part in np.unique(part_of_pair):
+            slots, rows = np.flatnonzero(labels == part), part_of_pair == part
+            k, c = (_springs(pairs[rows], strength[rows], slots) for strength in (stiffness, damping))
+            result.append((slots, k, c))
+        return result
+
+
+def _members(
+    network: Composition, ends: np.ndarray, coupled: np.ndarray, flowing: Collection[str]
+) -> dict[Kind, list[Row]]:
+    """Return what acts by its kernels, kind by kind, without the couplings that flow."""
+    bodies = list(network.oscillators.values())
+    inverse_mass = np.array([*(1.0 / body.mass for body in bodies), 0.0])  # a wall does not move
+    result: dict[Kind, list[Row]] = {}
+    for slot, contact in enumerate(network.contacts.values()):
+        kind = Kind("force", type(contact.law), "force")
+        mobility = float(inverse_mass[ends[slot]].sum())
+        extra = (contact.clearance, mobility) if kind.slows else (contact.clearance,)
+        result.setdefault(kind, []).append((contact.law, (slot,), extra))
+    for (name, coupling), pair in zip(network.couplings.items(), coupled.tolist(), strict=True):
+        kind = Kind("coupling", type(coupling.law), "force")
+        result.setdefault(kind, [])  # also without a row: the text does not depend on what flows
+        if name not in flowing:
+            result[kind].append((coupling.law, tuple(pair), ()))
+    for slot, body in enumerate(bodies):
+        if body.has_kernel("residual"):
+            kind = Kind("residual", type(body), "residual")
+            result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
+    excitations = [network.excitations[name] for name in network.oscillators if name in network.excitations]
+    for role, kernel in (("forcing", "force"), ("intensity", "intensity")):
+        for row, item in enumerate(item for item in excitations if item.kind == kernel):
+            result.setdefault(Kind(role, type(item), kernel), []).append((item, (row,), ()))
+    return result
+
+
+def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Keep what a function of a model and hashable arguments returns for as long as the model lives."""
+
+    @functools.wraps(function)
+    def known(model: Model, *arguments: Any) -> Result:
+        results = model.__dict__.setdefault("_kept", {})
+        key = function, *arguments
+        if key not in results:
+            results[key] = function(model, *arguments)
+        return results[key]  # type: ignore[no-any-return]
+
+    return known
+
+
+def connected_parts(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Label of the connected part of each of some bodies, (body,) of int; walls do not connect."""
+    first, second = pairs[(pairs < count).all(axis=1)].T
+    parts = np.arange(count)
+    while True:  # every body takes the smallest label in reach, which doubles each time
+        before = parts.copy()
+        lowest = np.minimum(parts[first], parts[second])
+        for side in (parts[first], parts[second], first, second):
+            np.minimum.at(parts, side, lowest)
+        parts = parts[parts]
+        if (parts == before).all():
+            labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
+            return labels
+
+
+def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.ndarray:
+    """Matrix of springs between pairs of bodies with some slots, in increasing order, or a wall."""
+    matrix = np.zeros((len(slots) + 1, len(slots) + 1))
+    first, second = np.searchsorted(slots, pairs).T
+    for row, column, sign in ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0)):
+        np.add.at(matrix, (row, column), sign * strength)
+    return matrix[:-1, :-1]

@@ -1,0 +1,202 @@
+"""Bodies, contacts, couplings and excitations, composed by name and checked: what a network is, not what it can do."""
+
+from __future__ import annotations
+
+import reprlib
+import unicodedata
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, Self, TypeVar
+
+from impactlab.components.component import Component, suggestion
+from impactlab.components.contact import Contact
+from impactlab.components.coupling import Coupling
+from impactlab.components.excitation import Excitation
+from impactlab.components.oscillator import Oscillator
+from impactlab.components.potentials import check_potentials
+from impactlab.components.sides import WALL
+from impactlab.errors import InvalidInput
+
+Member = TypeVar("Member", bound=Component)
+Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
+
+_SHOWN = 6
+
+_NOT_IN_FILES = ("Cc", "Cs")
+"""Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
+
+_FAMILIES: dict[str, type[Component]] = {
+    "oscillators": Oscillator,
+    "contacts": Contact,
+    "excitations": Excitation,
+    "couplings": Coupling,
+}
+"""Families of a network, in the order in which it takes them."""
+
+
+class Composition:
+    """The members of a network, by family and name; immutable.
+
+    What is below `impactlab.Network`, which adds the methods that compile and check, reads this alone.
+    """
+
+    __slots__ = ("_contacts", "_couplings", "_excitations", "_oscillators")
+
+    def __init__(
+        self,
+        oscillators: Family[Oscillator],
+        contacts: Family[Contact] | None = None,
+        excitations: Family[Excitation] | None = None,
+        couplings: Family[Coupling] | None = None,
+    ) -> None:
+        self._oscillators = _family("oscillators", oscillators, Oscillator)
+        self._contacts = _family("contacts", {} if contacts is None else contacts, Contact)
+        self._excitations = _family("excitations", {} if excitations is None else excitations, Excitation)
+        self._couplings = _family("couplings", {} if couplings is None else couplings, Coupling)
+        if not self._oscillators:
+            raise InvalidInput("A network needs at least one oscillator; none was given.")
+        for name, link in [*self._contacts.items(), *self._couplings.items()]:
+            for side in (link.first, link.second):
+                if side is not WALL and side not in self._oscillators:
+                    raise InvalidInput(
+                        f"{type(link).__name__} {name!r} names a body {side!r} that is not in the network; "
+                        f"{suggestion(str(side), self._oscillators)}"
+                    )
+        for name in self._excitations:
+            if name not in self._oscillators:
+                raise InvalidInput(
+                    f"There is an excitation for {name!r}, which is not in the network; "
+                    f"{suggestion(name, self._oscillators)}"
+                )
+        laws = ((name, contact.law) for name, contact in self._contacts.items())
+        check_potentials("contact", laws, "force", "potential")
+        check_potentials("body", self._oscillators.items(), "residual", "residual_potential", both_sides=True)
+
+    @property
+    def oscillators(self) -> Mapping[str, Oscillator]:
+        """The bodies by name."""
+        return MappingProxyType(self._oscillators)
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """The contacts by name."""
+        return MappingProxyType(self._contacts)
+
+    @property
+    def excitations(self) -> Mapping[str, Excitation]:
+        """The excitations by the name of the body that they act on."""
+        return MappingProxyType(self._excitations)
+
+    @property
+    def couplings(self) -> Mapping[str, Coupling]:
+        """The couplings by name."""
+        return MappingProxyType(self._couplings)
+
+    def replace(
+        self,
+        *,
+        oscillators: Mapping[str, Oscillator | None] | None = None,
+        contacts: Mapping[str, Contact | None] | None = None,
+        excitations: Mapping[str, Excitation | None] | None = None,
+        couplings: Mapping[str, Coupling | None] | None = None,
+    ) -> Self:
+        """Return a network in which some members are changed, added or, with None, removed.
+
+        Raises
+        ------
+        InvalidInput
+            If a member to be removed does not exist, or the new network is not valid.
+        """
+        return type(self)(
+            _changed("oscillator", self._oscillators, oscillators),
+            _changed("contact", self._contacts, contacts),
+            _changed("excitation", self._excitations, excitations),
+            _changed("coupling", self._couplings, couplings),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the network as plain data that JSON can hold."""
+        return {
+            title: {name: item.to_dict() for name, item in getattr(self, f"_{title}").items()} for title in _FAMILIES
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Make a network from what :meth:`to_dict` returned."""
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"A network is given as data by a mapping, {reprlib.repr(data)} was given.")
+        for title, family in data.items():
+            if title not in _FAMILIES:
+                raise InvalidInput(f"A network has {', '.join(_FAMILIES)}; {title!r} was given.")
+            if not isinstance(family, Mapping):
+                raise InvalidInput(f"{title} are given as data by a mapping, {reprlib.repr(family)} was given.")
+        families: dict[str, Any] = {
+            title: {name: kind.from_dict(item) for name, item in data.get(title, {}).items()}
+            for title, kind in _FAMILIES.items()
+        }
+        return cls(**families)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Composition):
+            return NotImplemented
+        return all(
+            list(getattr(self, name).items()) == list(getattr(other, name).items()) for name in Composition.__slots__
+        )
+
+    def __hash__(self) -> int:
+        return hash(self._members())
+
+    def _members(self) -> tuple[tuple[tuple[str, Component], ...], ...]:
+        """Names and members of all families, in order."""
+        return tuple(tuple(getattr(self, f"_{title}").items()) for title in _FAMILIES)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(getattr(self, f"_{title}") for title in _FAMILIES)
+
+    def __repr__(self) -> str:
+        counts = [_count(self._oscillators, "body", "bodies"), _count(self._contacts, "contact", "contacts")]
+        counts += [_count(self._couplings, "coupling", "couplings")] if self._couplings else []
+        lines = [f"Network: {', '.join(counts)}, {_count(self._excitations, 'excitation', 'excitations')}"]
+        for title in _FAMILIES:
+            members = getattr(self, f"_{title}")
+            if members:
+                lines.append(f"  {title}")
+            lines += [f"    {name}: {item!r}" for name, item in list(members.items())[:_SHOWN]]
+            if len(members) > _SHOWN:
+                lines.append(f"    … and {len(members) - _SHOWN} more")
+        return "\n".join(lines)
+
+
+def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str, Any]:
+    """Return the members of one family as a checked dictionary."""
+    try:
+        pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{title} must be a mapping of names to il.{kind.__name__} objects, {members!r} was given."
+        ) from error
+    family: dict[str, Any] = {}
+    for name, member in pairs:
+        if not isinstance(name, str) or not name.strip():
+            raise InvalidInput(f"{title}: a name must be a text that is not empty, {name!r} was given.")
+        if not name.isprintable() and any(unicodedata.category(letter) in _NOT_IN_FILES for letter in name):
+            raise InvalidInput(f"{title}: a name must have no control characters, {name!r} was given.")
+        if name in family:
+            raise InvalidInput(f"{title}: the name {name!r} was given twice.")
+        if not isinstance(member, kind):
+            raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, {member!r} was given.")
+        family[name] = member
+    return family
+
+
+def _changed(kind: str, old: Mapping[str, Any], changes: Mapping[str, Any] | None) -> dict[str, Any]:
+    changes = changes or {}
+    for name, member in changes.items():
+        if member is None and name not in old:
+            raise InvalidInput(f"There is no {kind} {name!r} to remove; {suggestion(name, old)}")
+    merged = {**old, **changes}
+    return {name: member for name, member in merged.items() if member is not None}
+
+
+def _count(members: Mapping[str, Any], one: str, many: str) -> str:
+    return f"{len(members) or 'no'} {one if len(members) == 1 else many}"

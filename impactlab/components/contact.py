@@ -1,0 +1,165 @@
+"""Contacts between two bodies, or a body and a wall, and the laws of their forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.components.component import Component, call_each, parameter
+from impactlab.components.sides import Wall, check_sides, plain_sides
+from impactlab.errors import InvalidInput
+
+
+class ContactLaw(Component):
+    """Force of a closed contact as a function of its indentation.
+
+    Subclasses define the kernel ``force(indentation, rate, ...)`` (N, positive in
+    compression), which must be finite at zero indentation, and, if the force has one,
+    the kernel ``potential(indentation, ...)`` (J, 0 at 0), which makes exact
+    stationary laws possible.
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "force": ("indentation", "rate"),
+        "potential": ("indentation",),
+    }
+    required: ClassVar[tuple[str, ...]] = ("force",)
+
+    def evaluate(self, indentation: Any, rate: Any = 0.0) -> np.ndarray:
+        """Return the contact force for arrays of indentations and their rates.
+
+        Parameters
+        ----------
+        indentation : array_like
+            Indentation (m); the contact is open where it is not positive.
+        rate : array_like
+            Rate of the indentation (m s-1).
+
+        Returns
+        -------
+        ndarray
+            Force (N), 0 where the contact is open.
+        """
+        indentation = np.asarray(indentation, dtype=float)
+        force = self.call("force", np.maximum(indentation, 0.0), rate)
+        return np.where(indentation > 0.0, force, 0.0)
+
+
+def contact_forces(laws: Sequence[ContactLaw], indentation: np.ndarray) -> np.ndarray:
+    """Return what `ContactLaw.evaluate` gives for many laws, each at its row of indentations, (law, point)."""
+    force = call_each(laws, "force", np.maximum(indentation, 0.0), np.zeros_like(indentation))
+    return np.where(indentation > 0.0, force, 0.0)
+
+
+class HertzContact(ContactLaw):
+    """Hertz contact of two elastic bodies: force ``stiffness δ^(3/2)``.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness η (N m-3/2).
+    """
+
+    stiffness: float = parameter(units="N m-3/2", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return stiffness * indentation * math.sqrt(indentation)
+
+    @staticmethod
+    def potential(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return 0.4 * stiffness * indentation * indentation * math.sqrt(indentation)
+
+
+class LinearContact(ContactLaw):
+    """One-sided linear spring: force ``stiffness δ``.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness κ (N m-1).
+    """
+
+    stiffness: float = parameter(units="N m-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return stiffness * indentation
+
+    @staticmethod
+    def potential(indentation, stiffness):  # type: ignore[no-untyped-def]
+        return 0.5 * stiffness * indentation * indentation
+
+
+class PowerLawContact(ContactLaw):
+    """Contact whose force is a power of the indentation: ``stiffness (δ/1 m)^exponent``.
+
+    Exponent 1 is `LinearContact`, 3/2 is `HertzContact`, both of which are faster; 2 is a cone on
+    a plane.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness η, given as the force at an indentation of 1 m (N); in SI units it is
+        the number of the usual η (N m⁻ᵖ).
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    """
+
+    stiffness: float = parameter(units="N", minimum=0.0)
+    exponent: float = parameter(above=0.0, maximum=20.0)
+
+    @staticmethod
+    def force(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * indentation**exponent
+
+    @staticmethod
+    def potential(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * indentation ** (exponent + 1.0) / (exponent + 1.0)
+
+
+class Contact(Component):
+    """A place where two bodies can touch.
+
+    The indentation is ``δ = x_first − x_second − clearance``; for ``δ > 0`` the law's
+    force acts on `first` in the negative and on `second` in the positive direction.
+
+    Parameters
+    ----------
+    first, second : str or WALL
+        Names of the bodies. ``Contact("a", WALL, law, clearance=d)`` stops ``a`` at
+        ``x = +d``, ``Contact(WALL, "a", law, clearance=d)`` stops it at ``x = −d``.
+    law : ContactLaw
+        Law of the force.
+    clearance : float
+        Distance to be closed before the bodies touch (m); negative for a preload.
+
+    Raises
+    ------
+    InvalidInput
+        If a body is in contact with itself, or a value is not what it should be.
+    """
+
+    first: str | Wall = parameter(kw_only=False)
+    second: str | Wall = parameter(kw_only=False)
+    law: ContactLaw = parameter(kw_only=False)
+    clearance: float = parameter(0.0, units="m")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_sides(self)
+        if isinstance(self.law, Mapping):
+            object.__setattr__(self, "law", ContactLaw.from_dict(self.law))
+        if not isinstance(self.law, ContactLaw):
+            raise InvalidInput(
+                f"Contact.law must be a contact law such as il.HertzContact(1e4), {self.law!r} was given."
+            )
+
+    def __repr__(self) -> str:
+        return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
+
+    def to_dict(self) -> dict[str, Any]:
+        return plain_sides(super().to_dict())

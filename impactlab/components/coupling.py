@@ -1,0 +1,104 @@
+"""Couplings: springs and dampers between two bodies, or a body and a wall, and the laws of their forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.components.component import Component, parameter
+from impactlab.components.sides import Wall, check_sides, plain_sides
+from impactlab.errors import InvalidInput
+
+
+class CouplingLaw(Component):
+    """Force of a coupling, which always acts, as a function of its extension.
+
+    Subclasses define the kernel ``force(extension, rate, ...)`` (N, positive where it pulls
+    the bodies together).
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {"force": ("extension", "rate")}
+    required: ClassVar[tuple[str, ...]] = ("force",)
+
+    @property
+    def linear(self) -> tuple[float, float]:
+        """Stiffness (N m-1) and damping (N s m-1) of a linear law; zeros for any other."""
+        return 0.0, 0.0
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether the force depends on the rate."""
+        return "rate" in self.kernel("force")[1]
+
+    def evaluate(self, extension: Any, rate: Any = 0.0) -> np.ndarray:
+        """Return the force (N) for arrays of extensions (m) and their rates (m s-1)."""
+        return self.call("force", extension, rate)
+
+
+class LinearCoupling(CouplingLaw):
+    """Spring and viscous damper: force ``stiffness e + damping e'`` at the extension e.
+
+    Parameters
+    ----------
+    stiffness : float
+        Stiffness (N m-1).
+    damping : float
+        Coefficient of viscous damping (N s m-1).
+    """
+
+    stiffness: float = parameter(units="N m-1", minimum=0.0)
+    damping: float = parameter(0.0, units="N s m-1", minimum=0.0)
+
+    @property
+    def linear(self) -> tuple[float, float]:
+        return self.stiffness, self.damping
+
+    @property
+    def dissipative(self) -> bool:
+        return self.damping > 0.0
+
+    @staticmethod
+    def force(extension, rate, stiffness, damping):  # type: ignore[no-untyped-def]
+        return stiffness * extension + damping * rate
+
+
+class Coupling(Component):
+    """A spring or damper between two bodies, or a body and a wall.
+
+    The extension is ``x_second − x_first``; the law's force acts on `first` in the positive
+    and on `second` in the negative direction.
+
+    Parameters
+    ----------
+    first, second : str or WALL
+        Names of the bodies.
+    law : CouplingLaw
+        Law of the force.
+
+    Raises
+    ------
+    InvalidInput
+        If a body is coupled to itself, or a value is not what it should be.
+    """
+
+    first: str | Wall = parameter(kw_only=False)
+    second: str | Wall = parameter(kw_only=False)
+    law: CouplingLaw = parameter(kw_only=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_sides(self)
+        if isinstance(self.law, Mapping):
+            object.__setattr__(self, "law", CouplingLaw.from_dict(self.law))
+        if not isinstance(self.law, CouplingLaw):
+            raise InvalidInput(
+                f"Coupling.law must be a coupling law such as il.LinearCoupling(1e3), {self.law!r} was given."
+            )
+
+    def __repr__(self) -> str:
+        return f"Coupling({self.first!r}, {self.second!r}, {self.law!r})"
+
+    def to_dict(self) -> dict[str, Any]:
+        return plain_sides(super().to_dict())

@@ -1,0 +1,129 @@
+"""Excitations: forces on a body that come from outside the network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from impactlab.components.component import Component, finite, parameter
+from impactlab.errors import InvalidInput
+
+_KINDS = ("intensity", "force", "lines")
+
+
+class Excitation(Component):
+    """A force on a body, defined by exactly one of three things.
+
+    - the kernel ``intensity(time, ...)``: white noise, its two-sided spectral density
+      over angular frequency (N2 s rad-1), which may vary in time;
+    - the kernel ``force(time, ...)``: a given function of time (N);
+    - the method ``lines(self)``: a sum of cosines with random phases, returned as
+      angular frequencies (rad s-1) and amplitudes (N).
+
+    The noises of two bodies are independent, also when they share one object.
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {"intensity": ("time",), "force": ("time",)}
+    kind: ClassVar[str | None] = None
+    """Which of the three defines this class; None for an abstract one."""
+
+    required: ClassVar[tuple[str, ...]] = ("kind",)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        defined = [name for name in _KINDS if callable(getattr(cls, name, None))]
+        if len(defined) > 1:
+            raise InvalidInput(
+                f"{cls.__name__} defines {' and '.join(defined)}; an excitation is exactly one of {', '.join(_KINDS)}."
+            )
+        cls.kind = defined[0] if defined else None
+
+    @property
+    def period(self) -> float:
+        """Time after which the force repeats and a longer run is refused (s)."""
+        return math.inf
+
+
+class WhiteNoise(Excitation):
+    """Gaussian white noise: ``E[f(t) f(t+τ)] = 2π S δ(τ)``.
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S over angular frequency (N2 s rad-1).
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
+
+    @staticmethod
+    def intensity(spectral_density):  # type: ignore[no-untyped-def]
+        return spectral_density
+
+    @classmethod
+    def from_one_sided(cls, per_hertz: float) -> Self:
+        """Make white noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
+        return cls(spectral_density=_two_sided(cls, per_hertz))
+
+
+class ShinozukaNoise(Excitation):
+    """Bounded noise: a sum of cosines of equal amplitude with random phases.
+
+    ``f(t) = Σ A cos(2π f_k t + φ_k)`` with ``f_k = f_a + k Δf``, k = 1…N,
+    ``Δf = (f_b − f_a)/N`` and ``A = sqrt(2 S_f Δf)``, where ``S_f = 4π S`` is the
+    one-sided density per hertz (Shinozuka and Jan, J. Sound Vib. 25, 1972, 111).
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S over angular frequency inside the band (N2 s rad-1).
+    band : tuple of float
+        Lower and upper end of the band, f_a and f_b (Hz).
+    components : int
+        Number N of cosines.
+    allow_repeat : bool
+        Whether a run may be longer than ``1/Δf``, after which the series repeats
+        itself (up to a modulation with f_a).
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
+    band: tuple[float, float] = parameter((0.0, 500.0), units="Hz", minimum=0.0)
+    components: int = parameter(50000, minimum=1)
+    allow_repeat: bool = parameter(False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = self.band if isinstance(self.band, tuple) else ()
+        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in given)
+        if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
+            raise InvalidInput(
+                f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), "
+                f"{self.band!r} was given."
+            )
+        object.__setattr__(self, "band", edges)
+
+    @classmethod
+    def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
+        """Make bounded noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
+        return cls(spectral_density=_two_sided(cls, per_hertz), **fields)
+
+    @property
+    def spacing(self) -> float:
+        """Distance Δf between neighbouring lines (Hz)."""
+        return (self.band[1] - self.band[0]) / self.components
+
+    @property
+    def period(self) -> float:
+        return math.inf if self.allow_repeat else 1.0 / self.spacing
+
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the angular frequencies (rad s-1) and the amplitudes (N) of the cosines."""
+        frequencies = self.band[0] + self.spacing * np.arange(1, self.components + 1)
+        amplitude = math.sqrt(2.0 * 4.0 * math.pi * self.spectral_density * self.spacing)
+        return 2.0 * math.pi * frequencies, np.full(self.components, amplitude)
+
+
+def _two_sided(cls: type, per_hertz: float) -> float:
+    return finite(f"{cls.__name__}.from_one_sided: per_hertz", per_hertz) / (4.0 * math.pi)

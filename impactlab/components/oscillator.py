@@ -1,0 +1,119 @@
+"""Oscillators: one body each, a linear part and, if need be, a residual force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY
+from typing import Any, ClassVar, Self
+
+from impactlab.components.component import Component, finite, parameter
+from impactlab.errors import InvalidInput
+
+
+class Oscillator(Component):
+    """One body: ``mass x'' + damping x' + stiffness x + residual(x, x') = forces``.
+
+    Subclasses may add fields and two kernels: ``residual(displacement, velocity, ...)``,
+    the part of the restoring force that is not linear (N), and
+    ``residual_potential(displacement, ...)``, its integral if it has one (J, 0 at 0).
+
+    Parameters
+    ----------
+    mass : float
+        Mass (kg).
+    damping : float
+        Coefficient of viscous damping (N s m-1).
+    stiffness : float
+        Stiffness of the linear spring (N m-1); 0 for a free body.
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "residual": ("displacement", "velocity"),
+        "residual_potential": ("displacement",),
+    }
+
+    _: KW_ONLY
+    mass: float = parameter(1.0, units="kg", above=0.0)
+    damping: float = parameter(0.0, units="N s m-1", minimum=0.0)
+    stiffness: float = parameter(0.0, units="N m-1", minimum=0.0)
+
+    def __new__(cls, /, *values: Any, **fields: Any) -> Self:
+        if cls is Oscillator:
+            raise InvalidInput("Oscillator is abstract: use LinearOscillator or another of its subclasses.")
+        return super().__new__(cls, *values, **fields)
+
+    @classmethod
+    def from_frequency(
+        cls, natural_frequency: float, damping_ratio: float = 0.0, *, mass: float = 1.0, **fields: Any
+    ) -> Self:
+        """Make an oscillator from the natural frequency and the damping ratio.
+
+        Parameters
+        ----------
+        natural_frequency : float
+            Undamped natural frequency ω (rad s-1); ``stiffness = mass ω²``.
+        damping_ratio : float
+            Ratio ζ of the damping to the critical one; ``damping = 2 ζ ω mass``.
+        mass : float
+            Mass (kg).
+        **fields
+            Further fields of the class.
+
+        Raises
+        ------
+        InvalidInput
+            If a value is negative or not finite, or damping or stiffness is given as well.
+        """
+        frequency = finite(f"{cls.__name__}.from_frequency: natural_frequency", natural_frequency)
+        ratio = finite(f"{cls.__name__}.from_frequency: damping_ratio", damping_ratio)
+        if frequency < 0.0 or ratio < 0.0:
+            raise InvalidInput(
+                f"{cls.__name__}.from_frequency takes a natural frequency and a damping ratio of at least 0, "
+                f"{natural_frequency!r} and {damping_ratio!r} were given."
+            )
+        for name in ("damping", "stiffness"):
+            if name in fields:
+                raise InvalidInput(
+                    f"{cls.__name__}.from_frequency computes {name} from the frequency and the damping ratio; "
+                    f"leave {name} out, or give mass, damping and stiffness to {cls.__name__} itself."
+                )
+        mass = finite(f"{cls.__name__}.mass", mass)
+        return cls(mass=mass, damping=2.0 * ratio * frequency * mass, stiffness=mass * frequency**2, **fields)
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency of the linear part (rad s-1)."""
+        return float((self.stiffness / self.mass) ** 0.5)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Ratio of the damping to the critical one; infinite for a damped free body."""
+        critical = 2.0 * (self.stiffness * self.mass) ** 0.5
+        if critical == 0.0:
+            return float("inf") if self.damping else 0.0
+        return float(self.damping / critical)
+
+
+class LinearOscillator(Oscillator):
+    """Body on a linear spring and a viscous damper."""
+
+
+class DuffingOscillator(Oscillator):
+    """Body on a spring with a cubic term: residual force ``cubic x³``.
+
+    Parameters
+    ----------
+    cubic : float
+        Coefficient of the cubic restoring force (N m-3).
+    """
+
+    cubic: float = parameter(units="N m-3", minimum=0.0)
+
+    @staticmethod
+    def residual(displacement, cubic):  # type: ignore[no-untyped-def]
+        return cubic * displacement * displacement * displacement
+
+    @staticmethod
+    def residual_potential(displacement, cubic):  # type: ignore[no-untyped-def]
+        square = displacement * displacement
+        return 0.25 * cubic * square * square

@@ -1,0 +1,234 @@
+"""The arguments that compiled loops take, and their types."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import b1, f4, f8, i8, types, u4, u8, void
+
+from impactlab.kernels.jit import FORCES, FORCES_OF_ONE
+from impactlab.linear.systems import LinearSystem
+
+
+class Noise(NamedTuple):
+    """White noise on some bodies: rows of normals, two for a body whose flow needs them."""
+
+    bodies: np.ndarray  # (row,) slots, second rows last
+    runs: np.ndarray  # (run, 3) bodies that follow each other: the first, its row or -1, number
+    seconds: int  # first of the second rows
+    amplitude: np.ndarray  # (phase, 2, row) of displacement and velocity, or nothing and force
+    streams: np.ndarray  # (3, row) addresses of the streams
+    realizations: np.ndarray  # (lane,) indices
+    scale: np.ndarray  # (1 or step, row) factor of the amplitude
+    coarse: bool  # whether a step takes the noise of two steps of half the length
+    normals: np.ndarray  # (4, row, lane) of four steps, single precision
+
+
+class Series(NamedTuple):
+    """Sums of cosines on some bodies, sampled in time."""
+
+    bodies: np.ndarray  # (row,) slots
+    samples: np.ndarray  # (lane, row or 2 row, time): the force, or the response x and v
+    near: np.ndarray  # (NEAR + 1, row or 2 row, lane): those of the next times, lanes side by side
+
+
+class Forced(NamedTuple):
+    """Given forces on some bodies during one call."""
+
+    bodies: np.ndarray  # (row,) slots
+    force: np.ndarray  # (time, row): samples, or with `takes_response` mean and slope of each step in turn
+
+
+class Driven(NamedTuple):
+    """What acts on bodies from outside."""
+
+    noise: Noise
+    series: Series
+    forced: Forced
+
+
+class Cross(NamedTuple):
+    """Blocks of the linear motion that carry one body to another."""
+
+    bodies: np.ndarray  # (block, 2) slots of the body that is reached and of the other
+    flow: np.ndarray  # (block, 4) a_xx, a_xv, a_vx, a_vv
+    noise: np.ndarray  # (block, 4) by the first and the second normal of the other: x, x, v, v
+    push: np.ndarray  # (block, 4) x and v by a unit force on the other, by one that grows from -1 to 1 in a step
+    rows: np.ndarray  # (2, body) both rows of each body's noise, -1 for none; nothing where there are no blocks
+
+
+class Tables(NamedTuple):
+    """Numbers of the forces and of the method."""
+
+    parameters: np.ndarray  # of the forces
+    indices: np.ndarray
+    coefficients: np.ndarray  # (phase, column, body)
+    cross: Cross
+    tableau: np.ndarray  # (2, stage) nodes and weights of an explicit method
+
+
+class State(NamedTuple):
+    """State of a block, and work space of its method; the last body is the wall."""
+
+    x: np.ndarray  # [body, lane]
+    v: np.ndarray  # [body, lane]
+    reading: np.ndarray  # displacement at which contacts and densities are read
+    velocity: np.ndarray  # velocity at the time of `reading`
+    total: np.ndarray  # force [body, lane]
+    indentation: np.ndarray  # [contact, lane]
+    contact_force: np.ndarray  # [contact, lane]
+    still: np.ndarray  # zeros [body, lane]
+    work: Any  # [block, body, lane], or what a method needs in its place
+
+
+class History(NamedTuple):
+    """The last steps, which go into the sums together; see `impactlab.kernels.sums`."""
+
+    x: np.ndarray  # [slot, body, lane]
+    v: np.ndarray  # velocity at the time of x
+    force: np.ndarray  # force of the kick there
+    indentation: np.ndarray  # [slot, contact, lane]
+    contact_force: np.ndarray
+
+
+class Closings(NamedTuple):
+    """What closings of contacts are counted with."""
+
+    before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where they are not counted
+    jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    step: float  # (s)
+
+
+class Flux(NamedTuple):
+    """What the flux of gaps through contact is estimated with."""
+
+    window: np.ndarray  # (contact,) half width (m)
+    half_kick: np.ndarray  # (0 to 2, body) of a unit force: see `impactlab.plan.forces.Forces`
+    closing: np.ndarray  # [step, contact, lane] closing velocities in four steps
+    push: np.ndarray  # [body, lane] half of what a kick gives to velocities
+    kick: np.ndarray  # [contact, lane] the same of closing velocities
+
+
+class Turns(NamedTuple):
+    """The last kick, where the force of kicks times what the flow adds to velocities is summed; else nothing."""
+
+    half: np.ndarray  # (body,) half the velocity that a unit force of a kick gives
+    force: np.ndarray  # [body, lane]
+    middle: np.ndarray  # [body, lane] velocity
+
+
+class Sums(NamedTuple):
+    """Where a block adds up its statistics; see `impactlab.kernels.sums`."""
+
+    bodies: np.ndarray  # (phase, row, body, lane)
+    contacts: np.ndarray  # (4, contact, lane)
+    products: np.ndarray  # (9, pair, lane)
+    ends: np.ndarray  # (contact, 2)
+    pairs: np.ndarray  # (pair, 2) slots of bodies
+    indices: np.ndarray  # `impactlab.assembly.members.Members.indices`
+    closings: Closings
+    flux: Flux
+    turns: Turns
+
+
+class Account(NamedTuple):
+    """The last steps, and the sums that they go into."""
+
+    history: History
+    sums: Sums
+
+
+class Functions(NamedTuple):
+    """Functions that a loop calls: the forces of the network, and others by their addresses."""
+
+    forces: Any
+    fill: int  # writes the normals of four steps: `impactlab.kernels.random.fill_steps`
+    near: int  # brings sums of cosines near: `impactlab.kernels.series.bring_near`
+    add: int  # adds the history to the sums: `impactlab.kernels.sums.add_history`
+
+
+class Steps(NamedTuple):
+    """Steps of one call."""
+
+    step: float  # (s)
+    samples: int  # of series and given forces in a step
+    passes: int  # how often the forces of a kick are evaluated with the velocities that they give, 0: with none
+    summing: bool  # whether every step adds to the sums
+    first: int  # index of the first step
+    number: int
+    every: int  # steps between snapshots, 0 for none
+    phase: int  # steps since the last snapshot when it begins
+
+
+def array(dimensions: int, kind: Any = f8) -> Any:
+    """Type of an array, of which the last axis is contiguous."""
+    return types.Array(kind, dimensions, "C")
+
+
+def named(kind: Any, *items: Any) -> Any:
+    """Type of a named tuple."""
+    constructor: Any = types.NamedTuple if len(set(items)) > 1 else types.NamedUniTuple
+    return constructor(items, kind) if len(set(items)) > 1 else constructor(items[0], len(items), kind)
+
+
+class _Types:
+    """Types of what loops take, for blocks that have an axis of lanes or not."""
+
+    def __init__(self, single: bool) -> None:
+        lane = 0 if single else 1
+        numbers, table, cube, slots, pairs = array(1), array(2), array(3), array(1, i8), array(2, i8)
+        block, blocks, sums = array(1 + lane), array(2 + lane), array(3 + lane)
+        self.forces = FORCES_OF_ONE if single else FORCES
+        cross = named(Cross, pairs, table, table, table, pairs)
+        self.tables = named(Tables, numbers, slots, cube, cross, table)
+        self.noise = named(Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, array(2 + lane, f4))
+        self.series = named(Series, slots, cube, blocks)
+        self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
+        self.state = named(State, *[block] * 8, blocks)
+        self.history = named(History, *[blocks] * 5)
+        self.sums = named(
+            Sums,
+            sums,
+            blocks,
+            blocks,
+            pairs,
+            pairs,
+            slots,
+            named(Closings, blocks, numbers, f8),
+            named(Flux, numbers, table, blocks, block, block),
+            named(Turns, numbers, block, block),
+        )
+        self.steps = named(Steps, f8, i8, i8, b1, i8, i8, i8, i8)
+        self.account = named(Account, self.history, self.sums)
+        self.functions = named(Functions, self.forces, i8, i8, i8)
+        self.loop = void(
+            self.functions, self.tables, self.driven, self.state, self.history, self.sums, blocks, self.steps
+        )
+
+
+OF_LANES, OF_ONE = _Types(False), _Types(True)
+
+
+class Group(NamedTuple):
+    """Linear motion of bodies that couplings connect, (2 body, 2 body) matrices of all x, then all v; see `Flows`."""
+
+    slots: np.ndarray  # (body,)
+    system: LinearSystem
+    transition: np.ndarray
+    covariance: np.ndarray
+    middle_transition: np.ndarray
+    middle_covariance: np.ndarray
+
+
+class Flows(NamedTuple):
+    """Linear motion between kicks: ``z → A z`` plus normal numbers of covariance Q, (phase, body, 2, 2) each.
+
+    For bodies in groups they are the blocks of their own.
+    """
+
+    transition: np.ndarray  # A from one kick to the next
+    covariance: np.ndarray  # Q
+    middle_transition: np.ndarray  # A from a kick to the middle of the flow
+    middle_covariance: np.ndarray
+    groups: tuple[Group, ...]

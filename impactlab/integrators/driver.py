@@ -1,0 +1,133 @@
+"""The loop over the steps of every method."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numba import i8, void
+
+from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
+from impactlab.kernels.jit import Function, address_of, borrow, call, inlined, loop, part, pointer_to, scalar, value_at
+from impactlab.kernels.random import fill_steps
+from impactlab.kernels.rows import TURN
+from impactlab.kernels.series import NEAR, bring_near
+from impactlab.kernels.single import without_lanes
+from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
+
+
+def advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]
+    """Make some steps.
+
+    Parameters
+    ----------
+    functions : Functions
+    tables : Tables
+    driven : Driven
+    state : State
+    history : History
+    sums : Sums
+    snapshots : [sample, quantity, lane]
+        Displacement of all bodies, velocity of all bodies, force of all contacts after every `steps.every`-th step.
+    steps : Steps
+    """
+    tables, driven, state = borrow(tables), borrow(driven), borrow(state)
+    history, sums = borrow(history), borrow(sums)
+    noise, series, account = driven.noise, driven.series, address_of(Account(history, sums))
+    own_noise, own_series = address_of(noise), address_of(series)
+    empty_slots(history, 0, steps.first % SLOTS)
+    for index in range(steps.number):
+        now = steps.first + index
+        slot, sample = now % SLOTS, sample_of(steps, now)
+        if noise.bodies.shape[0] and (index == 0 or now % 4 == 0):
+            call(functions.fill, own_noise, now // 4)
+        if series.bodies.shape[0] and (index == 0 or sample == 0):
+            call(functions.near, own_series, steps.samples * now - sample)
+        step(functions.forces, tables, driven, state, history, steps, index)
+        # Here the step is accepted: states that laws remember change now, and never at a trial.
+        if sums.bodies.shape[1] > TURN:
+            add_turns(history.force[slot], history.v[slot], steps.summing, now % sums.bodies.shape[0], sums)
+        if steps.summing and close_slot(history, slot, index == steps.number - 1, sums):
+            call(functions.add, account, index)
+        if sampled(steps, index):
+            number = (steps.phase + index + 1) // steps.every - 1
+            write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)
+
+
+@scalar
+def sampled(steps, index):  # type: ignore[no-untyped-def]
+    """Whether there is a snapshot after a step."""
+    return steps.every > 0 and (steps.phase + index + 1) % steps.every == 0
+
+
+@scalar
+def sample_of(steps, now):  # type: ignore[no-untyped-def]
+    """Place of the first sample of a step among those of `Series.near`."""
+    return steps.samples * now % (NEAR // steps.samples * steps.samples)
+
+
+def step(*arguments: Any) -> None:
+    """Stand for that of a method, `impactlab.integrators.base.Integrator.step`."""
+    raise NotImplementedError
+
+
+def _fill(noise, group):  # type: ignore[no-untyped-def]
+    own = value_at(noise)
+    fill_steps(own, group, own.normals)
+
+
+def _near(series, first):  # type: ignore[no-untyped-def]
+    bring_near(value_at(series), first)
+
+
+def _add(account, index):  # type: ignore[no-untyped-def]
+    history, sums = value_at(account)
+    add_history(history, sums)
+
+
+def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
+    """Return a loop that takes the forces in the place of `Functions`.
+
+    What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
+    """
+    types = OF_ONE if single else OF_LANES
+    pairs = (types.noise, _fill), (types.series, _near), (types.account, _add)
+    parts = [part(void(pointer_to(kind), i8), _text(function, single)) for kind, function in pairs]
+
+    def run(forces: Function, *arguments: Any) -> None:
+        seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
+        advancing(Functions(forces, *(address for _, address in parts)), *seen)
+
+    return run
+
+
+@cache
+def stepping(method: Function, single: bool) -> Callable[..., None]:
+    """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane.
+
+    The text of its step stands in that of the loop: called, it would take a tenth of a microsecond more.
+    """
+    text, file = _text(advance, single), Path(method.__code__.co_filename)
+    version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
+    name = f"{text.__name__}_{method.__qualname__}_{version}".replace(".", "_")  # which the cache knows it by
+    composed = FunctionType(text.__code__, {**text.__globals__, "step": inlined(_text(method, single))}, name)
+    composed.__qualname__ = name
+    return with_functions(loop((OF_ONE if single else OF_LANES).loop, composed), single)
+
+
+@cache
+def _text(function: Function, single: bool) -> Function:
+    """Return a function that is not compiled, from the same text for blocks and for blocks of one lane."""
+    return without_lanes(function) if single else getattr(function, "py_func", function)
+
+
+def _without_lane(item: Any, kind: Any) -> Any:
+    """Return an argument without the axis of its one lane where its type has none."""
+    if isinstance(item, np.ndarray):
+        return item[..., 0] if item.ndim > kind.ndim else item
+    return type(item)(*map(_without_lane, item, kind)) if isinstance(item, tuple) else item

@@ -1,0 +1,208 @@
+"""How long the intervals are that realizations may cover in one transition, and the tables for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.integrators.base import Integrator
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.integrators.jumps import IntervalNoise, Jumps
+from impactlab.kernels.random import addresses
+from impactlab.linear.transitions import transition
+
+TOUCHED = 1e-12
+"""Largest probability that a contact closes unnoticed, by interval and realization."""
+
+LEAF, LONGEST = 8, 256
+"""Steps of the shortest interval, and the most of the longest one."""
+
+JUMP_LANES, LEAST_LANES, JUMP_STATES = 2080, 64, 8320
+"""Largest number of realizations in a block, since few of them are near contact at a time and they should be many,
+the least of the largest for many bodies, and realizations times bodies."""
+
+MOST_CONTACTS = 1000
+"""Contacts from which on one of them is nearly always near."""
+
+OPERATION = 1000.0
+"""What an operation costs at any number of lanes, in nanoseconds, as those of bodies and contacts below."""
+
+SAMPLES, SEARCHES, GAIN = 512, 20_000, 1.3
+"""States from which the work is foreseen, the most of them times contacts, and how much less work there must be."""
+
+
+def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> bool:
+    """Whether statistics of a stationary motion may be taken of samples: no forces vary in time.
+
+    They may not where something wants them at `every_step`.
+    """
+    return (
+        isinstance(integrator, ExactFlow)
+        and integrator.jumps
+        and not (model.lines or model.forced or model.time_varying)
+        and not every_step
+    )
+
+
+def may_jump(model: Model, deviations: np.ndarray) -> bool:
+    """Whether nothing but contacts acts on bodies that move each by itself."""
+    alone = not (len(model.coupled) or model.members.of_role("residual")) and 0 < len(model.ends) <= MOST_CONTACTS
+    return alone and bool((deviations > 0.0).all())
+
+
+def jump_lanes(model: Model) -> int:
+    """Return the largest number of realizations in a block that jumps."""
+    return min(JUMP_LANES, max(LEAST_LANES, JUMP_STATES // len(model.mass)))
+
+
+def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: np.ndarray, realizations: int) -> int:
+    """Return how often the longest interval should be halved, 0 if jumps would not save work.
+
+    Without contacts states are normal; how often bounds hold for them tells the work.
+    """
+    lanes, bodies, contacts = min(realizations, jump_lanes(model)), len(model.mass), len(model.ends)
+    samples = min(SAMPLES, SEARCHES // contacts)
+    z = np.random.default_rng(2023).standard_normal((bodies + 1, 4, samples))
+    near: list[float] = []
+    best, foreseen = GAIN, 0
+    for level in range((LONGEST // LEAF).bit_length()):
+        steps = LEAF << level
+        tables = jump_tables(model, step, LEAF, level, deviations, window)
+        state = z.copy()
+        state[:-1, :2] *= deviations.T[..., None]
+        state[:-1, 2] = tables.noise.draw[:, :1] * z[:-1, 2]
+        state[:-1, 3] = tables.noise.draw[:, 1:2] * z[:-1, 2] + tables.noise.draw[:, 2:] * z[:-1, 3]
+        state[-1] = 0.0
+        size = np.append(tables.reach[:-1, 2:] * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
+        flagged = (size[model.ends].sum(axis=1) > tables.nearest[:, None]).any(axis=0).mean()
+        touched = np.zeros(samples, dtype=bool)
+        for (first, second), limit in zip(model.ends, tables.limit[-steps:].T, strict=True):
+            path = tables.path[-steps:]
+            gap = path[:, first] @ state[first] - path[:, second] @ state[second]
+            touched |= (gap > limit[:, None]).any(axis=0)
+        near.append(float(touched.mean()))
+        if near[0] * GAIN > 1.0:
+            break
+        if level == 0:
+            continue
+        work = OPERATION + lanes * (5.0 * bodies + contacts)
+        work += _some(flagged, lanes) * OPERATION + flagged * lanes * (12.0 * bodies + 0.7 * steps * contacts)
+        for part in range(1, level + 1):
+            nodes, length = 1 << (level - part), LEAF << part
+            each = _some(near[part], lanes) * 4.0 * OPERATION
+            work += nodes * (each + near[part] * lanes * (20.0 * bodies + 0.7 * length * contacts))
+        leaves = steps // LEAF
+        work += leaves * LEAF * (_some(near[0], lanes) * 0.7 * OPERATION + near[0] * lanes * 7.0 * bodies)
+        gain = steps * (0.5 * OPERATION + 3.5 * lanes * bodies) / work
+        if gain > best:
+            best, foreseen = gain, level
+    return foreseen
+
+
+def _some(share: float, lanes: int) -> float:
+    """Probability that an event of some probability happens in one lane at least."""
+    return float(1.0 - (1.0 - share) ** lanes)
+
+
+def jump_tables(
+    model: Model,
+    step: float,
+    leaf: int,
+    levels: int,
+    deviations: np.ndarray,
+    window: np.ndarray,
+    seed: tuple[int, int] = (0, 0),
+) -> Jumps:
+    """Return the tables for intervals of ``leaf 2^levels`` steps and their halves.
+
+    Parameters
+    ----------
+    model : Model
+    step : float
+        Step (s).
+    leaf, levels : int
+        Steps of the shortest interval, and how often the longest is halved.
+    deviations : (2, body) ndarray
+        Usual size of displacements and velocities (m, m s-1).
+    window : (contact,) ndarray
+        How near to contact a gap must be for statistics to look at it (m).
+    seed : tuple of int
+        128 bits.
+    """
+    linear = model.mass, model.damping, model.stiffness, model.intensities()
+    bodies, noisy = len(model.mass), model.intensities() > 0.0
+    a, q = transition(*linear, step)
+    flows, growth = [np.broadcast_to(np.eye(2), a.shape)], [np.zeros_like(q)]
+    for _ in range(leaf << levels):
+        flows.append(a @ flows[-1])
+        growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
+    a_of, q_of = np.array(flows), np.array(growth)  # by the number of steps
+    from scipy.special import ndtri  # loaded only here
+
+    sigmas = -float(ndtri(TOUCHED / ((leaf << levels) * max(1, len(model.ends)))))
+    gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
+    path, limit = [], []
+    for level in range(levels + 1):
+        steps = leaf << level
+        inverse = _inverse(q_of[steps])
+        if level:
+            half = steps // 2
+            gain[level] = q_of[half] @ a_of[half].transpose(0, 2, 1) @ inverse
+            rest[level] = q_of[half] - gain[level] @ a_of[half] @ q_of[half]
+        inside = np.arange(1, steps + 1)
+        by_noise = q_of[inside] @ a_of[steps - inside].swapaxes(-1, -2) @ inverse
+        around = q_of[inside] - by_noise @ a_of[steps - inside] @ q_of[inside]
+        path.append(np.concatenate([a_of[inside, :, 0], by_noise[:, :, 0]], axis=-1))
+        wall = np.zeros((steps, 1))
+        variance = np.concatenate([np.maximum(around[:, :, 0, 0], 0.0), wall], axis=1)
+        scatter = np.sqrt(variance[:, model.ends].sum(axis=-1))
+        limit.append(model.clearance - window - sigmas * scatter)
+    factors = _cholesky(q_of[-1])
+    by_x, by_v = path[-1][..., 2], path[-1][..., 3]
+    by_normals = np.stack([by_x * factors[:, 0] + by_v * factors[:, 1], by_v * factors[:, 2]], axis=-1)
+    most = np.concatenate([path[-1][..., :2] * deviations.T, by_normals], axis=-1)
+    reach = np.concatenate([1.0 / deviations, [np.sqrt((most**2).sum(axis=-1)).max(axis=0)]]).T
+    names = [name for name, some in zip(model.bodies, noisy, strict=True) if some]
+    inside = np.arange(leaf)
+    terms = q[None] @ a_of[leaf - 1 - inside].swapaxes(-1, -2)
+    return Jumps(
+        leaf=leaf,
+        levels=levels,
+        transition=_rows(a_of[leaf << np.arange(levels + 1)]),
+        noise=IntervalNoise(
+            draw=factors,
+            gain=_rows(gain),
+            rest=np.stack([_cholesky(item) for item in rest]),
+            inverse=np.ascontiguousarray(_inverse(q_of[leaf]).reshape(-1, 4)[:, [0, 1, 3]]),
+            terms=_rows(terms),
+            rows=np.where(noisy, np.cumsum(noisy) - 1, -1),
+            draws=addresses(seed, names, "jump"),
+            halves=addresses(seed, names, "half"),
+        ),
+        path=np.concatenate([np.concatenate(path), np.zeros((sum(map(len, path)), 1, 4))], axis=1),
+        limit=np.ascontiguousarray(np.concatenate(limit)),
+        reach=np.ascontiguousarray(np.concatenate([reach, [[0.0, 0.0, 0.0]]])),
+        nearest=limit[-1].min(axis=0),
+    )
+
+
+def _rows(matrices: np.ndarray) -> np.ndarray:
+    """Write (…, 2, 2) as (…, 4)."""
+    return np.ascontiguousarray(matrices.reshape(*matrices.shape[:-2], 4))
+
+
+def _inverse(q: np.ndarray) -> np.ndarray:
+    """Inverse of covariances, 0 for those that are 0, (body, 2, 2)."""
+    xx, xv, vv = q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]
+    some = vv > 0.0
+    adjugate = np.stack([vv, -xv, -xv, xx], axis=1).reshape(q.shape)
+    result = np.zeros_like(q)
+    result[some] = adjugate[some] / (xx * vv - xv**2)[some, None, None]
+    return result
+
+
+def _cholesky(q: np.ndarray) -> np.ndarray:
+    """Return l_xx, l_vx, l_vv of covariances, (body, 3)."""
+    l_xx = np.sqrt(np.maximum(q[:, 0, 0], 0.0))
+    l_vx = np.divide(q[:, 0, 1], l_xx, out=np.zeros_like(l_xx), where=l_xx > 0.0)
+    return np.stack([l_xx, l_vx, np.sqrt(np.maximum(q[:, 1, 1] - l_vx**2, 0.0))], axis=1)

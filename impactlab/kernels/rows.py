@@ -1,0 +1,26 @@
+"""Rows of the sums that blocks make over time."""
+
+from __future__ import annotations
+
+X, V, XX, XV, VV, F, FF, FX, FV = range(9)
+"""Rows of the sums over bodies: powers of displacement x and velocity v, and of the force f that a
+kick applied; the last four are there for methods that kick."""
+
+TURN = 9
+"""Row of the sums over bodies, where series or given forces push some: the force of kicks times what the flow
+between them adds to the velocity."""
+
+CLOSED, FORCE, FLUX, PEAK = range(4)
+"""Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
+point of contact or the number of closings, largest force."""
+
+STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
+"""How many rows there are over bodies, of methods that do not kick and of those that do, and over contacts."""
+
+BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
+"""In sums of transients the first rows are over [0, T], with half of the states at both ends. Then come those over the
+kicks after which the flows of a phase begin, from the row `BEGUN` on, and the sum of the intensity of the white noise
+in these flows, by that which the flow is made with. And how many rows these are."""
+
+PAIR_ROWS = 9
+"""Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""

@@ -1,0 +1,1 @@
+"""Linear motion under white noise, cosines and given forces."""

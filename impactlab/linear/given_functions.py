@@ -1,0 +1,145 @@
+"""Given functions of time, forces and intensities: what they are like, looked at on irregular times."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.excitation import Excitation
+from impactlab.errors import InvalidInput
+from impactlab.linear.transitions import response_to_force, transition
+
+LOOKS = 16384
+"""Times at which a function is looked at: what lasts this part of a run is hardly missed, in about 20 ms."""
+
+SPOTS, FEWEST = 256, 16
+"""Of these, times about which it is asked how a step would see the function; the fewest where there are many."""
+
+CLOSER = 32
+"""Times at which it is looked at between two of them, where it is large."""
+
+UNSEEN, MOST = 0.03, 0.95
+"""Largest part of a function that a step may leave out, at this share of the times: a cosine of 0.5 to 0.7 rad in a
+step, fifty steps in the period of a square wave. What is left out has no mean and no slope over the step, so that
+motions hardly feel it; but they themselves vary as fast, and are read once in a step only. In a square wave, the error
+of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
+
+FINEST = 1e-9
+"""Part of a run below which no step is looked for."""
+
+SHORTER = 0.7
+"""Factor between steps that are tried."""
+
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_WEIGHTS = 0.5 * _WEIGHTS
+
+NODES = 0.5 * (_NODES + 1.0)
+"""Where in a step a function is evaluated, as parts of the step: Gauss's rule with eight points."""
+
+
+def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear function of the time of a step nearest to values at `NODES`, on the last axis.
+
+    They are its mean, which is that of the function, and what it grows by in half a step.
+    """
+    return values @ _WEIGHTS, values @ (3.0 * _NODES * _WEIGHTS)
+
+
+def kinds_of(model: Model) -> dict[Excitation, str]:
+    """Return the excitations that are functions of time, and the names of their kernels."""
+    result = {}
+    for excitation in model.network.excitations.values():
+        kind = excitation.kind
+        if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
+            result[excitation] = kind
+    return result
+
+
+def irregular_times(begin: float, end: float, count: int) -> np.ndarray:
+    """Return one time in each of some equal parts of an interval, elsewhere in each: no period is met in phase."""
+    index = np.arange(count)
+    return np.asarray(begin + (end - begin) / count * (index + (_GOLDEN * (index + 1)) % 1.0))
+
+
+@lru_cache(maxsize=64)
+def look_at(excitation: Excitation, kind: str, begin: float, end: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return irregular times and the values of an excitation there."""
+    times = irregular_times(begin, end, count)
+    return times, np.asarray(excitation.call(kind, times), dtype=float)
+
+
+def look(model: Model, excitation: Excitation, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return irregular times, fewer where a network has many functions, and the values of an excitation there."""
+    of_time = kinds_of(model)
+    return look_at(excitation, of_time[excitation], begin, end, max(LOOKS // len(of_time), 4 * SPOTS))
+
+
+def resolving_step(model: Model, begin: float, end: float, longest: float) -> float:
+    """Return the largest step, up to the longest, that sees the model's functions of time between two times.
+
+    Around times that are drawn in proportion to the square of a function, it is compared with
+    the linear function of time by which a step would know it; the relative difference must be below
+    `UNSEEN` at the share `MOST` of them. So what matters is where the function is large, however short
+    that is, and how fast it varies there, not any period.
+
+    Raises
+    ------
+    InvalidInput
+        If a function varies at any step.
+    """
+    step, of_time = longest, kinds_of(model)
+    spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
+    for excitation, kind in of_time.items():
+        times, values = look(model, excitation, begin, end)
+        if not (np.isfinite(values).all() and values.any()):
+            continue
+        chosen = _drawn(values, spots)
+        at, value = times[chosen], values[chosen]
+        place = (np.sqrt(2.0) * np.arange(1, spots + 1)) % 1.0  # of the time within the step
+        step = min(step, end - begin)
+        while True:
+            first = np.clip(at - place * step, begin, end - step)
+            mean, slope = mean_and_slope(np.asarray(excitation.call(kind, first[:, None] + step * NODES)))
+            unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
+            if np.quantile(unseen, MOST) <= UNSEEN:
+                break
+            step *= SHORTER
+            if step < FINEST * (end - begin):
+                raise InvalidInput(
+                    f"No step can be chosen: {excitation!r} is not smooth at any time scale. Give step= (s)."
+                )
+    return step
+
+
+def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
+    """Return the largest energy that a given force brings to a body without contacts and couplings (J).
+
+    The body starts at rest. Where the force varies faster than it is looked at, it acts like noise of its
+    size, which brings more; where it is large it is looked at more closely, since it may be short.
+    """
+    excitation = model.network.excitations[model.bodies[slot]]
+    times, force = look(model, excitation, begin, end)
+    interval = (end - begin) / len(times)
+    places = np.unique(_drawn(force, SPOTS)) if force.any() else np.zeros(0, dtype=int)
+    inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
+    force = force.copy()
+    force[places] = excitation.call("force", inside).mean(axis=1)
+    m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]
+    (a_xx, a_xv), (a_vx, a_vv) = transition(m, c, k, np.zeros(1), interval)[0][0].tolist()
+    of_x, of_v = response_to_force(m, c, k, interval)[0, :2].tolist()
+    mass, stiffness = float(m[0]), float(k[0])
+    x = v = largest = 0.0
+    for push in force.tolist():
+        x, v = a_xx * x + a_xv * v + of_x * push, a_vx * x + a_vv * v + of_v * push
+        largest = max(largest, mass * v * v + stiffness * x * x)
+    return 0.5 * largest
+
+
+def _drawn(values: np.ndarray, count: int) -> np.ndarray:
+    """Return places of values, drawn in proportion to their squares."""
+    share = np.cumsum((values / np.abs(values).max()) ** 2)
+    return np.minimum(np.searchsorted(share, irregular_times(0.0, share[-1], count)), len(values) - 1)

@@ -1,0 +1,173 @@
+"""Linear laws of a network without contacts: its linear systems, responses, variances and relaxation time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from impactlab.assembly.model import Model, kept
+from impactlab.errors import InvalidInput
+from impactlab.linear.cosines import Lines, receptance_of
+from impactlab.linear.systems import LinearSystem
+
+
+def linear_variances(model: Model) -> np.ndarray:
+    """Return the linear mean squares of displacement and velocity without contacts, (2, body).
+
+    Under white noise ``πS/(ck)`` and ``πS/(mc)``, under lines the finite sum over them;
+    for bodies with linear couplings those of the coupled system. Infinite where there is
+    no stationary law, 0 without excitation.
+    """
+    return np.asarray(white_variances(model, model.initial_intensities) + line_variances(model))
+
+
+def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that white noise of some densities makes, (2, body)."""
+    own = (intensity == model.initial_intensities).all()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        velocity = np.pi * intensity / (model.mass * model.damping)
+        displacement = np.pi * intensity / (model.damping * model.stiffness)
+    result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
+    for slots, system in coupled_systems(model):
+        result[:, slots] = (system if own else replace(system, intensity=intensity[slots])).variances()
+    return np.asarray(result)
+
+
+@kept
+def line_variances(model: Model) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that sums of cosines make, (2, body)."""
+    result = np.zeros((2, len(model.bodies)))
+    for item, (slots, response) in zip(lines_of(model), responses(model, coupled_systems(model)), strict=True):
+        gain = np.abs(response) * item.amplitudes[:, None]
+        result[0, slots] += 0.5 * (gain**2).sum(axis=0)
+        result[1, slots] += 0.5 * ((item.frequencies[:, None] * gain) ** 2).sum(axis=0)
+    return result
+
+
+def relaxation_time(model: Model) -> float:
+    """Return the relaxation time of the slowest damped motion (s); 0 if nothing is damped."""
+    systems = coupled_systems(model)
+    damped = model.damping > 0.0
+    for slots, _ in systems:
+        damped[slots] = False
+    c, k, m = (values[damped] for values in (model.damping, model.stiffness, model.mass))
+    root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
+    slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
+    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems)])
+    return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
+
+
+def hottest(model: Model, heat: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:
+    """Return the largest of some energies in the connected part of each body, or among those of a label, (body,)."""
+    labels = model.connected() if labels is None else labels
+    largest = np.zeros(labels.max() + 1)
+    np.maximum.at(largest, labels, heat)
+    result: np.ndarray = largest[labels]
+    return result
+
+
+def spread(model: Model) -> np.ndarray:
+    """Return upper estimates of the standard deviations of displacement and velocity, (2, body).
+
+    They are those of the linear law at the highest temperature of the connected part.
+    """
+    temperature = hottest(model, model.mass * linear_variances(model)[1])
+    with np.errstate(invalid="ignore"):
+        return np.sqrt([temperature * flexibility(model), temperature / model.mass])
+
+
+def extent(model: Model) -> np.ndarray:
+    """Return how far bodies usually are from rest and how fast, roughly, (2, body): standard deviations.
+
+    As `spread`, but only contacts bring bodies to the highest temperature among them; those on linear couplings keep
+    the shape of their linear law, in which a heavy body is hotter than what it carries.
+    """
+    result, variance = spread(model), linear_variances(model)
+    systems = coupled_systems(model)
+    if not systems:
+        return result
+    heat = model.mass * variance[1]
+    shared = hottest(model, heat, model.touching())
+    for body in np.flatnonzero((shared > 0.0) & np.isfinite(shared)):
+        result[:, body] *= np.sqrt(shared[body] * model.mass[body]) / (model.mass[body] * result[1, body])
+    for slots, _ in systems:
+        if (heat[slots] > 0.0).all() and np.isfinite(variance[:, slots]).all():
+            result[:, slots] = np.sqrt(variance[:, slots] * (shared[slots] / heat[slots]).max())
+    return result
+
+
+def responses(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return what each sum of cosines moves, alone or in some systems of bodies.
+
+    Returns
+    -------
+    tuple of pairs
+        Slots, and complex displacements by unit force, (line, body) (m N-1).
+    """
+    joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
+    result = []
+    for item in lines_of(model):
+        slot, slots = item.body, np.array([item.body])
+        if slot in joint:
+            slots, system = joint[slot]
+            response = system.receptance(slots.tolist().index(slot), item.frequencies)
+        else:
+            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
+            response = response[:, None]
+        result.append((slots, response))
+    return tuple(result)
+
+
+@kept
+def lines_of(model: Model) -> tuple[Lines, ...]:
+    """Return the sums of cosines of a network."""
+    result = []
+    for slot in model.lines:
+        name = model.bodies[slot]
+        excitation = model.network.excitations[name]
+        parts = excitation.lines()  # type: ignore[attr-defined]
+        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
+        same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
+        if not same or not np.isfinite([frequencies, amplitudes]).all():
+            raise InvalidInput(
+                f"{type(excitation).__name__}.lines must return two finite arrays of one length, not empty, angular "
+                f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
+            )
+        result.append(Lines(slot, name, frequencies, amplitudes))
+    return tuple(result)
+
+
+@kept
+def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+    """Return the slots and the linear system of every group of bodies that linear couplings connect."""
+    intensity = model.initial_intensities
+    return tuple(
+        (
+            slots,
+            LinearSystem(
+                model.mass[slots],
+                np.diag(model.damping[slots]) + damping,
+                np.diag(model.stiffness[slots]) + stiffness,
+                intensity[slots],
+            ),
+        )
+        for slots, stiffness, damping in model.coupled_parts()
+    )
+
+
+def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+    """Return those of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
+    flowing = model.coupled[model.flowing]
+    return tuple(pair for pair in coupled_systems(model) if np.isin(pair[0], flowing).any())
+
+
+def flexibility(model: Model) -> np.ndarray:
+    """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1), (body,)."""
+    with np.errstate(divide="ignore"):
+        result = 1.0 / model.stiffness
+    for slots, system in coupled_systems(model):
+        result[slots] = system.flexibility()
+    return result

@@ -1,0 +1,181 @@
+"""Bodies on springs and dampers under white noise, as matrices: rates, stationary covariance, receptance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+ZERO = 1e-12
+"""Part of the largest stiffness or rate below which another counts as 0."""
+
+LARGE, APART, MOST_APART = 1e6, 1e6, 1e12
+"""Largest entry of a drift by the fastest rate at which rates are found in SI units; by the slowest rate at which its
+Lyapunov equation is solved as it is, and at which there is a covariance at all."""
+
+_CHUNK = 2e6  # complex numbers that a response may take at a time
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """Bodies on springs and dampers under white noise, ``M x'' + C x' + K x = f``.
+
+    Displacements in which no spring holds the bodies (rows of K that add up to 0) are left
+    out of the state, so that the velocities of free bodies have their law.
+
+    Attributes
+    ----------
+    mass : (body,) ndarray
+        Diagonal of M (kg).
+    damping, stiffness : (body, body) ndarray
+        C and K (N s m-1, N m-1).
+    intensity : (body,) ndarray
+        Two-sided spectral densities of the noises (N2 s rad-1).
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    intensity: np.ndarray
+
+    @cached_property
+    def directions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the directions that springs hold, and the free ones, as columns."""
+        stiffness, directions = np.linalg.eigh(self.stiffness)
+        held = stiffness > ZERO * stiffness[-1]
+        return directions[:, held], directions[:, ~held]
+
+    @property
+    def free(self) -> np.ndarray:
+        """Whether no spring holds each body, (body,) of bool."""
+        return np.asarray((np.abs(self.directions[1]) > 1e-6).any(axis=1))
+
+    @cached_property
+    def drift(self) -> np.ndarray:
+        """Return the matrix L of ``(z, v)' = L (z, v)``; z are the displacements in the held directions."""
+        held, inverse = self.directions[0], 1.0 / self.mass[:, None]
+        none = np.zeros((held.shape[1], held.shape[1]))
+        return np.block([[none, held.T], [-inverse * (self.stiffness @ held), -inverse * self.damping]])
+
+    @cached_property
+    def reduction(self) -> np.ndarray:
+        """Return the matrix, of orthonormal rows, that takes (x, v) to (z, v)."""
+        held = self.directions[0]
+        count, kept = held.shape
+        result = np.zeros((kept + count, 2 * count))
+        result[:kept, :count], result[kept:, count:] = held.T, np.eye(count)
+        return result
+
+    @cached_property
+    def scales(self) -> tuple[float, float]:
+        """Return the largest undamped frequency, and the largest rate of the dampers alone (s-1)."""
+        root = 1.0 / np.sqrt(self.mass)
+        largest = [
+            float(np.linalg.eigvalsh(root[:, None] * part * root)[-1]) for part in (self.stiffness, self.damping)
+        ]
+        return math.sqrt(max(largest[0], 0.0)), max(largest[1], 0.0)
+
+    @property
+    def units(self) -> np.ndarray:
+        """Return units of (z, v) in which no entry of the drift is much larger than the fastest rate."""
+        count = self.directions[0].shape[1]
+        return np.concatenate([np.full(count, math.sqrt(np.abs(self.stiffness).max())), np.sqrt(self.mass)])
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """Return the rates at which motions decay (s-1), exactly 0 for those that are not damped."""
+        drift, units = self.drift, self.units
+        if np.abs(drift).max() > LARGE * max(self.scales):
+            drift = units[:, None] * drift / units
+        values = np.linalg.eigvals(drift)
+        return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
+
+    @cached_property
+    def covariance(self) -> np.ndarray | None:
+        """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
+
+        There is none either where rates lie so far apart that it cannot be computed.
+        Displacements in free directions, which have no stationary law, are taken as 0.
+        """
+        from scipy.linalg import solve_continuous_lyapunov  # loaded only where there are couplings
+
+        if not self.intensity.any():
+            return np.zeros((2 * len(self.mass), 2 * len(self.mass)))
+        if not self.rates.all():
+            return None
+        held = self.directions[0].shape[1]
+        growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
+        largest, slowest = np.abs(self.drift).max(), self.rates.min()
+        if largest <= APART * slowest:
+            reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+        else:
+            units = self.units
+            drift = units[:, None] * self.drift / units
+            if np.abs(drift).max() > MOST_APART * slowest:
+                return None
+            reduced = stationary(*_over_step(drift, units**2 * growth)) / np.outer(units, units)
+        return np.asarray(self.reduction.T @ reduced @ self.reduction)
+
+    def thermal_covariance(self, temperature: float) -> np.ndarray:
+        """Return the covariance of (x, v) at one temperature (J), ``T K⁻¹`` and ``T M⁻¹``."""
+        result = np.zeros((2 * len(self.mass), 2 * len(self.mass)))
+        count = len(self.mass)
+        result[:count, :count] = temperature * np.linalg.pinv(self.stiffness, rcond=ZERO, hermitian=True)
+        result[count:, count:] = np.diag(temperature / self.mass)
+        return result
+
+    def variances(self) -> np.ndarray:
+        """Return the mean squares of displacement and velocity, infinite where there is no law, (2, body)."""
+        covariance = self.covariance
+        if covariance is None:
+            return np.full((2, len(self.mass)), np.inf)
+        result = np.diag(covariance).reshape(2, -1).copy()
+        result[0, self.free & (result[1] > 0.0)] = np.inf
+        return result
+
+    def flexibility(self) -> np.ndarray:
+        """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1)."""
+        own = np.diag(self.thermal_covariance(1.0))[: len(self.mass)]
+        return np.where(self.free, np.inf, own)
+
+    def receptance(self, body: int, frequencies: np.ndarray) -> np.ndarray:
+        """Return the complex displacements by a unit force on one body, (frequency, body) (m N-1)."""
+        force = np.zeros((len(self.mass), 1))
+        force[body] = 1.0
+        parts = []
+        for omega in np.array_split(frequencies, int(frequencies.size * self.stiffness.size / _CHUNK) + 1):
+            omega = omega[:, None, None]
+            dynamic = self.stiffness - np.diag(self.mass) * omega**2 + 1j * omega * self.damping
+            try:
+                parts.append(np.linalg.solve(dynamic, np.broadcast_to(force, (len(omega), *force.shape)))[..., 0])
+            except np.linalg.LinAlgError:  # a line meets an undamped mode
+                parts.append(np.full((len(omega), len(self.mass)), np.inf, dtype=complex))
+        return np.concatenate(parts)
+
+
+def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return transition and covariance of a motion over a short time, by Van Loan's block exponential."""
+    from scipy.linalg import expm
+
+    step, count = 1.0 / np.abs(drift).max(), len(drift)
+    block = expm(step * np.block([[-drift, np.diag(growth)], [np.zeros_like(drift), drift.T]]))
+    transition = block[count:, count:].T
+    return transition, transition @ block[:count, count:]
+
+
+def stationary(transition: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Solve ``P = A P Aᵀ + Q`` as a sum over steps whose number is doubled until it grows no more.
+
+    All terms are positive, so that nothing cancels, whatever the units. Infinite if A is not stable.
+    """
+    nowhere = np.full(transition.shape, np.inf)
+    if not np.isfinite(transition).all() or np.abs(np.linalg.eigvals(transition)).max() >= 1.0:
+        return nowhere
+    for _ in range(60):
+        more = transition @ covariance @ transition.T
+        covariance, transition = covariance + more, transition @ transition
+        if not (np.abs(np.diag(more)) > 1e-17 * np.diag(covariance)).any():
+            return covariance
+    return nowhere

@@ -1,0 +1,239 @@
+"""Exact transitions of linear motion over a step: under white noise, and under forces that are given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
+"""Nodes of Gauss's rule with two points on (0, 1)."""
+
+
+def transition(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact Gaussian transition of linear bodies over a step.
+
+    The state (x, v) of ``m x'' + c x' + k x = f`` with white noise f of two-sided density
+    S becomes ``A (x, v)`` plus a normal vector of covariance Q, ``A = exp(h M)``. A and Q come
+    from Van Loan's block exponential (IEEE Trans. Autom. Control 23, 1978, 395), so that
+    free and undamped bodies need no case of their own; long steps by doubling,
+    ``Q(2h) = Q + A Q Aᵀ``, which has no cancellation.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : (n,) ndarray
+        Bodies (kg, N s m-1, N m-1).
+    intensity : (n,) ndarray
+        Two-sided spectral density S of the force (N2 s rad-1).
+    step : float
+        Step h (s).
+
+    Returns
+    -------
+    A, Q : (n, 2, 2) ndarray
+    """
+    bodies = np.stack([mass, damping, stiffness], axis=1)
+    unique, which = _unique(bodies)
+    unit = np.zeros((len(unique), 2, 2))
+    unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
+    a, q = _gaussian(_drift(unique), unit, step, _rate(unique))
+    return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+
+
+def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows that differ, and the place of each row among them."""
+    order = np.lexsort(rows.T)  # `numpy.unique` takes five times as long for many rows
+    ordered = rows[order]
+    new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(rows)]
+    which = np.empty(len(rows), dtype=np.int64)
+    which[order] = np.cumsum(new) - 1
+    return ordered[new], which
+
+
+def system_transition(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact Gaussian transition of bodies that springs and dampers connect.
+
+    Parameters
+    ----------
+    mass, intensity : (n,) ndarray
+        As in `transition`.
+    damping, stiffness : (n, n) ndarray
+        Matrices C and K (N s m-1, N m-1).
+    step : float
+        Step (s).
+    rate : float
+        At least the magnitude of the largest eigenvalue of the motion (s-1).
+
+    Returns
+    -------
+    A, Q : (2 n, 2 n) ndarray
+        Of all displacements, then all velocities.
+    """
+    growth = np.diag(np.concatenate([np.zeros_like(mass), 2.0 * np.pi * intensity / mass**2]))
+    a, q = _gaussian(_system_drift(mass, damping, stiffness)[None], growth[None], step, rate)
+    return a[0], q[0]
+
+
+def _gaussian(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
+    size = drift.shape[-1]
+    halvings = _halvings(rate, step)
+    block = np.block([[-drift, growth], [np.zeros_like(drift), drift.transpose(0, 2, 1)]])
+    exponential = _taylor(block * (step / 2.0**halvings))
+    a = exponential[:, size:, size:].transpose(0, 2, 1)
+    q = a @ exponential[:, :size, size:]
+    for _ in range(halvings):
+        q = q + a @ q @ a.transpose(0, 2, 1)
+        a = a @ a
+    return a, 0.5 * (q + q.transpose(0, 2, 1))
+
+
+def split_transition(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    stiffness: np.ndarray,
+    intensity: np.ndarray,
+    step: float,
+    place: float,
+    until: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the flow of linear bodies with the friction and noise of a step at one moment.
+
+    The undamped motion is exact, and so is what friction and noise do to the velocity over
+    a step; each alone keeps the stationary law of the body, and so does the product, at
+    any step. It needs one normal, since Q has rank one.
+
+    Parameters
+    ----------
+    mass, damping, stiffness, intensity, step
+        As in `transition`.
+    place : float
+        When friction and noise act, as a part of the step.
+    until : float
+        Where the flow ends, as a part of the step.
+
+    Returns
+    -------
+    A, Q : (n, 2, 2) ndarray
+    """
+    free = (mass, np.zeros_like(mass), stiffness, np.zeros_like(mass))
+    if until < place:
+        a, q = transition(*free, until * step)
+        return a, q
+    before, _ = transition(*free, place * step)
+    after, _ = transition(*free, (until - place) * step)
+    decay = damping / mass * step
+    friction = np.zeros_like(before)
+    friction[:, 0, 0], friction[:, 1, 1] = 1.0, np.exp(-decay)
+    noise = np.zeros_like(before)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.where(decay > 0.0, -np.expm1(-2.0 * decay) / (2.0 * decay), 1.0)
+    noise[:, 1, 1] = 2.0 * np.pi * intensity / mass**2 * step * mean
+    return after @ friction @ before, after @ noise @ after.transpose(0, 2, 1)
+
+
+def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
+    """Return displacement and velocity after a step from rest, (n, 4) (m, m s-1 each).
+
+    Under a unit force, and under one that grows from -1 to 1 during the step.
+    """
+    bodies = np.stack([mass, damping, stiffness], axis=1)
+    acceleration = np.stack([np.zeros_like(mass), 1.0 / mass], axis=1)[..., None]
+    return np.concatenate(_response(_drift(bodies), acceleration, step, _rate(bodies))[..., 0], axis=1)
+
+
+def system_response(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float, rate: float
+) -> np.ndarray:
+    """Return what forces on each body give after a step from rest, (2, 2 n, n); see `system_transition`.
+
+    Unit forces, and those that grow from -1 to 1 during the step.
+    """
+    acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
+    return _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
+
+
+def _response(drift: np.ndarray, acceleration: np.ndarray, step: float, rate: float) -> np.ndarray:
+    """Return the state after a step from rest of ``z' = drift z + acceleration f``, (2, n, d, forces).
+
+    Under ``f = 1``, and under ``f = 2 t/step - 1``.
+    """
+    count, size, forces = acceleration.shape
+    whole = size + 2 * forces
+    extended = np.zeros((count, whole, whole))  # the state (z, f, f' step)
+    extended[:, :size, :size], extended[:, :size, size : size + forces] = drift, acceleration
+    extended[:, size : size + forces, size + forces :] = np.eye(forces) / step
+    halvings = _halvings(rate, step)
+    exponential = _taylor(extended * (step / 2.0**halvings))
+    for _ in range(halvings):
+        exponential = exponential @ exponential
+    constant, growing = exponential[:, :size, size : size + forces], exponential[:, :size, size + forces :]
+    return np.stack([constant, 2.0 * growing - constant])
+
+
+def _drift(bodies: np.ndarray) -> np.ndarray:
+    """Matrix M of (x, v)' = M (x, v) of bodies (mass, damping, stiffness), (n, 2, 2)."""
+    m, c, k = bodies.T
+    drift = np.zeros((len(bodies), 2, 2))
+    drift[:, 0, 1] = 1.0
+    drift[:, 1, 0] = -k / m
+    drift[:, 1, 1] = -c / m
+    return drift
+
+
+def _system_drift(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Matrix of (x, v)' of connected bodies, (2 n, 2 n)."""
+    none, inverse = np.zeros_like(stiffness), 1.0 / mass[:, None]
+    return np.block([[none, np.eye(len(mass))], [-inverse * stiffness, -inverse * damping]])
+
+
+def _rate(bodies: np.ndarray) -> float:
+    """Bound of the eigenvalues of the motion of bodies (mass, damping, stiffness)."""
+    m, c, k = bodies.T
+    return float(np.max(np.sqrt(k / m) + c / m, initial=0.0))
+
+
+def _halvings(rate: float, step: float) -> int:
+    """How often to halve a step until it is short at some rate."""
+    return max(0, int(np.ceil(np.log2(max(step * rate, 1e-300)))))
+
+
+def _taylor(matrices: np.ndarray) -> np.ndarray:
+    """Exponential of matrices whose eigenvalues are at most 1: 20 terms reach the last bit.
+
+    Scaled units would only scale the entries, so large ones (k/m) do no harm.
+    """
+    term = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    total = term.copy()
+    for order in range(1, 21):
+        term = term @ matrices / order
+        total += term
+    return total
+
+
+def noise_columns(q: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor of covariances, column by column, (2, n, 2).
+
+    Column k is what the k-th normal of a body adds to displacement and velocity. Where Q
+    has rank one the second column is 0.
+    """
+    l_xx = np.sqrt(np.maximum(q[:, 0, 0], 0.0))
+    l_vx = np.divide(q[:, 0, 1], l_xx, out=np.zeros_like(l_xx), where=l_xx > 0.0)
+    rest = np.maximum(q[:, 1, 1] - l_vx**2, 0.0)
+    singular = (rest <= 1e-12 * q[:, 1, 1]) | (l_xx == 0.0)
+    l_vx = np.where(singular, np.copysign(np.sqrt(q[:, 1, 1]), q[:, 0, 1]), l_vx)
+    l_vv = np.where(singular, 0.0, np.sqrt(rest))
+    return np.stack([np.column_stack([l_xx, l_vx]), np.column_stack([np.zeros_like(l_vv), l_vv])])
+
+
+def noise_root(q: np.ndarray) -> np.ndarray:
+    """Return the symmetric root of a covariance, scaled to that of its correlations; there is only one."""
+    scale = np.sqrt(np.diag(q))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    squares, directions = np.linalg.eigh(inverse[:, None] * q * inverse)
+    root: np.ndarray = scale[:, None] * (directions * np.sqrt(np.maximum(squares, 0.0))) @ directions.T
+    return root

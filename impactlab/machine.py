@@ -1,0 +1,130 @@
+"""What the machine has: cores, memory, threads and executors that blocks run on; sizes that suit it."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from impactlab.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Sizes that suit a machine, as measured on one. No result depends on them.
+
+    Attributes
+    ----------
+    lanes : int
+        Largest number of realizations in a block: enough to outweigh what a step costs at any number, few enough for
+        the cache.
+    cached : int
+        Bodies times lanes of a block that stay in a core's cache.
+    fewest_lanes : int
+        Lanes that are not worth dividing for it.
+    bodies_per_lane, single_lane_bodies : int
+        Bodies per lane, and bodies, from which loops over the bodies of one lane cost less than loops over lanes.
+    series_bytes : float
+        Memory that the series of a block may take.
+    call_seconds : float
+        Length of a compiled call: short, so that interrupts are answered.
+    tile_bodies : int
+        Bodies of a tile: few enough for the cache, enough to outweigh what a call costs.
+    tile_steps : tuple of int
+        Steps that tiles make alone, the best first; multiples of the slots of the sums.
+    tile_excess : float
+        Largest number of bodies in all tiles with their halos, as a multiple of the bodies of the network.
+    chunk_bytes : int
+        Size of what is written to a file at a time, and of its chunks, if a sample of a block is not larger.
+    cosines : float
+        Cosines that are evaluated at a time where no FFT sums them.
+    """
+
+    lanes: int = 520
+    cached: int = 4000
+    fewest_lanes: int = 64
+    bodies_per_lane: int = 16
+    single_lane_bodies: int = 200
+    series_bytes: float = 160e6
+    call_seconds: float = 0.05
+    tile_bodies: int = 4000
+    tile_steps: tuple[int, ...] = (64, 32, 16, 8)
+    tile_excess: float = 1.5
+    chunk_bytes: int = 1_000_000
+    cosines: float = 4e6
+
+
+_tuning = Tuning()
+
+
+def tuning() -> Tuning:
+    """Return the sizes that plans are made with in this process."""
+    return _tuning
+
+
+@contextlib.contextmanager
+def tuned(**changes: Any) -> Iterator[Tuning]:
+    """Let this process, all its threads, plan with other sizes meanwhile: fields of :class:`Tuning`."""
+    global _tuning
+    usual, _tuning = _tuning, replace(_tuning, **changes)
+    try:
+        yield _tuning
+    finally:
+        _tuning = usual
+
+
+def begin(executor: concurrent.futures.Executor, function: Callable[..., Any] = int, *arguments: Any) -> Any:
+    """Submit a function and return its future, or say that the executor takes nothing any more.
+
+    Raises
+    ------
+    InvalidInput
+        If the executor was shut down, or its workers died.
+    """
+    try:
+        return executor.submit(function, *arguments)
+    except RuntimeError as error:  # a broken executor's error is one as well
+        raise InvalidInput(f"The executor takes no more work ({error}); give one that is running.") from error
+
+
+class SharedThreads(concurrent.futures.ThreadPoolExecutor):
+    """Threads on which several simulations run at a time: each needs only its share of them."""
+
+    def __init__(self, threads: int, simulations: int) -> None:
+        super().__init__(threads)
+        self.share = -(-threads // max(simulations, 1))
+
+
+def workers_of(executor: concurrent.futures.Executor | None) -> int:
+    """Number of blocks that a simulation on an executor should run at once."""
+    return executor.share if isinstance(executor, SharedThreads) else cores()
+
+
+def shares_memory(executor: concurrent.futures.Executor | None) -> bool:
+    """Whether blocks run in this process."""
+    return executor is None or isinstance(executor, concurrent.futures.ThreadPoolExecutor)
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def available() -> float:
+    """Return the bytes of memory that can be had: what the system says, else what is built in, else infinity."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return 1024.0 * int(line.split()[1])
+    except (OSError, ValueError):
+        pass
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")

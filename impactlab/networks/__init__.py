@@ -1,0 +1,1 @@
+"""Networks: built, checked, compiled as a right-hand side."""

@@ -1,0 +1,235 @@
+"""What can be known of a network before it is simulated: time scales, steps and their bias."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.assembly.model import Model
+from impactlab.components.component import positive
+from impactlab.components.composition import Composition
+from impactlab.errors import InvalidInput
+from impactlab.integrators.base import Integrator, check_integrator
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.linear.damping import damped
+from impactlab.linear.laws import hottest, linear_variances, relaxation_time
+from impactlab.networks.linearized import LinearizedNetwork
+from impactlab.nonlinear.force_checks import stiffening_of
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
+from impactlab.plan.clock import RELAXATION_TIMES
+from impactlab.step_size.automatic import choose_step
+
+MOST_BODIES = 200
+"""Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
+
+SHOWN = 12
+"""Rows of a table that are printed."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NetworkCheck:
+    """Time scales of a network and the steps that suit them; printed as a table.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        ``natural_frequency`` (oscillator): each body alone. ``thermal_penetration``,
+        ``static_penetration``, ``tangent_stiffness``, ``shortest_contact`` (contact): where
+        the contact has stored the energy that a body brings, on top of the preload; the stiffness there, or
+        the largest that counts at other energies; half a period of the pair on it, ``π sqrt(μ/K)``. ``largest_step``,
+        ``recommended_step``, ``refusal`` (integrator): NaN and the reason where a method
+        cannot be used. ``closed_frequency``, ``bias_mean_square_displacement``,
+        ``bias_mean_square_velocity`` (mode): of the network with all contacts closed on
+        linear springs. A bias is that of the response to white noise, relative, due to the
+        step alone, and infinite where the method is unstable; contacts that are open most
+        of the time make it smaller.
+        Attributes: ``integrator``, ``step`` (s), ``note``.
+    """
+
+    dataset: xr.Dataset
+
+    @classmethod
+    def of(cls, network: Composition, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+        """Find the time scales of a network and predict the bias of a step.
+
+        Parameters
+        ----------
+        network : Network
+        step : float, optional
+            Time step (s); by default the one that `simulate` would choose before it makes it
+            divide the duration.
+        integrator : Integrator, optional
+            Method; `ExactFlow` by default.
+
+        Raises
+        ------
+        InvalidInput
+            If the step or the integrator cannot be used; with the words of `simulate`.
+        """
+        method = integrator or ExactFlow()
+        check_integrator(method)
+        model = Model.of(network)
+        until = RELAXATION_TIMES * relaxation_time(damped(model)[1])
+        energy = energies(model, "stationary", until)
+        growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
+        energy = np.where(growing, np.inf, energy)
+        stiffening = stiffening_of(model, energy)
+        known = np.isfinite(energy) | ~model.nonlinear_bodies
+        methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
+        rows = {name: _steps(model, item, stiffening, until) for name, item in sorted(methods.items())}
+        if step is None:
+            step = rows[type(method).__name__][1]
+        else:
+            method.check(model)
+            step = choose_step(_arranged(model, method, stiffening), method, stiffening, positive("step", step))
+        modes, note = _modes(_arranged(model, method, stiffening), stiffening, method, step, known)
+        data = xr.Dataset(
+            {
+                "natural_frequency": ("oscillator", model.natural_frequencies),
+                **_contacts(model, stiffening, known),
+                **{
+                    name: ("integrator", [row[column] for row in rows.values()])
+                    for column, name in enumerate(("largest_step", "recommended_step", "refusal"))
+                },
+                **modes,
+            },
+            {"oscillator": list(model.bodies), "contact": list(model.contacts), "integrator": list(rows)},
+            {"title": "Check of a network", "integrator": repr(method), "step": float(step), "note": note},
+        )
+        for name, (units, long_name) in _LABELS.items():
+            if name in data:
+                data[name].attrs = {"units": units, "long_name": long_name}
+        if "closed_frequency" in data:
+            data = data.assign_coords(mode=np.arange(1, data.sizes["mode"] + 1))
+        return cls(data)
+
+    def __repr__(self) -> str:
+        data = self.dataset
+        lines = [f"{data.attrs['title']}: {data.attrs['integrator']}, step {data.attrs['step']:.4g} s"]
+        for dimension in ("oscillator", "contact", "integrator", "mode"):
+            if data.sizes.get(dimension):
+                lines += ["", *_table(data, dimension)]
+        reasons = [str(reason) for reason in data.refusal.values if reason]
+        return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys([*reasons, data.attrs["note"]]) if note)])
+
+
+_LABELS = {
+    "natural_frequency": ("rad s-1", "natural frequency"),
+    "thermal_penetration": ("m", "thermal penetration"),
+    "static_penetration": ("m", "static penetration"),
+    "tangent_stiffness": ("N m-1", "tangent stiffness"),
+    "shortest_contact": ("s", "shortest contact"),
+    "largest_step": ("s", "largest step"),
+    "recommended_step": ("s", "recommended step"),
+    "closed_frequency": ("rad s-1", "frequency, contacts closed"),
+    "bias_mean_square_displacement": ("1", "bias of mean square displacement"),
+    "bias_mean_square_velocity": ("1", "bias of mean square velocity"),
+}
+
+
+def _bundled() -> Iterator[Integrator]:
+    """Make one of each integrator that is defined, complete, and needs no arguments."""
+    waiting = [Integrator]
+    while waiting:
+        cls = waiting.pop()
+        waiting += cls.__subclasses__()
+        if cls.step is not Integrator.step:
+            try:
+                yield cls()
+            except InvalidInput:  # abstract, or a field without a default
+                continue
+
+
+def _steps(model: Model, integrator: Integrator, stiffening: Stiffening, until: float) -> tuple[float, float, str]:
+    """Return largest and recommended step, or the reason why there is none."""
+    try:
+        integrator.check(model)
+        model = _arranged(model, integrator, stiffening)
+        recommended = choose_step(model, integrator, stiffening, None, end=until)
+    except InvalidInput as error:
+        return np.nan, np.nan, str(error)
+    return integrator.largest_step(model, stiffening.links, stiffening.bodies), recommended, ""
+
+
+def _arranged(model: Model, integrator: Integrator, stiffening: Stiffening) -> Model:
+    return integrator.arrange(model, stiffening.links, stiffening.bodies)
+
+
+def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:
+    """Return the variables of the contacts; NaN where the energy of a body is not known."""
+    static = Stiffening.of(model, np.zeros_like(stiffening.energy)).penetration
+    unknown = ~np.append(known, True)[model.ends].all(axis=1)
+    inverse = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)  # a wall has infinite mass
+    tangent = np.where(unknown, np.nan, stiffening.contacts)
+    with np.errstate(divide="ignore"):
+        half_period = np.where(tangent == 0.0, np.nan, np.pi / np.sqrt(tangent * inverse))
+    return {
+        "thermal_penetration": ("contact", np.where(unknown, np.nan, stiffening.penetration - static)),
+        "static_penetration": ("contact", static),
+        "tangent_stiffness": ("contact", tangent),
+        "shortest_contact": ("contact", half_period),
+    }
+
+
+def _modes(
+    model: Model, stiffening: Stiffening, integrator: Integrator, step: float, known: np.ndarray
+) -> tuple[dict[str, Any], str]:
+    """Return the variables of the modes, and why some are missing or not a number."""
+    if len(model.bodies) > MOST_BODIES:
+        return {}, f"Modes are computed for up to {MOST_BODIES} bodies."
+    if not known.all():
+        return {}, "No modes: the energy that a body brings into collisions is not known."
+    linear = LinearizedNetwork.of(model, stiffening)
+    frequencies, shapes = linear.modes()
+    exact = linear.covariance()
+    discrete = linear.discrete_covariance(integrator, step) if np.isfinite(step) else None
+    note, biases = "", np.full((2, len(frequencies)), np.nan)
+    if not model.intensities().any():
+        note = "No bias is predicted: no body is under white noise."
+    elif exact is None:
+        note = "No bias is predicted: the network with closed contacts has no stationary law."
+    elif discrete is None and np.isfinite(step):
+        note = f"No bias is predicted: the linear map of {type(integrator).__name__} is not known."
+    elif discrete is None:
+        note = f"No bias is predicted: {type(integrator).__name__} has no step."
+    else:
+        reached = _of_modes(exact, shapes, model.mass)
+        weights = np.stack([frequencies**2, np.ones_like(frequencies)])
+        moving = weights * reached > 1e-12 * (weights * reached).max()  # what noise does not reach is 0/0
+        found = _of_modes(discrete, shapes, model.mass) if np.isfinite(discrete).all() else np.inf
+        biases = np.where(moving, found / np.where(moving, reached, 1.0) - 1.0, np.nan)
+    return {
+        "closed_frequency": ("mode", frequencies),
+        "bias_mean_square_displacement": ("mode", biases[0]),
+        "bias_mean_square_velocity": ("mode", biases[1]),
+    }, note
+
+
+def _of_modes(covariance: np.ndarray, shapes: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Mean squares of displacement and velocity of the modal coordinates ``φᵀ M x``, (2, mode)."""
+    weights = shapes.T * mass
+    count = len(mass)
+    parts = covariance[:count, :count], covariance[count:, count:]
+    return np.stack([((weights @ part) * weights).sum(axis=1) for part in parts])
+
+
+def _table(data: xr.Dataset, dimension: str) -> list[str]:
+    """Print the numbers along a dimension, one row per label."""
+    names = [str(name) for name, item in data.data_vars.items() if item.dims == (dimension,) and "units" in item.attrs]
+    columns = [["", dimension, *(str(label) for label in data[dimension].values)]]
+    for name in names:
+        attrs = data[name].attrs
+        units = "" if attrs["units"] == "1" else f"({attrs['units']})"
+        columns.append([attrs["long_name"], units, *(f"{value:.4g}" for value in data[name].values)])
+    widths = [max(map(len, column)) for column in columns]
+    rows = [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
+        for row in zip(*columns, strict=True)
+    ]
+    half = SHOWN // 2
+    hidden = len(rows) - 2 - SHOWN
+    return rows if hidden <= 0 else [*rows[: 2 + half], f"… {hidden} more", *rows[-half:]]

@@ -1,0 +1,115 @@
+"""A network as a function: the right-hand side for solvers of ordinary differential equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.assembly.build import build
+from impactlab.assembly.generate import generate
+from impactlab.assembly.model import Model
+from impactlab.components.composition import Composition
+from impactlab.kernels.jit import evaluate
+from impactlab.plan.start import start_of
+from impactlab.results.snapshot import TIME, Snapshot
+
+
+class CompiledNetwork:
+    """The noise-free first-order system of a network, y = [x..., v...].
+
+    Parameters
+    ----------
+    network : Network
+        Bodies in the order of their names; excitations that are given functions of time
+        act, noise does not.
+    """
+
+    def __init__(self, network: Composition) -> None:
+        self.network = network
+        self.model = Model.of(network)
+        self._module = build(generate(self.model))
+        bodies, contacts = len(self.model.bodies), len(self.model.contacts)
+        self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))
+        self._contacts = np.zeros((1, contacts, 1)), np.zeros((1, contacts, 1))
+        self._given = np.zeros((1, len(self.model.forced)))
+
+    def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return dy/dt for a state y (2 bodies,), as `scipy.integrate.solve_ivp` wants it."""
+        model = self.model
+        bodies = len(model.bodies)
+        x, v = y[:bodies], y[bodies:]
+        force = self._forces(x, v) - model.stiffness * x - model.damping * v
+        if model.forced:
+            self._module.forcing(np.array([float(t)]), model.members.parameters, model.members.indices, self._given)
+            force[list(model.forced)] += self._given[0]
+        return np.concatenate([v, force / model.mass])
+
+    def _forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the non-linear forces on the bodies; the contacts' are kept."""
+        self._x[0, :-1, 0], self._v[0, :-1, 0] = x, v
+        model = self.model
+        evaluate(
+            self._module.forces,
+            self._x,
+            self._v,
+            model.members.parameters,
+            model.members.indices,
+            *self._contacts,
+            self._total,
+        )
+        return self._total[0, :-1, 0].copy()
+
+    def state(
+        self, *, displacement: Mapping[str, float] | None = None, velocity: Mapping[str, float] | None = None
+    ) -> np.ndarray:
+        """Return y for displacements (m) and velocities (m s-1) by name; 0 where nothing is named."""
+        initial = {"displacement": displacement or {}, "velocity": velocity or {}}
+        return np.concatenate(start_of(initial, self.model))
+
+    @property
+    def contact_events(self) -> list[Callable[[float, np.ndarray], float]]:
+        """One function per contact that changes its sign where the contact opens or closes."""
+        return [self._event(contact) for contact in range(len(self.model.contacts))]
+
+    def _event(self, contact: int) -> Callable[[float, np.ndarray], float]:
+        first, second = self.model.ends[contact]
+        clearance = float(self.model.clearance[contact])
+
+        def indentation(t: float, y: np.ndarray) -> float:
+            x = np.append(y[: len(self.model.bodies)], 0.0)  # the wall is the last body
+            return float(x[first] - x[second]) - clearance
+
+        return indentation
+
+    def to_dataset(self, t: np.ndarray, y: np.ndarray) -> xr.Dataset:
+        """Label a solution.
+
+        Parameters
+        ----------
+        t : (time,) ndarray
+            Times (s).
+        y : (2 bodies, time) ndarray
+            States, as `solve_ivp` returns them.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``displacement`` and ``velocity`` (time, oscillator), ``contact_force`` (time, contact).
+        """
+        bodies = len(self.model.bodies)
+        forces = np.empty((len(t), len(self.model.contacts)))
+        for index, column in enumerate(np.asarray(y).T):
+            self._forces(column[:bodies], column[bodies:])
+            forces[index] = self._contacts[1][0, :, 0]
+        snapshots = np.hstack([np.asarray(y).T, forces])
+        variables = Snapshot(self.model.bodies, self.model.contacts).labelled(snapshots, "time")
+        coordinates: dict[str, Any] = {
+            "time": ("time", np.asarray(t, dtype=float), TIME),
+            "oscillator": list(self.model.bodies),
+        }
+        if self.model.contacts:
+            coordinates["contact"] = list(self.model.contacts)
+        return xr.Dataset(variables, coordinates)

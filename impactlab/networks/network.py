@@ -1,0 +1,144 @@
+"""Networks: a composition of members that can be compiled and checked, and rows of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import impactlab
+from impactlab.components.composition import Composition
+from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.excitation import Excitation
+from impactlab.components.oscillator import Oscillator
+from impactlab.components.sides import WALL
+from impactlab.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from impactlab import CompiledNetwork, Integrator, NetworkCheck
+
+
+class Network(Composition):
+    """Bodies that can touch each other, may be coupled, and are excited from outside; immutable.
+
+    Two networks are equal when they have the same members of the same names in the same
+    order, which is that of the results.
+
+    Parameters
+    ----------
+    oscillators : mapping of str to Oscillator
+        The bodies by name (a sequence of pairs will do as well).
+    contacts : mapping of str to Contact, optional
+        The places where bodies can touch, by name.
+    excitations : mapping of str to Excitation, optional
+        The excitation of a body, by the body's name.
+    couplings : mapping of str to Coupling, optional
+        Springs and dampers between bodies, by name.
+
+    Raises
+    ------
+    InvalidInput
+        If there are no bodies, a name is empty or given twice, a contact, a coupling or an
+        excitation names a body that does not exist, a member is of the wrong family, or a potential
+        is not the integral of its force.
+    """
+
+    __slots__ = ()
+
+    def compile(self) -> CompiledNetwork:
+        """Compile the network's forces and return its noise-free right-hand side."""
+        return impactlab.CompiledNetwork(self)
+
+    def check(self, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+        """Find the network's time scales and predict the bias of a step, without simulating.
+
+        Parameters
+        ----------
+        step : float, optional
+            Time step (s); by default the one that `simulate` would choose before it makes it
+            divide the duration. Of forces that vary in time the first twelve relaxation times
+            are looked at.
+        integrator : Integrator, optional
+            Method; `ExactFlow` by default.
+
+        Returns
+        -------
+        NetworkCheck
+            Prints a table; its ``dataset`` has the numbers.
+
+        Raises
+        ------
+        InvalidInput
+            If the step or the integrator cannot be used; with the words of `simulate`.
+        """
+        return impactlab.NetworkCheck.of(self, step, integrator)
+
+    def source(self) -> str:
+        """Return the text of the module that is generated for this network."""
+        from impactlab.assembly.generate import generate
+        from impactlab.assembly.model import Model
+
+        return generate(Model.of(self))
+
+
+def chain(
+    bodies: int,
+    oscillator: Oscillator | Sequence[Oscillator],
+    law: ContactLaw | Sequence[ContactLaw],
+    *,
+    clearance: float | Sequence[float] = 0.0,
+    excitation: Excitation | Sequence[Excitation | None] | None = None,
+    walls: bool = False,
+) -> Network:
+    """Return bodies in a row, each of which can touch the next.
+
+    Parameters
+    ----------
+    bodies : int
+        Number of bodies; they are named ``body_0``, ``body_1``, …
+    oscillator : Oscillator or sequence
+        One for all bodies, or one for each.
+    law : ContactLaw or sequence
+        One for all contacts (named ``contact_0``, …, from left to right), or one for each.
+    clearance : float or sequence
+        Clearance of the contacts (m).
+    excitation : Excitation or sequence, optional
+        One for all bodies (their noises are independent), or one or None for each.
+    walls : bool
+        Whether the first body can touch a wall on its left and the last on its right.
+
+    Returns
+    -------
+    Network
+
+    Raises
+    ------
+    InvalidInput
+        If the number of bodies is not positive or a sequence has the wrong length.
+    """
+    if isinstance(bodies, bool) or not isinstance(bodies, int) or bodies < 1:
+        raise InvalidInput(f"chain: bodies must be a whole number of at least 1, {bodies!r} was given.")
+    names = [f"body_{index}" for index in range(bodies)]
+    ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
+    pairs = list(pairwise(ends))
+    oscillators = _each("oscillator", oscillator, bodies)
+    excitations = _each("excitation", excitation, bodies)
+    laws = _each("law", law, len(pairs))
+    clearances = _each("clearance", clearance, len(pairs))
+    return Network(
+        dict(zip(names, oscillators, strict=True)),
+        {
+            f"contact_{index}": Contact(*pair, laws[index], clearance=clearances[index])
+            for index, pair in enumerate(pairs)
+        },
+        {name: item for name, item in zip(names, excitations, strict=True) if item is not None},
+    )
+
+
+def _each(name: str, value: Any, count: int) -> list[Any]:
+    """Return one value per place, from one for all or a sequence of the right length."""
+    if not isinstance(value, Sequence):
+        return [value] * count
+    if len(value) != count:
+        raise InvalidInput(f"chain: {name} must be one for all or a sequence of {count}, {len(value)} were given.")
+    return list(value)

@@ -1,0 +1,1 @@
+"""What is known of nonlinear forces before a run: stiffness, energies, relaxation, closings of contacts."""

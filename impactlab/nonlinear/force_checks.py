@@ -1,0 +1,211 @@
+"""Forces of contacts, couplings and bodies, looked at before anything is computed with them: finite, and functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlab.assembly.model import Model, kept
+from impactlab.components.component import Component, call_each
+from impactlab.errors import InvalidInput
+from impactlab.linear.laws import spread
+from impactlab.nonlinear.tangent_stiffness import Stiffening
+
+LARGEST = 1e100
+"""Size (m, m s-1, N) from which a number counts as infinite: its square and a sum of those must be finite."""
+
+BEYOND = 1.001
+"""Indentation that is looked at, in those that the scene certainly reaches: a law may end just there."""
+
+PLACES, VALUES = 64, 20_000
+"""Most places at which a force is looked at, and most values of a network: a few of each force where there are many."""
+
+FARTHEST, FINELY = 100.0, 1000
+"""Up to where a force is looked at after a run has diverged, in some length of the scene, and at how many places."""
+
+
+class _Force(NamedTuple):
+    """A force that is looked at: who has it, what it is a function of, and the places and rates."""
+
+    what: str
+    component: Component
+    kernel: str
+    of: str
+    scale: float
+    rate: float
+
+    def says(self, value: float, place: float, rate: float) -> str:
+        at_rate = f" and a {_RATES[self.of]} of {rate:.4g} m/s" if rate else ""
+        return (
+            f"The force of {self.what}, {self.component!r}, is {value:.4g} N at {_ARTICLES[self.of]} {self.of} of "
+            f"{place:.4g} m{at_rate}"
+        )
+
+
+_ARTICLES = {"indentation": "an", "extension": "an", "displacement": "a"}
+_RATES = {"indentation": "rate", "extension": "rate", "displacement": "velocity"}
+
+
+def stiffening_of(model: Model, energy: np.ndarray) -> Stiffening:
+    """Return what forces add to the stiffness at some energies of the bodies, and refuse forces that cannot be used.
+
+    Raises
+    ------
+    InvalidInput
+        As `check_forces`.
+    """
+    return _stiffening(model, np.asarray(energy, dtype=float).tobytes())
+
+
+@kept
+def _stiffening(model: Model, energies: bytes) -> Stiffening:
+    energy = np.frombuffer(energies)
+    with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
+        stiffening = Stiffening.of(model, energy)
+    check_forces(model, stiffening.penetration, energy)
+    return stiffening
+
+
+def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> None:
+    """Refuse forces that are not finite where they certainly act, or not the same each time.
+
+    Forces of contacts are looked at from 0 to the penetration, where they have stored the energy that a body
+    brings, at rest and at the speeds that this energy gives; those of couplings and residual forces must be finite at
+    0. Equal laws are looked at once.
+
+    Parameters
+    ----------
+    model : Model
+    penetration : (contact,) ndarray
+        Thermal plus static penetration (m).
+    energy : (body,) ndarray
+        Energy that the bodies bring (J).
+
+    Raises
+    ------
+    InvalidInput
+        Names the law, the place and the value.
+    """
+    inverse = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)
+    speed = np.sqrt(2.0 * energy[model.ends.min(axis=1)] * inverse) if len(model.ends) else np.zeros(0)
+    contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
+    _check(contacts, np.linspace(0.0, 1.0, max(4, min(PLACES, VALUES // max(1, len(contacts))))), everywhere=True)
+    _check([*_couplings(model), *_residuals(model)], np.array([0.0, -1.0, 1.0]), everywhere=False)
+
+
+def explanation(model: Model, length: np.ndarray) -> str:
+    """Say which force is not finite at a place that a run which diverged may have reached; nothing if none is.
+
+    Parameters
+    ----------
+    model : Model
+    length : (contact,) ndarray
+        A length of the motion at each contact (m).
+    """
+    grid = np.linspace(0.0, FARTHEST, FINELY)
+    contacts = _contacts(model, length, np.zeros_like(length))
+    for forces, places in ((contacts, grid), ([*_couplings(model), *_residuals(model)], np.append(grid, -grid))):
+        some = forces[: VALUES // FINELY]
+        if not some:
+            continue
+        place = _scales(some) * places
+        try:
+            values = _values(some, place, np.zeros_like(place))
+        except InvalidInput as error:  # it fails in Python
+            return f" {error}"
+        wrong = ~np.isfinite(values)
+        if wrong.any():
+            at = _place(np.where(wrong, -np.abs(place), -np.inf))
+            return f" {some[at[0]].says(values[at], place[at], 0.0)}."
+    return ""
+
+
+def _check(forces: Sequence[_Force], places: np.ndarray, everywhere: bool) -> None:
+    """Refuse forces that differ from one look to the next, or are not finite at the first place, or everywhere."""
+    if not forces:
+        return
+    place = _scales(forces) * places
+    of_rates = np.array([0.0, 1.0, -1.0] if any(force.rate for force in forces) else [0.0])
+    rate = np.array([force.rate for force in forces])[:, None, None] * of_rates[:, None]
+    place, rate = (np.asarray(item).reshape(len(forces), -1) for item in np.broadcast_arrays(place[:, None], rate))
+    values, again = (_values(forces, place, rate) for _ in range(2))
+    differ = (values != again) & ~(np.isnan(values) & np.isnan(again))
+    if differ.any():
+        at = _place(differ)
+        raise InvalidInput(
+            f"{forces[at[0]].says(values[at], place[at], rate[at])}, and {again[at]:.4g} N when asked again: a law "
+            "must be a function of its arguments. What is random belongs into an excitation."
+        )
+    wrong = ~(np.abs(values) < LARGEST) & (everywhere | (place == 0.0))
+    if wrong.any():
+        at = _place(wrong)
+        raise InvalidInput(
+            f"{forces[at[0]].says(values[at], place[at], rate[at])}, which this scene reaches: a force must be finite "
+            "from 0 on."
+        )
+
+
+def _place(table: np.ndarray) -> tuple[int, int]:
+    """Row and column of the first of the largest entries."""
+    row, column = divmod(int(table.argmax()), table.shape[1])
+    return row, column
+
+
+def _scales(forces: Sequence[_Force]) -> np.ndarray:
+    return np.array([force.scale for force in forces])[:, None]
+
+
+def _values(forces: Sequence[_Force], place: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Forces at the places of each, (force, place)."""
+    result = np.empty_like(place)
+    for kernel in {force.kernel for force in forces}:
+        rows = [row for row, force in enumerate(forces) if force.kernel == kernel]
+        result[rows] = call_each([forces[row].component for row in rows], kernel, place[rows], rate[rows])
+    return result
+
+
+def _contacts(model: Model, length: np.ndarray, speed: np.ndarray) -> list[_Force]:
+    """Return one force for each law, length and speed that there is."""
+    contacts = model.network.contacts
+    return [
+        _Force(f"contact {name!r}", law, "force", "indentation", reach, most * ("rate" in law.kernel("force")[1]))
+        for name, law, reach, most in _unique(contacts, (item.law for item in contacts.values()), length, speed)
+    ]
+
+
+def _couplings(model: Model) -> list[_Force]:
+    couplings = model.network.couplings
+    if not couplings:
+        return []
+    length = _length(model)[model.coupled].max(axis=1)
+    return [
+        _Force(f"coupling {name!r}", law, "force", "extension", scale, 0.0)
+        for name, law, scale in _unique(couplings, (item.law for item in couplings.values()), length)
+    ]
+
+
+def _residuals(model: Model) -> list[_Force]:
+    if not model.residual.any():
+        return []
+    bodies = model.network.oscillators
+    return [
+        _Force(f"body {name!r}", body, "residual", "displacement", scale, 0.0)
+        for name, body, scale in _unique(bodies, bodies.values(), _length(model)[:-1])
+        if body.has_kernel("residual")
+    ]
+
+
+def _unique(members: Mapping[str, Any], components: Iterable[Any], *columns: np.ndarray) -> list[tuple[Any, ...]]:
+    """Return name, component and numbers of the first of all members that are equal."""
+    found: dict[tuple[Any, ...], str] = {}
+    for name, *row in zip(members, components, *(column.tolist() for column in columns), strict=True):
+        found.setdefault(tuple(row), name)
+    return [(name, *row) for row, name in found.items()]
+
+
+def _length(model: Model) -> np.ndarray:
+    """Return the deviation of each body without contacts, 1 m where it is not known, 0 of the wall (m)."""
+    length = spread(model)[0]
+    return np.append(np.where(np.isfinite(length), length, 1.0), 0.0)

@@ -1,0 +1,346 @@
+"""How long a network takes to forget its start: damping, collisions with what is damped, barriers between wells."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.component import call_each
+from impactlab.components.oscillator import Oscillator
+from impactlab.errors import warn
+from impactlab.linear.damping import damped
+from impactlab.linear.laws import coupled_systems, flexibility, hottest, linear_variances, relaxation_time
+from impactlab.nonlinear.tangent_stiffness import Stiffening
+
+LEAST_BARRIER = 2.0
+"""Height of a barrier, in units of the temperature, from which on it is waited for."""
+
+SAME, SAME_DEPTH = 1e-6, 3e-3
+"""Relative difference of temperatures, and difference of the depths of two wells in units of the temperature, below
+which they are the same."""
+
+MOST_ATTEMPTS = 2.5
+"""Logarithm of the draws of a start that are needed, on average, beyond which some of a hundred will not do."""
+
+ITERATIONS = 12
+"""Times that temperatures are estimated from those before."""
+
+DENSE = 50
+"""Bodies of a part up to which its equations are solved as a full matrix."""
+
+SETTLING_TIMES, MOST_SPIN_UP = 6.0, 4.0
+"""Length of the spin-up in times of settling, and the longest automatic one beside the run and its usual spin-up: a
+longer one is left to who runs it."""
+
+_RANGE, _POINTS = 40.0, 4001  # deviations of the displacement and points at which a residual force is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """Times after which a network has forgotten.
+
+    Attributes
+    ----------
+    linear : float
+        Of the slowest damped motion (s); 0 if nothing is damped.
+    slowest : float
+        The longest of all (s): samples further apart are independent.
+    settling : float
+        The longest of what the start does not know (s): energies of bodies that only collisions heat, where
+        temperatures differ or the start is at rest, and the share of wells of different depth. 0 if there is none.
+    reason : str
+        What takes the longest of these, as a message says it.
+    temperature : (body,) ndarray
+        Estimates for the bodies that nothing but contacts and couplings heats (J); NaN for others.
+    """
+
+    linear: float
+    slowest: float
+    settling: float
+    reason: str
+    temperature: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, stiffening: Stiffening) -> Relaxation:
+        """Estimate the times of a network where its bodies have the energies of `stiffening`."""
+        linear = relaxation_time(damped(model)[1])
+        temperature, exchange, unequal, coldest = _exchange(model, stiffening)
+        hop, uneven, trapped = _hopping(model)
+        settling, reason = 0.0, ""
+        if unequal and exchange > settling:
+            settling = exchange
+            reason = (
+                f"{model.bodies[coldest]!r} takes its energy from collisions alone, which takes about {exchange:.2g} s"
+            )
+        if uneven and hop > settling:
+            settling = hop
+            reason = f"{model.bodies[trapped]!r} changes between wells of different depth every {hop:.2g} s or so"
+        return cls(linear, max(linear, _rounded(exchange), _rounded(hop)), _rounded(settling), reason, temperature)
+
+
+def spin_up_of(relaxation: Relaxation, usual: float, duration: float) -> float:
+    """Return the automatic spin-up (s): the usual one, or a longer one that lets everything settle.
+
+    Where that would take `MOST_SPIN_UP` times as long as all else there is a warning instead.
+    """
+    needed = SETTLING_TIMES * relaxation.settling
+    if needed <= usual:
+        return usual
+    if needed <= MOST_SPIN_UP * (usual + duration):
+        return needed
+    warn(
+        f"The automatic spin-up of {usual:.3g} s may be too short, since {relaxation.reason}: "
+        f"spin_up={needed:.2g} would do."
+    )
+    return usual
+
+
+def warn_of_unknown_damping(model: Model, spin_up: float) -> None:
+    """Warn of bodies under white noise that only laws of contacts or couplings damp, at a rate that is not known."""
+    unknown = np.flatnonzero(damped_by_laws_alone(model))
+    if unknown.size:
+        warn(
+            f"{model.bodies[unknown[0]]!r} is excited, and only contacts or couplings damp it, at a rate that is not "
+            f"known: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up=."
+        )
+
+
+def correlation_of_neighbours(times: Any) -> Any:
+    """Return the correlation of the means over two stretches, one after the other, each of so many relaxation times.
+
+    Of what is correlated by ``exp(−t)`` it is ``(1 − e^(−a))²/2(a − 1 + e^(−a))`` for a length a.
+    """
+    return np.expm1(-times) ** 2 / (2.0 * (times + np.expm1(-times)))
+
+
+def _rounded(value: float) -> float:
+    """Round an estimate to three digits, since the last ones depend on the processor."""
+    return float(f"{value:.3g}")
+
+
+def cold_bodies(model: Model) -> np.ndarray:
+    """Whether nothing but contacts and couplings can heat or damp each body, (body,) of bool."""
+    cold = (damped(model)[0].damping == 0.0) & ~model.excited
+    for slots, system in coupled_systems(model):
+        cold[slots] = not system.damping.any() and not model.excited[slots].any()
+    return np.asarray(cold)
+
+
+def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, bool, int]:
+    """Estimate the temperatures of cold bodies, and how long they take to get there.
+
+    Two bodies that collide exchange ``4 m₁m₂/(m₁ + m₂)²`` of the difference of their temperatures on average, as
+    often as their gap closes by Rice's formula; a damped body gives ``c/m`` of its temperature away in a second. In the
+    stationary state what comes equals what goes.
+
+    Returns
+    -------
+    ndarray, float, bool, int
+        Temperatures (J), time of the slowest exchange with cold bodies (s), whether temperatures differ in a part that
+        has some or its start is at rest, and the slot of the cold body whose temperature changes slowest.
+    """
+    result = np.full(len(model.bodies), np.nan)
+    cold = cold_bodies(model)
+    own = model.mass * linear_variances(damped(model)[0])[1]
+    labels = model.connected()
+    parts = np.intersect1d(labels[cold], labels[np.isfinite(own) & (own > 0.0)])
+    if not parts.size:
+        return result, 0.0, False, -1
+    own = np.where(cold, 0.0, own)
+    loss = damped(model)[0].damping / model.mass
+    crowded = _crowded(model, labels, own)
+    members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
+    bathed = {int(part): own[members[part][~cold[members[part]]]] for part in parts}
+    bathed = {part: theirs for part, theirs in bathed.items() if np.isfinite(theirs).all()}
+    differ = {part: bool(np.ptp(theirs) > SAME * theirs.max()) for part, theirs in bathed.items()}
+    for part, theirs in bathed.items():
+        result[members[part]] = np.where(cold[members[part]], theirs.max(), own[members[part]])
+    inside = np.flatnonzero((model.links < model.wall).all(axis=1))  # a wall takes nothing
+    inside = inside[np.argsort(labels[model.links[inside, 0]], kind="stable")]
+    ends = np.searchsorted(labels[model.links[inside, 0]], np.arange(len(members) + 1))
+    longest, slowest = 0.0, -1
+    for round_ in range(ITERATIONS if any(differ.values()) else 1):  # how often bodies collide depends on these
+        conductance = _conductances(model, stiffening, result)
+        for part, theirs in bathed.items():
+            if round_ and not differ[part]:
+                continue
+            slots, links = members[part], inside[ends[part] : ends[part + 1]]
+            first, second = np.searchsorted(slots, model.links[links]).T
+            temperatures, time, place = _settled(first, second, conductance[links], loss[slots], own[slots])
+            if differ[part]:
+                result[slots] = [_rounded(max(item, theirs.min())) for item in temperatures.tolist()]
+            if time > longest:
+                longest, slowest = time, int(slots[place])
+    unequal = any(different or bool(crowded[part]) for part, different in differ.items())
+    return np.where(cold, result, np.nan), longest, unequal, slowest
+
+
+def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Whether a draw from the law without contacts hardly ever finds all contacts of a part open, (part,) of bool.
+
+    Then the start is at rest.
+    """
+    variance = np.append(hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = model.clearance / np.sqrt(2.0 * variance[model.ends].sum(axis=1))
+    open_ = [0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()]
+    attempts = np.zeros(labels.max() + 1)
+    np.add.at(attempts, labels[model.ends.min(axis=1)], -np.log(np.maximum(open_, 1e-300)))
+    return np.asarray(attempts > MOST_ATTEMPTS)
+
+
+def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
+    """Return how often each contact closes by Rice's formula if its bodies have the highest temperature (s-1).
+
+    Infinite where it is not known: nothing holds a body, or a residual force or a coupling may push it to the contact.
+    """
+    mass, flexible = np.append(model.mass, np.inf), np.append(flexibility(model), 0.0)
+    warmth = np.append(stiffening.energy, 0.0)[model.ends].max(axis=1, initial=0.0)
+    pushed = np.append(model.residual, False)
+    pushed[model.links[np.concatenate([model.clearance < 0.0, np.ones(len(model.coupled), dtype=bool)])]] = True
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        variance = warmth * flexible[model.ends].sum(axis=1)
+        velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
+        often = np.exp(-0.5 * np.maximum(model.clearance, 0.0) ** 2 / variance)
+        rate = velocity / (2.0 * np.pi * np.sqrt(variance)) * often
+    return np.where(pushed[model.ends].any(axis=1) | ~np.isfinite(variance), np.inf, rate)
+
+
+def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
+    """Return the part of a difference of temperatures that each link takes away in a second, (link,) (s-1)."""
+    contacts = len(model.contacts)
+    mass = np.append(model.mass, np.inf)[model.links]
+    warmth = np.append(temperature, 0.0)[model.links]
+    flexible = np.append(flexibility(model), 0.0)[model.ends]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exchanged = np.where(np.isfinite(mass).all(axis=1), 4.0 / (2.0 + mass / mass[:, ::-1]).sum(axis=1), 0.0)
+        velocity = np.sqrt((warmth / mass).sum(axis=1)[:contacts])
+        variance = (warmth[:contacts] * flexible).sum(axis=1)
+        apart = np.maximum(model.clearance, 0.0)
+        bound = velocity / (2.0 * np.pi * np.sqrt(variance)) * np.exp(-0.5 * apart**2 / variance)
+        free = velocity / (apart + stiffening.penetration) / math.sqrt(2.0 * math.pi)  # these fly to and fro
+        springs = np.sqrt(stiffening.couplings * (1.0 / mass[contacts:]).sum(axis=1)) / (2.0 * np.pi)
+    result = exchanged * np.concatenate([np.where(np.isfinite(variance), bound, free), springs])
+    return np.where(np.isfinite(result), result, 0.0)
+
+
+def _settled(
+    first: np.ndarray, second: np.ndarray, between: np.ndarray, loss: np.ndarray, own: np.ndarray
+) -> tuple[np.ndarray, float, int]:
+    """Return the stationary temperatures of one part, the time in which its slowest energy relaxes, and whose it is."""
+    count = len(own)
+    diagonal = loss + np.bincount(first, between, count) + np.bincount(second, between, count)
+    floor = 1e-12 * diagonal.max()  # a body that nothing reaches
+    heat = loss * own
+    if count <= DENSE:
+        matrix = np.diag(diagonal + floor)
+        np.add.at(matrix, (np.append(first, second), np.append(second, first)), -np.append(between, between))
+        temperatures, (rates, shapes) = np.linalg.solve(matrix, heat), np.linalg.eigh(matrix)
+    else:
+        from scipy.sparse import coo_array, diags_array  # loaded only for large networks
+        from scipy.sparse.linalg import eigsh, splu
+
+        places = np.append(first, second), np.append(second, first)
+        sparse = diags_array(diagonal + floor) - coo_array((np.append(between, between), places), shape=(count, count))
+        temperatures = splu(sparse.tocsc()).solve(heat)
+        rates, shapes = eigsh(sparse.tocsc(), k=1, sigma=0.0, v0=np.ones(count))
+    slowest = int(np.abs(shapes[:, 0]).argmax())
+    return np.asarray(temperatures), 1.0 / max(float(rates[0]) - floor, floor), slowest
+
+
+def _hopping(model: Model) -> tuple[float, bool, int]:
+    """Return the longest time between changes of wells (s), whether wells differ in depth, and of which body it is."""
+    longest, uneven, trapped = 0.0, False, -1
+    temperature = model.mass * linear_variances(damped(model)[0])[1]
+    touched = np.bincount(model.links.ravel(), minlength=model.wall + 1)[:-1] > 0
+    seen: dict[tuple[Oscillator, float], tuple[float, bool]] = {}
+    for slot in np.flatnonzero(model.residual):
+        body = model.network.oscillators[model.bodies[slot]]
+        energy = float(temperature[slot])
+        if not 0.0 < energy < math.inf:
+            continue
+        if (body, energy) not in seen:
+            friction = float(damped(model)[0].damping[slot] / model.mass[slot])
+            seen[body, energy] = _between_wells(body, energy, friction)
+        time, differ = seen[body, energy]
+        if time > longest:
+            longest, trapped = time, int(slot)
+        uneven |= time > 0.0 and (differ or bool(touched[slot]))
+    return longest, uneven, trapped
+
+
+def _between_wells(body: Oscillator, temperature: float, friction: float) -> tuple[float, bool]:
+    """Return the time in which a body alone leaves the shallower of two wells (s), and whether their depths differ.
+
+    0 where there is no barrier of `LEAST_BARRIER` temperatures. The rate is the smaller of Kramers' rates for strong
+    and for weak friction (Hänggi, Talkner and Borkovec, Rev. Mod. Phys. 62, 1990, 251).
+    """
+    scale = _scale(body, temperature)
+    x = np.linspace(-_RANGE * scale, _RANGE * scale, _POINTS)
+    with np.errstate(all="ignore"):
+        force = body.stiffness * x + call_each([body], "residual", x[None], np.zeros((1, _POINTS)))[0]
+    force = np.where(np.isfinite(force), force, np.sign(x) * 1e300)
+    energy = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(x))])
+    wells = 1 + np.flatnonzero((force[1:-1] <= 0.0) & (force[2:] > 0.0))
+    if len(wells) < 2:
+        return 0.0, False
+    slope = np.gradient(force, x)
+    energy[wells] -= 0.5 * force[wells] ** 2 / np.maximum(slope[wells], 1e-300)  # at the bottom, between two points
+    longest, differ = 0.0, False
+    for left, right in pairwise(wells):
+        top = left + int(energy[left : right + 1].argmax())
+        shallow = left if energy[left] > energy[right] else right
+        height = float(energy[top] - energy[shallow]) / temperature
+        if height < LEAST_BARRIER:
+            continue
+        of_well, of_top = (math.sqrt(max(abs(float(slope[place])), 1e-300) / body.mass) for place in (shallow, top))
+        attempts = of_well / (2.0 * math.pi)
+        strong = math.hypot(0.5 * friction / of_top, 1.0) - 0.5 * friction / of_top
+        weak = friction * height * 2.0 * math.pi / of_well  # action of the orbit at the top, about that of the well
+        time = math.exp(min(height, 700.0)) / (attempts * min(strong, weak))
+        longest = max(longest, time)
+        differ |= abs(float(energy[left] - energy[right])) > SAME_DEPTH * temperature
+    return longest, differ
+
+
+def _scale(body: Oscillator, temperature: float) -> float:
+    """Return a length over which the potential of a body changes by about its temperature (m)."""
+    lengths = 10.0 ** np.arange(-12.0, 9.0, 0.05)
+    x = np.stack([lengths, -lengths])
+    with np.errstate(all="ignore"):
+        force = body.stiffness * x + call_each([body] * 2, "residual", x, np.zeros_like(x))
+    work = np.cumsum(np.abs(np.where(np.isfinite(force), force, np.inf)) * np.gradient(lengths), axis=1).max(axis=0)
+    return float(lengths[min(int(np.searchsorted(work, temperature)), len(lengths) - 1)])
+
+
+def undamped(model: Model) -> np.ndarray:
+    """Whether white noise heats each body for ever, since nothing in its part takes energy, (body,) of bool."""
+    heated: np.ndarray = np.isinf(linear_variances(damped(model)[0])[1])
+    if not heated.any():
+        return heated
+    labels = model.connected()
+    damping = damped(model)[0].damping > 0.0
+    taking = [labels[damping], labels[_of_laws(model)]]
+    return np.asarray(heated & ~np.isin(labels, np.concatenate(taking)))
+
+
+def damped_by_laws_alone(model: Model) -> np.ndarray:
+    """Whether white noise heats each body and only laws of contacts or couplings may take the energy, (body,)."""
+    heated: np.ndarray = np.isinf(linear_variances(damped(model)[0])[1])
+    labels = model.connected()
+    linear = np.isin(labels, labels[damped(model)[0].damping > 0.0])
+    return np.asarray(heated & ~linear & np.isin(labels, labels[_of_laws(model)]))
+
+
+def _of_laws(model: Model) -> np.ndarray:
+    """Return slots of bodies with a contact or a coupling whose force depends on the rate."""
+    network = model.network
+    of_contacts = ["rate" in item.law.kernel("force")[1] for item in network.contacts.values()]
+    of_couplings = [item.law.dissipative for item in network.couplings.values()]
+    slots: np.ndarray = model.links[np.flatnonzero(of_contacts + of_couplings)].min(axis=1)
+    return slots

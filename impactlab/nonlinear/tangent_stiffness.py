@@ -1,0 +1,376 @@
+"""What is known of a scene before it runs: energies, and the stiffness of contacts, couplings and residual forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.component import call_each
+from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
+from impactlab.components.oscillator import DuffingOscillator
+from impactlab.linear.damping import damped
+from impactlab.linear.given_functions import kinds_of, largest_energy, look
+from impactlab.linear.laws import flexibility, hottest, line_variances, spread, white_variances
+from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
+
+PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
+"""Laws that have no kinks but where they begin, and a stiffness that is a power of the energy."""
+
+SCATTER = 1.5
+"""Factor between energies that a short pilot finds and those that the step is made for."""
+
+LARGER = 1.1
+"""Factor from which on another stiffness of a law takes the place of the tangent at the thermal energy."""
+
+
+def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: float = 0.0) -> np.ndarray:
+    """Return the energy that each body may bring into a collision (J), (body,).
+
+    It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
+    energy of the start or of the response to a given force, whichever is largest.
+    """
+    intensity, of_time = model.initial_intensities.copy(), kinds_of(model)
+    for slot in model.white:
+        excitation = model.network.excitations[model.bodies[slot]]
+        if excitation in of_time:
+            intensity[slot] = look(model, excitation, -spin_up, duration)[1].max()
+    heat = model.mass * white_variances(damped(model)[0], intensity)[1]
+    growing = ~np.isfinite(heat)  # as long as the run lasts
+    heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
+    heat += model.mass * line_variances(model)[1]
+    if isinstance(start, np.ndarray):
+        heat = np.maximum(heat, _energy_of(model, start))
+    for slot in model.forced:
+        heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
+    return hottest(model, heat)
+
+
+def met_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
+    """Return the energy that bodies bring into collisions where their mean square velocities are known (J), (body,).
+
+    Of contacts and couplings it is that of their relative motion at most, ``E[v₁²] + E[v₂²]`` over 1/m₁ + 1/m₂: a heavy
+    base that is shaken brings no more of its own.
+    """
+    inverse, square = np.append(1.0 / model.mass, 0.0)[model.links], np.append(velocity, 0.0)[model.links]
+    energy = np.append(np.where(model.residual, model.mass * velocity, 0.0), 0.0)
+    np.maximum.at(energy, model.links.ravel(), np.repeat(square.sum(axis=1) / inverse.sum(axis=1), 2))
+    return SCATTER * energy[:-1]
+
+
+def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
+    """Energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
+    displacement, velocity = start
+    energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
+    place = np.append(displacement, 0.0)
+    result = np.append(energy, 0.0)
+    first, second = model.ends.T
+    laws = [contact.law for contact in model.network.contacts.values()]
+    of_contacts = _work(_Contacts(laws), place[first] - place[second] - model.clearance)
+    np.add.at(result, model.ends.ravel(), np.repeat(of_contacts, 2))
+    first, second = model.coupled.T
+    of_couplings = _work(
+        _Couplings([item.law for item in model.network.couplings.values()]), place[second] - place[first]
+    )
+    np.add.at(result, model.coupled.ravel(), np.repeat(np.maximum(of_couplings, 0.0), 2))
+    return result[:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """What contacts, couplings and residual forces add to the bodies' own stiffness at a given energy.
+
+    Attributes
+    ----------
+    energy : (body,) ndarray
+        Energy of the bodies (J).
+    penetration : (contact,) ndarray
+        Thermal plus static penetration (m).
+    contacts : (contact,) ndarray
+        Tangent stiffness of the contacts there, or the largest weighted one of their profile (N m-1).
+    couplings : (coupling,) ndarray
+        The same of the couplings (N m-1).
+    bodies : (body,) ndarray
+        The same of the residual forces (N m-1).
+    rest : (body,) ndarray
+        Displacements under the static forces of contacts with negative clearance (m).
+    profiles : tuple of (Profiles, ndarray of int)
+        Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row
+        of each item, -1 where it has none.
+    """
+
+    energy: np.ndarray
+    penetration: np.ndarray
+    contacts: np.ndarray
+    couplings: np.ndarray
+    bodies: np.ndarray
+    rest: np.ndarray
+    profiles: tuple[tuple[Profiles, np.ndarray], ...]
+
+    @property
+    def plain(self) -> bool:
+        """Whether all forces are known powers, whose stiffness at larger energies is that of no other branch."""
+        return not any((places >= 0).any() and not np.isnan(known.room).all() for known, places in self.profiles)
+
+    @property
+    def links(self) -> np.ndarray:
+        """Tangent stiffness of the contacts, then of the couplings (N m-1)."""
+        return np.concatenate([self.contacts, self.couplings])
+
+    @classmethod
+    def of(cls, model: Model, energy: np.ndarray) -> Stiffening:
+        """Evaluate a scene at some energies of its bodies.
+
+        The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
+        ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
+        """
+        yielding = np.append(flexibility(model), 0.0)  # a wall does not
+        overlap = np.maximum(-model.clearance, 0.0)
+        compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
+        laws = [contact.law for contact in model.network.contacts.values()]
+        columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
+        found, places = of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
+        penetration, tangent, force = found[:3, places]
+        profiles = [(Profiles.of(found[3:]), places)]
+        rest = np.zeros(len(model.mass) + 1)
+        np.add.at(rest, model.ends[:, 0], -force)
+        np.add.at(rest, model.ends[:, 1], force)
+        rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)[:-1]
+        couplings = model.coupling[0].copy()
+        nonlinear = np.flatnonzero(couplings == 0.0)
+        forces = [coupling.law for coupling in model.network.couplings.values()]
+        heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
+        rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
+        found, places = of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
+        couplings[nonlinear] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(nonlinear, places, len(couplings))))
+        bodies = np.zeros(len(model.mass))
+        oscillators = list(model.network.oscillators.values())
+        residual = np.flatnonzero(model.residual)
+        stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
+        found, places = of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
+        bodies[residual] = found[0, places]
+        profiles.append((Profiles.of(found[1:]), _at(residual, places, len(bodies))))
+        return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
+
+
+def _at(slots: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
+    """Return the places of some of `count` items, -1 for the others."""
+    result = np.full(count, -1)
+    result[slots] = places
+    return result
+
+
+class _Forces:
+    """Forces of some members in the rows of an array of places, (member, point)."""
+
+    def __init__(self, members: Sequence[Any]) -> None:
+        self.members = members
+
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return call_each(self.members, "force", place, np.zeros_like(place))
+
+    def along(self, places: np.ndarray) -> np.ndarray:
+        """Return the forces of a single member."""
+        return np.asarray(self(places[None])[0])
+
+    def of(self, rows: np.ndarray) -> Self:
+        """Return those of some of the members."""
+        return type(self)([self.members[row] for row in rows])
+
+
+class _Couplings(_Forces):
+    pass
+
+
+class _Contacts(_Forces):
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return contact_forces(self.members, place)
+
+
+class _Residuals(_Forces):
+    def __call__(self, place: np.ndarray) -> np.ndarray:
+        return call_each(self.members, "residual", place, np.zeros_like(place))
+
+
+def of_unique(
+    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``function(members, *arrays)``, (count, place), for rows that differ, and the place of each row."""
+    places = {row: index for index, row in enumerate(dict.fromkeys(rows))}
+    if not rows:
+        return np.zeros((count, 0)), np.zeros(0, dtype=int)
+    members, *columns = zip(*places, strict=True)
+    found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
+    return found, np.array([places[row] for row in rows])
+
+
+def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    """Stiffness of forces that act on both sides, beside a spring, and their profiles, (1 + COLUMNS, row).
+
+    It is the largest tangent within the amplitudes where they and the spring have stored the energy, or that
+    of the profile.
+    """
+    forces = kind(members)
+
+    def stored(sign: float, amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        force, spring = forces.of(rows), stiffness[rows, None]
+
+        def outward(x: np.ndarray) -> np.ndarray:
+            return np.asarray(spring * x + np.sign(x) * np.maximum(np.sign(x) * force(x), 0.0))
+
+        return _work(outward, sign * amplitude)
+
+    def on_both_sides(amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.minimum(stored(1.0, amplitude, rows), stored(-1.0, amplitude, rows)))
+
+    amplitude = _solve(on_both_sides, energy)
+    x = np.linspace(-amplitude, amplitude, 65, axis=1)
+    steepest = [np.gradient(*pair).max() if pair[1][-1] else 0.0 for pair in zip(forces(x), x, strict=True)]
+    right, left = (_solve(partial(stored, sign), _far(members, energy)) for sign in (1.0, -1.0))
+    right, left = np.where(right > 0.0, right, left), np.where(left > 0.0, left, right)
+    spring = stiffness, np.zeros_like(stiffness)
+    return _with_profiles(np.maximum(steepest, 0.0)[None], forces, -left, right, energy, *spring)
+
+
+def _far(members: Sequence[Any], energy: np.ndarray) -> np.ndarray:
+    """Energies up to which profiles are made (J); 0 for laws of which a number is known to be enough."""
+    return np.where([type(item) in PLAIN for item in members], 0.0, REACH * energy)
+
+
+def _with_profiles(
+    known: np.ndarray,
+    forces: _Forces,
+    low: np.ndarray,
+    high: np.ndarray,
+    energy: np.ndarray,
+    spring: np.ndarray,
+    rest: np.ndarray,
+) -> np.ndarray:
+    """Return rows of known numbers, the first of them a stiffness, with those of profiles below.
+
+    A stiffness of a profile that is little larger is none: so it stays what it is for powers.
+    """
+    profiles = np.full((COLUMNS, len(energy)), np.nan)
+    for row in np.flatnonzero(low < high).tolist():
+        columns = (float(item[row]) for item in (low, high, energy, spring, rest))
+        profiles[:, row] = of_force(forces.of(np.array([row])).along, *columns)
+    larger = profiles[0] > LARGER * known[0]
+    known[0, larger] = [float(f"{item:.3g}") for item in profiles[0, larger].tolist()]  # on any processor
+    return np.concatenate([known, profiles])
+
+
+def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
+    """Return the length over which the density of each gap varies near contact (m).
+
+    It is the penetration or the spread of the gap, whichever is smaller, or that of another contact
+    which a body of it has: penetration and spread of what is touched there. 1 if nothing moves.
+    """
+    variance = np.append(spread(model)[0] ** 2, 0.0)
+    of_gap = np.sqrt(variance[model.ends].sum(axis=1))
+    depth = np.where(penetration > 0.0, penetration, np.inf)
+    scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)
+    narrowest = np.full(len(variance), np.inf)
+    reach = np.sqrt(np.where(np.isnan(variance), np.inf, variance))  # free bodies without noise: unknown
+    for side in (0, 1):
+        np.minimum.at(narrowest, model.ends[:, side], np.hypot(depth, reach[model.ends[:, 1 - side]]))
+    narrowest[-1] = np.inf  # a wall keeps no bodies from each other
+    scale = np.minimum(scale, narrowest[model.ends].min(axis=1))
+    return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def _work(force: Callable[[np.ndarray], np.ndarray], length: np.ndarray) -> np.ndarray:
+    """Integrals of forces from 0 to some lengths, of either sign, (row,) (J)."""
+    places = 0.5 * length[:, None] * (_NODES + 1.0)
+    return np.asarray(0.5 * length * (_WEIGHTS * force(places)).sum(axis=1))
+
+
+def _penetrations(
+    laws: Sequence[ContactLaw], energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
+) -> np.ndarray:
+    """Penetrations, stiffnesses, static forces and profiles of contacts, (3 + COLUMNS, contact)."""
+    forces = _Contacts(laws)
+
+    def stored(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return _work(forces.of(rows), depth)
+
+    def pressed(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(depth + compliance[rows] * forces.of(rows)(depth[:, None])[:, 0])
+
+    thermal = _solve(stored, energy)
+    static = _solve(pressed, np.where(compliance < np.inf, overlap, 0.0))
+    depth = thermal + static
+    width = 1e-3 * depth
+    low, middle, high, at_rest = forces(np.stack([depth - width, depth, depth + width, static], axis=1)).T
+    closed = depth > 0.0
+    tangent = np.divide(high - low, 2.0 * width, out=np.zeros_like(depth), where=closed)
+    secant = np.divide(middle, depth, out=np.zeros_like(depth), where=closed)
+    stiffness = np.where(secant > LARGER * tangent, secant, np.maximum(tangent, 0.0))
+    far = _far(laws, energy)
+    reach = _solve(stored, far)
+    reach = np.where((reach == 0.0) & (far > 0.0), 4.0 * thermal, reach)  # of a law that stores no more
+    with np.errstate(divide="ignore"):
+        spring = np.where((overlap > 0.0) & (compliance < np.inf), 1.0 / compliance, 0.0)
+    end = np.where(reach > 0.0, static + reach, 0.0)
+    found = _with_profiles(stiffness[None], forces, np.zeros_like(end), end, energy, spring, overlap)
+    return np.concatenate([depth[None], found[:1], at_rest[None], found[1:]])
+
+
+_LOWEST, _HIGHEST = -60.0, 40.0  # logarithms between which roots are looked for
+
+
+def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: np.ndarray) -> np.ndarray:
+    """Solve ``increasing(depth, rows) = target[rows]`` for all rows by bisection of the logarithm, (row,).
+
+    0 where it never gets there or the target is not positive and finite.
+    """
+
+    def at(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return increasing(_powers(logarithm), rows)
+
+    def reached(logarithm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        values = at(logarithm, rows)
+        return np.asarray((values >= target[rows]) | np.isnan(values))  # NaN is an overflow
+
+    rows = np.flatnonzero((target > 0.0) & (target < np.inf))
+    rows = rows[reached(np.full(len(rows), _HIGHEST), rows)]
+    below, above = _bracket(at, reached, rows, target[rows])
+    low, high = np.full(len(rows), _LOWEST), np.full(len(rows), _HIGHEST)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        up = middle >= above
+        unknown = np.flatnonzero((below < middle) & (middle < above))
+        up[unknown] = reached(middle[unknown], rows[unknown])
+        low, high = np.where(up, low, middle), np.where(up, middle, high)
+    result = np.zeros(len(target))
+    result[rows] = _powers(0.5 * (low + high))
+    return result
+
+
+def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return narrow bounds of the roots that a few secants find, as they do for powers, else infinite ones."""
+    last, guess = np.full(len(rows), -6.0), np.full(len(rows), -3.0)
+    with np.errstate(all="ignore"):
+        off = np.log10(at(last, rows) / target)
+        for _ in range(8):
+            now = np.log10(at(guess, rows) / target)
+            shift = np.where(now != off, now * (guess - last) / (now - off), 0.0)
+            last, off, guess = guess, now, np.clip(guess - shift, _LOWEST, _HIGHEST)
+            if not (np.abs(shift) > 1e-14).any():
+                break
+    guess = np.where(np.isnan(guess), _HIGHEST, guess)
+    below, above = guess - 1e-13, guess + 1e-13
+    sure = ~reached(below, rows) & reached(above, rows)
+    return np.where(sure, below, -np.inf), np.where(sure, above, np.inf)
+
+
+def _powers(logarithm: np.ndarray) -> np.ndarray:
+    """Powers of ten one by one: NumPy's own depend on the processor."""
+    return np.array([10.0**item for item in logarithm.tolist()])

@@ -1,0 +1,1 @@
+"""Pictures: the style of figures, and drawings of networks."""

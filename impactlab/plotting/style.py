@@ -1,0 +1,99 @@
+"""The style of figures: colours, units and numbers as text, values with their errors."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Colours that can be told apart with every kind of colour vision (Okabe and Ito)."""
+
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "axes.prop_cycle": cycler(color=COLORS),
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.0,
+    "errorbar.capsize": 2.0,
+    "hatch.linewidth": 0.6,
+    "mathtext.fontset": "dejavusans",
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "white",
+}
+
+
+@contextlib.contextmanager
+def style() -> Iterator[None]:
+    """Draw in the style of impactlab's figures while this context is active."""
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def png(figure: Figure, dpi: float) -> bytes:
+    """Return a figure as PNG, drawn once: `savefig` would draw all of it twice, first for the layout alone."""
+    buffer, canvas, before = io.BytesIO(), figure.canvas, figure.dpi
+    try:
+        figure.dpi = dpi
+        FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
+    finally:
+        figure.dpi = before
+        figure.set_canvas(canvas)
+    return buffer.getvalue()
+
+
+def units_text(units: str) -> str:
+    """Return units in the notation of UDUNITS as text with raised exponents."""
+    return re.sub(r"(?<=[A-Za-z])(-?\d+(?:/\d+)?)", r"$^{\1}$", units)
+
+
+def number_text(value: float) -> str:
+    """Return a number with three digits, as a power of ten where that is shorter."""
+    text = f"{value:.3g}"
+    if "e" not in text:
+        return text.replace("-", "\N{MINUS SIGN}")
+    mantissa, exponent = text.split("e")
+    factor = "" if mantissa == "1" else rf"{mantissa} \times "
+    return rf"${factor}10^{{{int(exponent)}}}$"
+
+
+def band(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None, **line: Any) -> None:
+    """Draw a curve with a band of two standard errors on both sides.
+
+    Parameters
+    ----------
+    axes : Axes
+    x, value, error : array_like
+        Abscissa, value and standard error.
+    label : str, optional
+        For the legend.
+    **line
+        What `Axes.plot` takes, such as `color`.
+    """
+    x, value, error = (np.asarray(item, dtype=float) for item in (x, value, error))
+    (drawn,) = axes.plot(x, value, label=label, **line)
+    axes.fill_between(x, value - 2.0 * error, value + 2.0 * error, color=drawn.get_color(), alpha=0.25, linewidth=0.0)
+
+
+def points(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None, **line: Any) -> None:
+    """Draw points with bars of two standard errors on both sides; parameters as of :func:`band`."""
+    drawn: dict[str, Any] = {"fmt": "o", "linewidth": 1.0} | line
+    axes.errorbar(x, value, yerr=2.0 * np.asarray(error, dtype=float), label=label, **drawn)

@@ -1,0 +1,1 @@
+"""Records: what a simulation keeps besides its statistics."""

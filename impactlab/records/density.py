@@ -1,0 +1,307 @@
+"""Records of probability densities: histograms of groups of realizations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.component import parameter, suggestion
+from impactlab.errors import InvalidInput, warn
+from impactlab.kernels.histogram import count_pairs, count_samples
+from impactlab.linear.laws import extent
+from impactlab.nonlinear.tangent_stiffness import Stiffening
+from impactlab.plan.plan import Plan
+from impactlab.records.record import Keeper, Record
+from impactlab.results.labels import Variables, labelled, with_error
+from impactlab.results.snapshot import QUANTITIES
+from impactlab.statistics.groups import OF_BAND, group_count, groups_of, mean_of_groups
+
+DEVIATIONS = 5.5
+"""Standard deviations on either side that densities show where no limits are given."""
+
+OUTSIDE = 0.01
+"""Part of the samples that may be outside of limits that were not given."""
+
+_PER = {"displacement": "m-1", "velocity": "s m-1"}
+
+
+class Density(Record):
+    """Probability density of a displacement or velocity, averaged over bins.
+
+    Standard errors come from groups of realizations (batches, if there are few), as
+    for the statistics. A band of as many of them on both sides as the band factor says holds the density in
+    all bins with a probability of 95 %.
+
+    Parameters
+    ----------
+    quantity : str
+        "displacement" or "velocity".
+    oscillators : sequence of str, optional
+        Bodies; all by default.
+    bins : int
+        Number of bins between the limits.
+    limits : pair of float, or mapping of str to pair, optional
+        Lower and upper limit, for all bodies or by name; by default 5.5 standard
+        deviations of the linear law at the highest temperature that contacts bring, around where static
+        forces hold the body, and for what only contacts hold as far as these let it go.
+    """
+
+    summed: ClassVar[tuple[str, ...]] = ("counts",)
+
+    quantity: str = parameter("displacement")
+    oscillators: tuple[str, ...] | None = parameter(None, kw_only=True)
+    bins: int = parameter(200, minimum=1)
+    limits: Any = parameter(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quantity not in _PER:
+            raise InvalidInput(f"Density.quantity: {suggestion(self.quantity, _PER)}")
+        object.__setattr__(self, "limits", _plain_limits(self.limits))
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        return type(self).__name__, self.quantity
+
+    def resolved(self, model: Model) -> Record:
+        names = _known("Density", self.oscillators, model)
+        limits = _resolved_limits(self, names, self.limits, self.quantity, model)
+        return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
+
+    def stride(self, model: Model, step: float) -> int:
+        return _stride(self.oscillators, model, step)
+
+    def bytes_per_block(self, plan: Plan) -> int:
+        return 8 * len(self.limits) * group_count(plan) * (self.bins + 2)
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Counts(self, plan, realizations, ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        counts = results[0]["counts"]
+        samples = counts.sum(axis=2, keepdims=True)
+        q, n = self.quantity, len(plan.system.bodies)
+        edges = np.full((n, self.bins + 1), np.nan)
+        density, error = np.full((2, n, self.bins), np.nan)
+        factor = np.full(n, np.nan)
+        for row, (name, low, high) in enumerate(self.limits):
+            slot = plan.system.bodies.index(name)
+            edges[slot] = np.linspace(low, high, self.bins + 1)
+            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.realizations.trusted)
+            _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), q)
+            width = (high - low) / self.bins
+            density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
+        dims, units = ("oscillator", f"{q}_bin"), QUANTITIES[q].units
+        text, centers = f"probability density of the {q}, averaged over bins", 0.5 * (edges[:, 1:] + edges[:, :-1])
+        return {
+            **with_error(f"density_{q}", dims, density, error, _PER[q], text),
+            f"density_{q}_band_factor": (("oscillator",), factor, OF_BAND),
+            f"{q}_edges": labelled(("oscillator", f"{q}_edge"), edges, units, "edges of the bins"),
+            f"{q}_center": labelled(dims, centers, units, "centers of the bins"),
+        }
+
+
+class JointDensity(Record):
+    """Joint probability density of the displacements of two bodies, averaged over bins.
+
+    Parameters
+    ----------
+    first, second : str
+        The bodies.
+    bins : int
+        Number of bins in each direction.
+    limits : mapping of str to pair, optional
+        Lower and upper limit by name; by default as for `Density`.
+    """
+
+    summed: ClassVar[tuple[str, ...]] = ("counts",)
+
+    first: str = parameter(kw_only=False)
+    second: str = parameter(kw_only=False)
+    bins: int = parameter(60, minimum=1)
+    limits: Any = parameter(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "limits", _plain_limits(self.limits))
+
+    def resolved(self, model: Model) -> Record:
+        names = _known("JointDensity", (self.first, self.second), model)
+        if self.first == self.second:
+            raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
+        limits = _resolved_limits(self, names, self.limits, "displacement", model)
+        return _with_limits(self.replace(limits=limits), self.limits)
+
+    def stride(self, model: Model, step: float) -> int:
+        return _stride((self.first, self.second), model, step)
+
+    def bytes_per_block(self, plan: Plan) -> int:
+        return 8 * group_count(plan) * (self.bins + 2) ** 2
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Pairs(self, plan, realizations, ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        counts = results[0]["counts"]
+        samples, shape = counts.sum(axis=(1, 2))[:, None], counts.shape[1:]
+        inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
+        share, scatter, factor = mean_of_groups(
+            counts.reshape(len(counts), -1), samples, plan.realizations.trusted, inner.ravel()
+        )
+        joint, error = share.reshape(shape), scatter.reshape(shape)[1:-1, 1:-1]
+        for name, inside in ((self.first, joint[1:-1]), (self.second, joint[:, 1:-1])):
+            _warn_of_outside(self, name, 1.0 - inside.sum(), "displacement")
+        edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
+        area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
+        text = f"joint density of the displacements of {self.first} and {self.second}"
+        dims = "joint_first_bin", "joint_second_bin"
+        return {
+            **with_error("joint_density", dims, joint[1:-1, 1:-1] / area, error / area, "m-2", text),
+            "joint_density_band_factor": ((), np.array(factor), OF_BAND),
+            "joint_first_edges": labelled(("joint_first_edge",), edges[0], "m", f"edges of the bins of {self.first}"),
+            "joint_second_edges": labelled(
+                ("joint_second_edge",), edges[1], "m", f"edges of the bins of {self.second}"
+            ),
+        }
+
+
+class _Counts(Keeper):
+    """Histograms per group of realizations."""
+
+    def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        super().__init__(ratio)
+        self.groups, self.record = groups_of(plan, realizations), record
+        self.rows = [plan.snapshot.row(record.quantity, name) for name, _, _ in record.limits]
+        self.counts = np.zeros((len(record.limits), group_count(plan), record.bins + 2), dtype=np.int64)
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        first = self.first_of(snapshots)
+        for row, counts, (_, low, high) in zip(self.rows, self.counts, self.record.limits, strict=True):
+            inverse_width = self.record.bins / (high - low)
+            count_samples(snapshots, first, self.ratio, row, low, inverse_width, self.groups[batch], counts)
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"counts": self.counts.transpose(1, 0, 2)}
+
+
+class _Pairs(Keeper):
+    def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        super().__init__(ratio)
+        self.groups, self.record = groups_of(plan, realizations), record
+        self.rows = np.array([plan.snapshot.row("displacement", name) for name, _, _ in record.limits])
+        self.low = np.array([low for _, low, _ in record.limits])
+        self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
+        self.counts = np.zeros((group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        first = self.first_of(snapshots)
+        count_pairs(
+            snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, self.record.bins,
+            self.groups[batch], self.counts,
+        )  # fmt: skip
+
+    def result(self) -> dict[str, np.ndarray]:
+        return {"counts": self.counts}
+
+
+def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
+    """Sample about three times per period of the fastest body that is recorded."""
+    slots = [model.bodies.index(name) for name in names or model.bodies]
+    fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
+    return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
+
+
+def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
+    if not isinstance(names, tuple | None):
+        raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), {names!r} was given.")
+    for name in names or ():
+        if name not in model.bodies:
+            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
+    return tuple(names) if names else model.bodies
+
+
+def _plain_limits(limits: Any) -> Any:
+    """Return limits as None, a pair, or triples (name, low, high)."""
+    if limits is None:
+        return None
+    items = limits
+    if isinstance(limits, Mapping):
+        items = [(name, *(pair if isinstance(pair, list | tuple) else (pair,))) for name, pair in limits.items()]
+    if not isinstance(items, list | tuple):
+        raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
+    plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in items)
+    by_name = plain and all(isinstance(item, tuple) for item in plain)
+    pairs: list[Any] = [item[1:] for item in plain] if by_name else [plain]
+    for pair in pairs:
+        if len(pair) != 2 or not all(isinstance(limit, int | float | np.number) for limit in pair):
+            raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
+        low, high = (float(limit) for limit in pair)
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise InvalidInput(f"Limits must be two increasing finite numbers, ({low!r}, {high!r}) was given.")
+    return plain
+
+
+def _resolved_limits(
+    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model
+) -> tuple[tuple[str, float, float], ...]:
+    """Return one (name, low, high) per body."""
+    place = type(record).__name__
+    if limits and not isinstance(limits[0], tuple):
+        return tuple((name, *limits) for name in names)
+    given = {name: pair for name, *pair in limits or ()}
+    _known(place, tuple(given), model)
+    chosen = [model.bodies.index(name) for name in names if name not in given]
+    low, high = _reach(model, quantity) if chosen else np.zeros((2, len(model.bodies)))
+    for slot in chosen:
+        if not -math.inf < low[slot] < high[slot] < math.inf:
+            name = model.bodies[slot]
+            raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
+    pairs = {model.bodies[slot]: (low[slot], high[slot]) for slot in chosen} | given
+    return tuple((name, float(pairs[name][0]), float(pairs[name][1])) for name in names)
+
+
+def _reach(model: Model, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the limits between which bodies move, (body,) each; not finite where they are not known."""
+    scale = extent(model)
+    if quantity == "velocity":
+        return -DEVIATIONS * scale[1], DEVIATIONS * scale[1]
+    heat = model.mass * scale[1] ** 2
+    with np.errstate(invalid="ignore"):
+        energy = np.where(np.isfinite(heat), heat, 0.0)
+    loose = ~np.isfinite(scale[0])
+    if not (loose.any() or (model.clearance < 0.0).any()):
+        return -DEVIATIONS * scale[0], DEVIATIONS * scale[0]
+    stiffening = Stiffening.of(model, 0.5 * DEVIATIONS**2 * energy)
+    rest = np.where(loose, 0.0, stiffening.rest)
+    low, high = (np.append(rest + sign * DEVIATIONS * scale[0], 0.0) for sign in (-1.0, 1.0))
+    first, second = model.ends.T
+    farthest = model.clearance + stiffening.penetration
+    for _ in range(int(loose.sum())):  # what holds a body that no spring holds, from neighbour to neighbour
+        before = low.copy(), high.copy()
+        np.minimum.at(high, first, np.where(np.append(loose, False)[first], high[second] + farthest, np.inf))
+        np.maximum.at(low, second, np.where(np.append(loose, False)[second], low[first] - farthest, -np.inf))
+        if np.array_equal(before, (low, high)):
+            break
+    return low[:-1], high[:-1]
+
+
+def _with_limits(record: Density | JointDensity, given: Any) -> Record:
+    """Note whose limits a record has chosen itself."""
+    named = {item[0] for item in given or () if isinstance(item, tuple)}
+    chosen = frozenset(name for name, _, _ in record.limits if given is None or (named and name not in named))
+    object.__setattr__(record, "chosen", chosen)
+    return record
+
+
+def _warn_of_outside(record: Any, name: str, outside: float, quantity: str) -> None:
+    """Warn of samples that a density does not show: some if it has chosen its limits, all if they were given."""
+    if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
+        low, high = next(tuple(pair) for item, *pair in record.limits if item == name)
+        warn(
+            f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "
+            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give limits={{{name!r}: (low, high)}}."
+        )

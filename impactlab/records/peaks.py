@@ -1,0 +1,255 @@
+"""Records of peaks: the largest contact forces in windows of time, and how often levels are crossed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.component import finite, parameter, suggestion
+from impactlab.errors import InvalidInput
+from impactlab.kernels.histogram import add_crossings
+from impactlab.linear.laws import extent
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
+from impactlab.plan.plan import Plan
+from impactlab.records.record import Keeper, Record
+from impactlab.results.labels import Variables, labelled, with_error
+from impactlab.statistics.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
+
+REACH = 20.0
+"""Thermal energies that the largest indentation stores, where it is not given."""
+
+KNOWN = 0.25
+"""Largest relative standard error of a rate from which return levels are taken."""
+
+EXACT = 5e-3
+"""Relative error that rates may have at the automatic step: much for levels where they hardly depend on the force."""
+
+SURE = 3.0
+"""Standard errors by which the largest rate must be above one in a return time, or its level is not known."""
+
+
+class PeakForces(Record):
+    """Largest contact forces in windows of time, and forces that are exceeded once in a given time.
+
+    Peaks grow with the time of observation: each has that of its window. Return levels come from the rate ν at
+    which indentations are crossed on the way in, a flux like the contact rate, so that no short contact is missed. The
+    return level F of a time t has ``ν(F) t = 1``, for forces that grow with the indentation and depend on it alone.
+    The largest force in a time t is above any F with a probability of at most ``P(F(0) > F) + ν(F) t``; where
+    crossings do not cluster it is below with the probability ``exp(−ν(F) t)``. All steps are taken, without jumps.
+
+    Parameters
+    ----------
+    window : float, optional
+        Length of the windows (s), whole steps; by default the duration.
+    contacts : sequence of str, optional
+        Contacts; all by default.
+    bins : int
+        Number of bins of the indentation.
+    limits : float or mapping of str to float, optional
+        Largest indentation of all contacts, or by name (m); by default that which stores 20 thermal energies.
+    return_times : sequence of float, optional
+        Return times (s); by default 1, 10 and 100 windows. Levels are NaN where rates are not known to 25 %.
+    """
+
+    window: float | None = parameter(None, units="s", above=0.0)
+    contacts: tuple[str, ...] | None = parameter(None)
+    bins: int = parameter(100, minimum=4)
+    limits: Any = parameter(None)
+    return_times: tuple[float, ...] | None = parameter(None, units="s")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.limits, Mapping):
+            object.__setattr__(self, "limits", tuple(self.limits.items()))
+        elif isinstance(self.limits, list | tuple):  # of pairs, as a file has them
+            pairs = tuple(tuple(item) if isinstance(item, list) else item for item in self.limits)
+            object.__setattr__(self, "limits", pairs)
+        by_name = isinstance(self.limits, tuple) and all(isinstance(item, tuple) for item in self.limits)
+        if not (self.limits is None or isinstance(self.limits, int | float) or by_name):
+            raise InvalidInput(f"PeakForces.limits is a number or {{name: number}} (m), {self.limits!r} was given.")
+        for time in self.return_times or ():
+            if finite("PeakForces.return_times", time) <= 0.0:
+                raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, {time!r} was given.")
+
+    every_step: ClassVar[bool] = True
+
+    def resolved(self, model: Model) -> Record:
+        known = tuple(model.network.contacts)
+        if isinstance(self.contacts, str):
+            raise InvalidInput(f"PeakForces: contacts is a sequence of names, {self.contacts!r} was given.")
+        names = tuple(self.contacts or known)
+        given = dict(self.limits) if isinstance(self.limits, tuple) else dict.fromkeys(names, self.limits)
+        for name in (*names, *given):
+            if name not in known:
+                raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
+        heat = energies(model, "stationary", 1.0)
+        if len(model.coupled) and not model.forced:  # what couplings carry is not as hot as a heavy base
+            warm = model.mass * extent(model)[1] ** 2
+            heat = np.where(warm > 0.0, np.minimum(heat, warm), heat)
+        depths = dict(zip(known, Stiffening.of(model, REACH * heat).penetration.tolist(), strict=True))
+        limits = []
+        for name in names:
+            depth = depths[name] if given.get(name) is None else finite(f"PeakForces.limits of {name!r}", given[name])
+            if not 0.0 < depth < math.inf:
+                state = "must be more than 0 m and finite" if given.get(name) is not None else "cannot be foreseen"
+                raise InvalidInput(
+                    f"PeakForces: the largest indentation of {name!r} {state}, it is {depth!r}; give "
+                    f"limits={{{name!r}: …}} (m)."
+                )
+            limits.append((name, depth))
+        return self.replace(contacts=names, limits=tuple(limits))
+
+    def stride(self, model: Model, step: float) -> int:
+        return 1
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Peaks(self, plan, realizations)
+
+    def steps_per_window(self, plan: Plan) -> int:
+        """Return the number of steps in a window.
+
+        Raises
+        ------
+        InvalidInput
+            If it is longer than the run.
+        """
+        if self.window is None:
+            return plan.clock.steps
+        steps = max(1, int(self.window / plan.clock.step * (1.0 + 1e-9)))
+        if steps > plan.clock.steps:
+            raise InvalidInput(
+                f"PeakForces.window of {self.window:g} s is longer than the duration of {plan.clock.duration:g} s."
+            )
+        return steps
+
+    def bytes_per_realization(self, plan: Plan, interval: float) -> int:
+        bins, windows = 3 * samples_per_realization(plan) * self.bins, plan.clock.steps // self.steps_per_window(plan)
+        return 8 * len(self.limits) * (bins + windows)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        count, window = len(plan.system.contacts), self.steps_per_window(plan) * plan.clock.step
+        if not count:
+            return {}
+        flux, inward, push, samples = (
+            grouped([result[key] for result in results]) for key in ("flux", "inward", "push", "samples")
+        )
+        peaks = np.concatenate([result["peaks"] for result in results])
+        times = np.array(self.return_times or (window, 10.0 * window, 100.0 * window))
+        rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
+        factor, everywhere = np.full(count, np.nan), np.full((*peaks.shape[:2], count), np.nan)
+        levels = np.full((2, count, len(times)), np.nan)
+        for row, (name, depth) in enumerate(self.limits):
+            slot, width = plan.system.contacts.index(name), depth / self.bins
+            own, total = flux[:, row], inward[:, row].sum(axis=0)
+            indentation[slot] = (np.arange(self.bins) + 0.5) * width
+            force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
+            mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.realizations.trusted, slice(None))
+            rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
+            relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
+            if plan.realizations.trusted:
+                found = [_return_level(own, samples, rate[slot], relative, force[slot], time) for time in times]
+                levels[:, slot] = np.transpose(found)
+            everywhere[:, :, slot] = peaks[:, :, row]
+        per_bin, per_time = ("contact", "crossing_bin"), ("contact", "return_time")
+        of_rate = "rate of crossings of an indentation on the way in, averaged over bins"
+        of_level = "contact force that is exceeded once in the return time, on average"
+        return {
+            "window_peak_force": labelled(
+                ("realization", "window", "contact"), everywhere, "N", "largest contact force in each window"
+            ),
+            "peak_window": labelled((), np.array(window), "s", "length of the windows of peaks"),
+            **with_error("crossing_rate", per_bin, rate, error, "s-1", of_rate),
+            "crossing_rate_band_factor": (("contact",), factor, OF_BAND),
+            "crossing_indentation": labelled(per_bin, indentation, "m", "centers of the bins"),
+            "crossing_force": labelled(per_bin, force, "N", "mean contact force at crossings"),
+            "return_time": labelled(("return_time",), times, "s", "return time"),
+            **with_error("return_level", per_time, levels[0], levels[1], "N", of_level),
+        }
+
+
+class _Peaks(Keeper):
+    def __init__(self, record: PeakForces, plan: Plan, realizations: np.ndarray) -> None:
+        super().__init__()
+        self.record, self.parts, self.window = record, samples_per_realization(plan), record.steps_per_window(plan)
+        bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
+        slots = [plan.system.contacts.index(name) for name, _ in record.limits]
+        ends = plan.system.ends[slots]
+        first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
+        self.forces = first[2] + np.array(slots, dtype=np.int64)
+        self.rows = np.column_stack([*(np.where(ends < bodies, row + ends, -1) for row in first[:2]), self.forces])
+        self.clearance = plan.system.clearance[slots]
+        self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
+        self.flux, self.inward, self.push = np.zeros((3, self.parts, count, lanes, record.bins))
+        self.samples = np.zeros((lanes, self.parts))
+        self.peaks = np.zeros((lanes, plan.clock.steps // self.window, count))
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        begin, self.seen = self.seen, self.seen + len(snapshots)
+        part = min(batch, self.parts - 1)
+        self.samples[:, part] += len(snapshots)
+        for row in range(len(self.rows)):
+            target = self.flux[part, row], self.inward[part, row], self.push[part, row]
+            add_crossings(snapshots, self.rows[row], self.clearance[row], self.inverse_width[row], *target)
+        for window in range(begin // self.window, min((self.seen - 1) // self.window + 1, self.peaks.shape[1])):
+            inside = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
+            largest = snapshots[inside, self.forces].max(axis=0).T
+            np.maximum(self.peaks[:, window], largest, out=self.peaks[:, window])
+
+    def result(self) -> dict[str, np.ndarray]:
+        flux, inward, push = (item.transpose(2, 0, 1, 3) for item in (self.flux, self.inward, self.push))
+        return {"flux": flux, "inward": inward, "push": push, "samples": self.samples, "peaks": self.peaks}
+
+
+def _return_level(
+    flux: np.ndarray, samples: np.ndarray, rate: np.ndarray, relative: np.ndarray, force: np.ndarray, time: float
+) -> tuple[float, float]:
+    """Force at which crossings are once in a time, and its standard error; NaN if it is not known.
+
+    Around the level, where the rate is within a factor e of one in the time, its logarithm has the form of a Gibbs law:
+    ``a + b δ + c ∫F``, F being a parabola in the indentation δ. Its largest value must be known to be above one in
+    the time.
+    """
+    with np.errstate(divide="ignore"):
+        distance = np.log(rate * time)
+    usable = (relative <= KNOWN) & np.isfinite(force) & (np.abs(distance) <= 1.0)
+    top, last = int(np.argmax(rate)), int(np.flatnonzero(usable).max(initial=-1))
+    near = np.flatnonzero(usable & (np.arange(len(rate)) >= _begin(usable, top)))
+    if len(near) < 4 or last < top or distance[near].max() < 0.0 or distance[last] > 0.0:
+        return math.nan, math.nan
+    middle, half = 0.5 * (near[0] + near[-1]), 0.5 * (near[-1] - near[0])
+    place = (near - middle) / half
+    level, stiffness, bend = np.linalg.lstsq(np.vander(place, 3, increasing=True), force[near], rcond=None)[0]
+    twist = (
+        2.0 / 3.0 * np.clip(bend / stiffness, -0.5, 0.5) if stiffness > 0.0 else 0.0
+    )  # of the work, δ² (1 + twist δ)
+    weights = 1.0 / relative[near]
+    terms = np.stack([np.ones(len(near)), place, place**2 * (1.0 + twist * place)], axis=1)
+    solve = np.linalg.pinv(weights[:, None] * terms) * weights
+    logarithm = np.polynomial.Polynomial([*(solve @ distance[near]), 0.0])
+    logarithm.coef[3] = twist * logarithm.coef[2]
+    # what each group adds to the logarithms of the rates
+    parts = flux[:, near] / flux[:, near].sum(axis=0) - samples[:, None] / samples.sum()
+    groups = len(samples)
+
+    def scatter(at: float) -> float:
+        moved = parts @ ([1.0, at, at**2 * (1.0 + twist * at)] @ solve)
+        return math.hypot(EXACT, math.sqrt(float((moved**2).sum()) * groups / (groups - 1.0)))
+
+    highest = place[int(np.argmax(logarithm(place)))]
+    roots = logarithm.roots()
+    falling = [x for x in roots[roots.imag == 0.0].real if highest <= x <= 1.0 and logarithm.deriv()(x) < 0.0]
+    if not falling or logarithm(highest) < SURE * scatter(highest):
+        return math.nan, math.nan
+    crossed = falling[0]
+    slope = (stiffness + 2.0 * bend * crossed) / abs(float(logarithm.deriv()(crossed)))
+    return float(level + crossed * (stiffness + bend * crossed)), scatter(crossed) * slope
+
+
+def _begin(usable: np.ndarray, top: int) -> int:
+    """Return where the usable bins around some bin begin."""
+    missing = np.flatnonzero(~usable[:top])
+    return int(missing[-1]) + 1 if missing.size else 0

@@ -1,0 +1,159 @@
+"""Trajectories written to a netCDF file while the simulation runs, in constant memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from impactlab.errors import Interrupted, InvalidInput
+from impactlab.machine import tuning
+from impactlab.plan.plan import Plan
+from impactlab.records.record import Keeper, Trajectory, sample_count, trajectory_size
+from impactlab.results.dataset import LOCK, told
+from impactlab.results.labels import Variables
+from impactlab.results.schema import CONTACT
+from impactlab.results.snapshot import TIME
+
+
+@contextlib.contextmanager
+def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
+    """Give the plan whose trajectories go to a new file instead of memory.
+
+    Parameters
+    ----------
+    plan : Plan
+        With a record of trajectories.
+    path : Path
+        File to be written.
+    folder : Path
+        Where it is, for messages.
+
+    Raises
+    ------
+    InvalidInput
+        If the disk has not enough space.
+    ImpactLabError
+        If the file cannot be written.
+    """
+    size, free = trajectory_size(plan), shutil.disk_usage(folder).free
+    if size > free:
+        raise InvalidInput(
+            f"The trajectories would take up to {size / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free in {folder}: use "
+            "a longer interval or fewer realizations."
+        )
+    file = _File(plan, path)
+    try:
+        records = tuple(
+            (_Streamed(file) if isinstance(item, Trajectory) else item, ratio) for item, ratio in plan.observed.records
+        )
+        yield replace(plan, observed=replace(plan.observed, records=records))
+    finally:
+        file.close()
+
+
+class _File:
+    """The file and its variables. What goes wrong while it is written is said in the words of impactlab."""
+
+    def __init__(self, plan: Plan, path: Path) -> None:
+        import netCDF4
+
+        self.plan, self.path, self.closed = plan, path, False
+        interval, samples = sample_count(plan)
+        chunk = tuning().chunk_bytes
+        self.length = max(1, min(samples, chunk // (8 * plan.realizations.lanes * plan.snapshot.size)))
+        with LOCK, self.said():
+            self.data = netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4")
+            self.data.set_fill_off()  # everything is written
+            sizes = {"realization": plan.realizations.number, "time": samples}
+            sizes |= {item.dimension: len(plan.snapshot.names(item.name)) for item in plan.snapshot.quantities}
+            for name, count in sizes.items():
+                self.data.createDimension(name, count)
+            for item in plan.snapshot.quantities:
+                count = sizes[item.dimension]
+                lanes = max(1, min(plan.realizations.lanes, chunk // (8 * self.length * count)))
+                variable = self.data.createVariable(
+                    item.name, "f8", ("realization", "time", item.dimension), fletcher32=True,
+                    chunksizes=(lanes, self.length, count), complevel=1,
+                    compression="zlib" if item.dimension == CONTACT else None,
+                )  # fmt: skip
+                variable.setncatts({"units": item.units, "long_name": item.long_name})
+            time = self.data.createVariable("time", "f8", ("time",), fletcher32=True)
+            time.setncatts(TIME)
+            time[:] = interval * np.arange(samples)
+            self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
+            self.data["realization"][:] = np.arange(plan.realizations.number)
+
+    def said(self) -> contextlib.AbstractContextManager[None]:
+        """Say in words what goes wrong."""
+        return told("The file of the trajectories, of which nothing is left,", self.path)
+
+    def write(self, realizations: np.ndarray, begin: int, values: np.ndarray) -> None:
+        """Write samples [sample, quantity, lane] of some realizations, from the sample `begin` on."""
+        rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, begin + len(values))
+        with LOCK, self.said():
+            if self.closed:
+                raise Interrupted("The simulation was stopped.")
+            for name in (item.name for item in self.plan.snapshot.quantities):
+                self.data[name][rows, times] = values[:, self.plan.snapshot.place(name)].transpose(2, 0, 1)
+
+    def close(self) -> None:
+        """Write what the library has kept, and close the file."""
+        with LOCK, self.said():
+            self.closed = True
+            self.data.close()
+
+
+class _Streamed:
+    """In the place of a record of trajectories whose samples go to a file."""
+
+    summed = ()
+
+    def __init__(self, file: _File) -> None:
+        self.file = file
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Writer(self.file, realizations, ratio)
+
+    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        return {}  # they are in the file
+
+
+class _Writer(Keeper):
+    """Collects samples of one block until there are enough to be written."""
+
+    wants_start = True
+
+    def __init__(self, file: _File, realizations: np.ndarray, ratio: int) -> None:
+        super().__init__(ratio)
+        self.waiting = np.empty((file.length, file.plan.snapshot.size, len(realizations)))
+        self.file, self.realizations, self.begin, self.count = file, realizations, 0, 0
+
+    def start(self, values: np.ndarray) -> None:
+        self._take(values[None])
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        self._take(self.own(snapshots))
+
+    def _take(self, samples: np.ndarray) -> None:
+        while len(samples):
+            some = samples[: len(self.waiting) - self.count]
+            self.waiting[self.count : self.count + len(some)] = some
+            self.count += len(some)
+            samples = samples[len(some) :]
+            if self.count == len(self.waiting):
+                self._write()
+
+    def _write(self) -> None:
+        self.file.write(self.realizations, self.begin, self.waiting[: self.count])
+        self.begin, self.count = self.begin + self.count, 0
+
+    def result(self) -> dict[str, np.ndarray]:
+        if self.count:
+            self._write()
+        return {}

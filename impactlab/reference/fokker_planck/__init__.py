@@ -1,0 +1,1 @@
+"""The stationary law of two bodies from the Fokker–Planck equation, without random numbers."""

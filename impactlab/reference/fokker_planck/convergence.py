@@ -1,0 +1,86 @@
+"""How accurate statistics are, from coarser grids and longer steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from impactlab.reference.fokker_planck.propagator import Basis
+from impactlab.reference.fokker_planck.settings import LADDER, SHARES
+
+Values = dict[str, np.ndarray]
+
+RELATIVE_BALANCES = "balance_force", "balance_power"
+"""Balances that are relative errors of statistics."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """Statistics, and those with one direction of the basis made coarser.
+
+    Attributes
+    ----------
+    values : dict of str to ndarray
+    coarser : dict of str to dict
+        By the directions of `LADDER`.
+    balances : dict of str to ndarray
+        What should be 0.
+    """
+
+    values: Values
+    coarser: dict[str, Values]
+    balances: Values
+
+    @cached_property
+    def relative(self) -> dict[str, float]:
+        """Relative errors of all statistics but the rate of contacts, by direction of the basis, and of balances.
+
+        A direction's error is that of the statistic that changes most, since errors of the others pass through 0:
+        a share of it, or for the step what three of them show, between the third and the fourth order.
+        """
+        changes = {name: self._change(values) for name, values in self.coarser.items()}
+        result = {name: share * changes[name] for name, share in SHARES.items()}
+        twice = changes[LADDER[-1]]
+        order = 2.0 * math.log2(max(twice / max(changes["step"], 1e-300) - 1.0, 1.0))
+        result["step"] = twice / (2.0 ** min(max(order, 3.0), 4.0) - 1.0)
+        result["balances"] = max(float(np.abs(self.balances[name]).max()) for name in RELATIVE_BALANCES)
+        return result
+
+    def together(self, directions: Sequence[str] = Basis._fields) -> float:
+        """Return the sum over some directions, at least the largest balance, which feels all errors.
+
+        If directions are left out, balances may suffer from these, and do not count.
+        """
+        least = self.relative["balances"] if len(directions) == len(Basis._fields) else 0.0
+        return max(sum(self.relative[name] for name in directions), least)
+
+    @cached_property
+    def total(self) -> Values:
+        """Errors of the statistics: those of all directions together; for the rate of contacts, its own changes."""
+        result = {name: self.together() * np.abs(value) for name, value in self.values.items()}
+        own = [np.abs(self.coarser[name]["contact_rate"] - self.values["contact_rate"]) for name in Basis._fields]
+        result["contact_rate"] = np.sum(own, axis=0)
+        return result
+
+    def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:
+        """Return those of some directions to refine, and by how much; none if the errors are within the tolerance."""
+        if self.together(directions) <= tolerance:
+            return {}
+        excess = {name: self.relative[name] / tolerance * (len(self.relative) + 1) for name in directions}
+        return {name: part for name, part in excess.items() if part > 1.0} or dict.fromkeys(directions, 2.0)
+
+    def summary(self) -> str:
+        """Return the relative errors, as text."""
+        return ", ".join(f"{direction} {error:.1e}" for direction, error in self.relative.items())
+
+    def _change(self, values: Values) -> float:
+        """Return the largest relative change of a statistic."""
+        return max(
+            float((np.abs(values[name] - value) / np.abs(value)).max())
+            for name, value in self.values.items()
+            if name not in ("contact_rate", "mean_velocity")
+        )

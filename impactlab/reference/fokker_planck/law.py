@@ -1,0 +1,128 @@
+"""What a stationary density of two bodies tells its user."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impactlab.components.composition import Composition
+from impactlab.reference.densities import Densities
+from impactlab.reference.fokker_planck.convergence import Convergence, Values
+from impactlab.reference.fokker_planck.propagator import Propagator
+from impactlab.reference.fokker_planck.reading import Characteristic, Reading
+from impactlab.reference.fokker_planck.settings import coarser
+from impactlab.reference.laws import QUANTITIES, known_name
+from impactlab.results.dataset import provenance
+from impactlab.results.schema import statistics
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FokkerPlanckReference(Densities):
+    """Stationary law of two bodies in contact; `fokker_planck` makes it.
+
+    Parameters
+    ----------
+    network : Network
+        The network.
+    propagator : Propagator
+        The grid, and the step on it.
+    phase_density : (gap, center, first, second) ndarray
+        The density at its nodes.
+    errors : Convergence
+        Statistics on this grid and on coarser ones.
+    """
+
+    network: Composition
+    propagator: Propagator
+    phase_density: np.ndarray
+    errors: Convergence
+
+    def statistics(self) -> xr.Dataset:
+        """Return the default statistics but the peak force, with their errors.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables as those of `simulate`; each has an ``<name>_error``, the sum of the errors of
+            all directions of the basis, at least that of the balances. The attribute ``basis`` holds
+            the basis.
+        """
+        dataset = self._dataset(self.errors.values)
+        for name, error in self._dataset(self.errors.total).data_vars.items():
+            attrs = {"units": error.attrs["units"], "long_name": f"numerical error of {error.attrs['long_name']}"}
+            dataset[f"{name}_error"] = error.dims, error.values, attrs
+        configuration = {"network": self.network.to_dict(), "basis": self.basis}
+        return dataset.assign_attrs(provenance("stationary statistics from the Fokker-Planck equation", configuration))
+
+    @property
+    def basis(self) -> dict[str, float]:
+        """Numbers of nodes, size of the box and step (s), as `fokker_planck` takes them."""
+        return self.propagator.basis._asdict()
+
+    def convergence(self) -> xr.Dataset:
+        """Return how each statistic changes with one direction of the basis at a time.
+
+        Returns
+        -------
+        xarray.Dataset
+            The statistics with a dimension ``direction``: values with three quarters of the nodes
+            in that direction, with a box smaller by √0.75, with a step longer by √2, and with one twice
+            as long, each minus the value. ``basis`` (direction) is what the direction was changed to, ``balance_force``
+            (oscillator; relative to the force of the contact), ``balance_moments`` (oscillator; largest relative
+            change of a second moment by a step) and ``balance_power`` what should be 0.
+        """
+        import xarray as xr
+
+        parts = [
+            self._dataset({name: value - self.errors.values[name] for name, value in values.items()})
+            for values in self.errors.coarser.values()
+        ]
+        dataset = xr.concat(parts, dim=xr.Variable("direction", list(self.errors.coarser)))
+        changed = [
+            getattr(coarser(self.propagator.well, self.propagator.basis, name), name.split()[0])
+            for name in self.errors.coarser
+        ]
+        dataset["basis"] = (
+            "direction",
+            np.array(changed, dtype=float),
+            {"long_name": "nodes, half the box in standard deviations, or step in s"},
+        )
+        for name, value in self.errors.balances.items():
+            attrs = {"units": "1", "long_name": name.replace("_", " of ")}
+            dataset[name] = (
+                (("oscillator",), self._in_order(value), attrs) if len(value) == 2 else ((), value[0], attrs)
+            )
+        return dataset
+
+    def __repr__(self) -> str:
+        basis = self.propagator.basis
+        return (
+            f"FokkerPlanckReference: {' and '.join(self.propagator.pair.names)}, {basis.unknowns:.3g} unknowns\n"
+            f"  {basis}\n  relative errors: {self.errors.summary()}"
+        )
+
+    def _dataset(self, values: Values) -> xr.Dataset:
+        ordered = {name: self._in_order(value) for name, value in values.items()}
+        return statistics(list(self.network.oscillators), list(self.network.contacts), ordered)
+
+    def _in_order(self, value: np.ndarray) -> np.ndarray:
+        """Return what belongs to the bodies of the contact in the order of the network."""
+        names = self.propagator.pair.names
+        return value[[names.index(name) for name in self.network.oscillators]] if len(value) == 2 else value
+
+    @cached_property
+    def _reading(self) -> Reading:
+        return Reading(self.propagator, self.phase_density)
+
+    def _curves(self, oscillator: str, quantity: str) -> Characteristic:
+        names = self.propagator.pair.names
+        known_name("body", oscillator, names)
+        known_name("quantity", quantity, QUANTITIES)
+        body = names.index(oscillator)
+        return self._reading.displacement(body) if quantity == "displacement" else self._reading.velocity(body)

@@ -1,0 +1,241 @@
+"""One step of the density of two bodies: the kick of the contact and the exact linear motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.linear.transitions import transition
+from impactlab.reference.fokker_planck.grid import Grid
+from impactlab.reference.fokker_planck.pair import Pair, Well
+from impactlab.reference.fokker_planck.shears import Shears
+from impactlab.reference.fokker_planck.waves import interpolation, onto_waves, planes, symmetric, waves_of
+
+_ABSORBED, _POWER = {"center": 0.6, "velocity": 2.0}, 12
+"""Rates at which the shortest waves are absorbed, in frequencies of the pair, and the power of the wave number."""
+
+
+class Basis(NamedTuple):
+    """Numbers of nodes in each direction, half the size of the box in standard deviations, and the time step (s)."""
+
+    gap: int
+    center: int
+    first: int
+    second: int
+    box: float
+    step: float
+
+    @property
+    def unknowns(self) -> int:
+        return self.gap * self.center * self.first * self.second
+
+
+@dataclass(frozen=True, eq=False)
+class Propagator:
+    """The step of a density on a grid of (q, y, v₁, v₂).
+
+    The density is that of the chain which the default integrator simulates: a kick by the
+    contact, read at the shifted place, and the exact Gaussian transition of each body. Being the
+    same at all times but for errors of fourth order in the step, it needs no small step.
+
+    Functions are trigonometric polynomials in all four coordinates, that of q being a place s on a
+    `Grid`. The transition of a body is a
+    product of shears, friction and noise,
+
+        A = K(b) D(s) F D(r) K(a),   K(a): v → v − a x,   D(r): x → x + r v,   F: v → e^(−ch/m) v + noise,
+
+    which is exact with a little noise on x beside that on v. K and the kick shift v by an amount
+    that is known at each (q, y); D multiplies by a phase at each v and wave number. So a step is a
+    product with small matrices at every (q, y), waves of q and y, and phases and small matrices there.
+
+    Drifts carry waves to ever shorter ones in the velocities, where noise should end them. What the
+    grid does not resolve would come back as long waves, and is absorbed.
+
+    Parameters
+    ----------
+    pair : Pair
+    well : Well
+        Its gap at the temperature that sets the box.
+    basis : Basis
+    """
+
+    pair: Pair
+    well: Well
+    basis: Basis
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Nodes of q and waves on them."""
+        return Grid.of(self.well, self.basis.box, self.basis.gap)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Nodes of q (m)."""
+        return self.grid.nodes
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Nodes of y (m)."""
+        half = self.basis.box * math.sqrt(self.well.temperature / self.pair.stiffness.sum())
+        return symmetric(half, self.basis.center)
+
+    @cached_property
+    def velocities(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of v₁ and v₂ (m s-1)."""
+        halves = self.basis.box * np.sqrt(self.well.temperature / self.pair.mass)
+        return symmetric(halves[0], self.basis.first), symmetric(halves[1], self.basis.second)
+
+    @property
+    def nodes(self) -> tuple[np.ndarray, ...]:
+        return self.gap, self.center, *self.velocities
+
+    @property
+    def cell(self) -> float:
+        """Volume of a cell in the coordinates (s, y, v₁, v₂)."""
+        return math.prod(float(nodes[1] - nodes[0]) for nodes in self.nodes[1:])
+
+    @cached_property
+    def displacements(self) -> np.ndarray:
+        """Displacements at (q, y), (body, gap, center)."""
+        distance = self.gap[:, None] + self.pair.contact.clearance
+        weights = self.pair.weights
+        return np.array([self.center + weights[1] * distance, self.center - weights[0] * distance])
+
+    @cached_property
+    def forces(self) -> np.ndarray:
+        """Force of the contact in a kick, (gap,) (N)."""
+        return self.pair.force(self.shifted_gap)
+
+    @property
+    def _shift(self) -> float:
+        return self.basis.step**2 / 12.0 / self.pair.reduced_mass
+
+    @cached_property
+    def shifted_gap(self) -> np.ndarray:
+        """Places at which the contact is read, (gap,) (m)."""
+        return np.asarray(self.gap - self._shift * self.pair.force(self.gap))
+
+    def stretch(self, gaps: np.ndarray) -> np.ndarray:
+        """Return the derivative of the places at which the contact is read by q."""
+        apart = 1e-6 * self.well.penetration
+        slope = (self.pair.force(gaps + apart) - self.pair.force(gaps - apart)) / (2.0 * apart)
+        return np.asarray(1.0 - self._shift * slope)
+
+    @cached_property
+    def increments(self) -> np.ndarray:
+        """Change of each velocity in a kick, (body, gap, 1) (m s-1)."""
+        return np.asarray(
+            self.basis.step / self.pair.mass[:, None, None] * np.outer((-1.0, 1.0), self.forces)[..., None]
+        )
+
+    @cached_property
+    def flow(self) -> tuple[np.ndarray, np.ndarray]:
+        """Exact transition over a step, (2, 2, 2) each."""
+        return self.transition(self.basis.step)
+
+    def transition(self, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the exact transition of the bodies over some time."""
+        pair = self.pair
+        return transition(pair.mass, pair.damping, pair.stiffness, pair.intensity, step)
+
+    @cached_property
+    def shears(self) -> list[Shears]:
+        """The transition of each body as shears."""
+        friction = np.exp(-self.pair.damping / self.pair.mass * self.basis.step)
+        return [Shears.of(a, q, decay) for a, q, decay in zip(*self.flow, friction, strict=True)]
+
+    @cached_property
+    def kicks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices of the velocities at every (q, y): both shears and the kick between them."""
+        sums = np.array([shears.first + shears.last for shears in self.shears])
+        first, second = self._shifting(self.increments - sums[:, None, None] * self.displacements)
+        first *= self.well.fade(self.gap, self.basis.box).astype(np.float32)[:, None, None, None]
+        return first, second
+
+    def in_kick(self, density: np.ndarray) -> np.ndarray:
+        """Return the density of q, v₁ and v₂ in the middle of the kick."""
+        last = np.array([shears.last for shears in self.shears])
+        first, second = self._shifting(0.5 * self.increments - last[:, None, None] * self.displacements)
+        return np.array(
+            [np.matmul(one @ part, other).sum(axis=0) for one, part, other in zip(first, density, second, strict=True)]
+        )
+
+    def _shifting(self, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the matrices that shift both velocities by amounts (body, gap, center); for the second transposed."""
+        result = []
+        for shift, v in zip(shifts, self.velocities, strict=True):
+            waves, there = waves_of(v)
+            phases = np.exp(-1j * shift[..., None] * waves)
+            result.append(np.ascontiguousarray(((phases[..., None, :] * there) @ onto_waves(v)).real, dtype=np.float32))
+        return result[0], np.ascontiguousarray(result[1].swapaxes(-1, -2))
+
+    @cached_property
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices from nodes of the gap to real and imaginary parts of its waves, and back."""
+        return self.grid.modes.onto.astype(np.float32), self.grid.modes.off.astype(np.float32)
+
+    @cached_property
+    def around(self) -> tuple[np.ndarray, np.ndarray]:
+        """Fourier transform of y and its inverse, for the real and the imaginary part one after the other."""
+        waves, there = waves_of(self.center)
+        return planes(onto_waves(self.center, waves) * self._left(waves, "center")[:, None]), planes(there)
+
+    def _left(self, waves: np.ndarray, direction: str) -> np.ndarray:
+        """Return what absorption leaves of waves in a step."""
+        rate = _ABSORBED[direction] * self.well.fastest
+        return np.asarray(np.exp(-rate * self.basis.step * (waves / waves.max()) ** _POWER))
+
+    @cached_property
+    def drifts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Phases of each body's velocities at every pair of wave numbers, before and after friction and noise."""
+        of_gap, of_center = self.grid.modes.numbers[:, None], waves_of(self.center)[0]
+        weights = self.pair.weights
+        result = []
+        for wave, v, shears in zip(
+            (of_gap + weights[0] * of_center, -of_gap + weights[1] * of_center),
+            self.velocities,
+            self.shears,
+            strict=True,
+        ):
+            wave = wave[..., None]
+            before, after = np.exp(-1j * shears.before * wave * v), np.exp(-1j * shears.after * wave * v)
+            after = after * np.exp(-0.5 * shears.spread * wave**2)
+            result.append((before.astype(np.complex64), after.astype(np.complex64)))
+        return result
+
+    @cached_property
+    def friction(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices of friction and noise, the second transposed."""
+        result = []
+        for v, shears in zip(self.velocities, self.shears, strict=True):
+            waves, there = waves_of(v)
+            left = self._left(waves, "velocity") * np.exp(-0.5 * shears.noise * waves**2)
+            matrix = (there * left) @ onto_waves(shears.decay * v, waves)
+            result.append(matrix.real.astype(np.float32))
+        return result[0], np.ascontiguousarray(result[1].T)
+
+    def start(self) -> np.ndarray:
+        """Return the Gibbs density at the temperature of the box."""
+        temperature, pair = self.well.temperature, self.pair
+        factors = [
+            np.exp(-self.well.energy(self.gap)) * self.grid.cells,
+            np.exp(-0.5 * pair.stiffness.sum() / temperature * self.center**2),
+            *(np.exp(-0.5 * mass / temperature * v**2) for mass, v in zip(pair.mass, self.velocities, strict=True)),
+        ]
+        return self.normalized(np.einsum("a,b,c,d->abcd", *factors).astype(np.float32))
+
+    def normalized(self, density: np.ndarray) -> np.ndarray:
+        return density / np.float32(density.sum(dtype=float) * self.cell)
+
+    def taken_from(self, other: Propagator, density: np.ndarray) -> np.ndarray:
+        """Return the density of another grid on this one; 0 outside of the other's box."""
+        for axis, (own, others) in enumerate(zip(self.nodes, other.nodes, strict=True)):
+            if own is others or np.array_equal(own, others):
+                continue
+            matrix = (interpolation(others, own) if axis else self.grid.taken_from(other.grid)).astype(np.float32)
+            density = np.moveaxis(np.tensordot(matrix, density, axes=(1, axis)), 0, axis)
+        return self.normalized(np.ascontiguousarray(density))

@@ -1,0 +1,223 @@
+"""Labelled results: variables with units, provenance, and files that are whole or absent."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import reprlib
+import shutil
+import tempfile
+from collections.abc import Collection, Hashable, Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+import impactlab
+from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.results.uninterrupted import UninterruptedLock
+
+CONFIGURATION = "impactlab_configuration"
+
+LOCK = UninterruptedLock()
+"""Held around every call of the netCDF library, which is not thread-safe and cannot be interrupted."""
+
+FULL = 1_000_000
+"""Free space (bytes) below which a disk counts as full when a file could not be written."""
+
+
+def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
+    """Return the global attributes that say what a dataset is and how to make it again.
+
+    Parameters
+    ----------
+    title : str
+        What the dataset is.
+    configuration : mapping
+        Plain data that makes it again; stored as one JSON attribute.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": f"impactlab {impactlab.__version__}",
+        "history": f"{now} made by impactlab {impactlab.__version__}",
+        "references": "https://doi.org/10.61186/engt.4.1.2868",
+        CONFIGURATION: json.dumps(configuration, sort_keys=True),
+    }
+
+
+def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the configuration stored with a dataset or a file.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none: the dataset was not made by impactlab, or lost its attributes.
+    """
+    if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):
+        raise InvalidInput(f"Give a dataset that simulate returned, or the path of a file of one; got {source!r}.")
+    dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
+    stored = dataset.attrs.get(CONFIGURATION)
+    if isinstance(dataset, xr.Dataset) and CONFIGURATION in dataset and dataset[CONFIGURATION].ndim == 0:
+        stored = dataset[CONFIGURATION].item()  # a point of a sweep
+    if stored is None:
+        raise InvalidInput(
+            f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
+        )
+    return parsed(stored)
+
+
+def parsed(stored: Any) -> dict[str, Any]:
+    """Return the configuration that a text holds, or refuse what is none."""
+    try:
+        configuration = json.loads(str(stored))
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"The configuration that is stored cannot be read: {error}.") from error
+    if not isinstance(configuration, dict):
+        raise InvalidInput(f"The configuration that is stored is not a mapping: {reprlib.repr(configuration)}.")
+    return configuration
+
+
+def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str:
+    """Write a dataset or a tree to netCDF: the file is whole, or it is not there.
+
+    Every array carries a checksum that the netCDF library verifies when it is read.
+
+    Parameters
+    ----------
+    dataset : Dataset or DataTree
+        What to write.
+    path : str or path
+        Where; an existing file is replaced.
+
+    Returns
+    -------
+    str
+        SHA-256 of the file, in hexadecimal.
+
+    Raises
+    ------
+    InvalidInput
+        If the folder does not exist or cannot be written to, the path is a folder, or
+        `dataset` is not one.
+    ImpactLabError
+        If the file cannot be written, for want of space, say.
+    """
+    if not isinstance(dataset, xr.Dataset | xr.DataTree):
+        raise InvalidInput(f"save takes a Dataset or a DataTree, {dataset!r} was given.")
+    path = Path(path)
+    with LOCK, replacing(path) as temporary, told(str(path), temporary):
+        if isinstance(dataset, xr.DataTree):
+            encoding = {
+                node.path: _encoding(node.to_dataset(inherit=False)) for node in dataset.subtree if node.data_vars
+            }
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        else:
+            write(dataset, temporary)
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextlib.contextmanager
+def told(what: str, file: Path) -> Iterator[None]:
+    """Say in words what goes wrong while a file is written."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # the netCDF library raises both, and does not say that a disk is full
+        free = shutil.disk_usage(file.parent).free if file.parent.is_dir() else 0
+        reason = (
+            f"no space is left in {file.parent}" if free < FULL else "the disk, a limit or the folder may be the cause"
+        )
+        raise ImpactLabError(f"{what} cannot be written: {reason} ({error}).") from error
+
+
+def write(dataset: xr.Dataset, path: Path, *, append: bool = False) -> None:
+    """Write a dataset to a file as it is, or add it to what is in one."""
+    with LOCK:
+        dataset.to_netcdf(
+            path, mode="a" if append else "w", engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset)
+        )
+
+
+def opened(path: Path, lazy: Collection[Hashable]) -> xr.Dataset:
+    """Return the dataset in a file, all in memory but some variables, which are read when they are needed."""
+    with LOCK:
+        dataset = xr.open_dataset(path, engine="netcdf4", lock=LOCK)
+        for name, variable in dataset.variables.items():
+            if name not in lazy:
+                variable.load()
+    return dataset
+
+
+def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
+    """Read a file that `save` wrote into memory: a dataset, or a tree if the file has groups.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such file, or it cannot be read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"There is no file {path}.")
+    try:
+        with LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
+            loaded = tree.load()
+    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
+        raise InvalidInput(f"{path} cannot be read: {error}") from error
+    return loaded if loaded.children else loaded.to_dataset()
+
+
+def path_of(out: str | os.PathLike[str]) -> Path:
+    """Return the path of a file to be written, or refuse what is none."""
+    if not isinstance(out, str | os.PathLike) or not os.fspath(out):
+        raise InvalidInput(f"out is the path of a file, {out!r} was given.")
+    return Path(out)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path that replaces `path`, whole and on disk, when all went well."""
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder; give the name of a file.")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    except OSError as error:
+        raise InvalidInput(
+            f"Cannot write {path}: {error.strerror or error}. Give a folder that exists and is writable."
+        ) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.truncate(temporary, 0)  # the library may not have closed it, and would keep its space
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Ask for a checksum on every variable that can have one: arrays of numbers."""
+    return {
+        str(name): {"fletcher32": True}
+        for name, variable in dataset.variables.items()
+        if variable.ndim and variable.size and variable.dtype.kind in "fiu"
+    }

@@ -1,0 +1,309 @@
+"""What results hold: the default statistics, each one object that says all about itself, and datasets of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+
+from impactlab.results.labels import Variables, with_error
+
+BODY, CONTACT = "oscillator", "contact"
+"""Dimensions of the variables of bodies and of contacts."""
+
+
+class OfBodies(NamedTuple):
+    """Means over time from which statistics of bodies are formed, (body, …) each: of samples or of an exact law."""
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    x: np.ndarray  # of the displacement (m)
+    xx: np.ndarray  # of its square (m2)
+    variance: np.ndarray  # of the displacement (m2)
+    v: np.ndarray  # of the velocity (m s-1)
+    vv: np.ndarray  # of its square (m2 s-2)
+    load: np.ndarray  # what xx lacks for the variance (m2); see `impactlab.statistics.joint_moments.mean_load`
+
+    @classmethod
+    def of_law(
+        cls, linear: Iterable[np.ndarray], x: np.ndarray, xx: np.ndarray, variance: np.ndarray, vv: np.ndarray
+    ) -> Self:
+        """Return those of a stationary law, whose mean velocities are 0; mass, damping and stiffness are `linear`."""
+        mass, damping, stiffness = linear
+        nothing = np.zeros_like(x)
+        return cls(mass, damping, stiffness, x, xx, variance, nothing, vv, nothing)
+
+
+class OfContacts(NamedTuple):
+    """Means over time from which statistics of contacts are formed, (contact, …) each."""
+
+    closed: np.ndarray  # part of the time
+    rate: np.ndarray  # of contacts (s-1)
+    force: np.ndarray  # (N)
+    peak: np.ndarray  # largest force (N)
+
+
+class Moments(NamedTuple):
+    """What statistics are formed of, and balances by the statistic."""
+
+    bodies: OfBodies
+    contacts: OfContacts
+    balances: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of_law(cls, bodies: OfBodies, closed: np.ndarray, rate: np.ndarray, force: np.ndarray) -> Self:
+        """Return those of a stationary law, which has no largest force."""
+        return cls(bodies, OfContacts(closed, rate, force, np.full_like(force, np.nan)), {})
+
+    def values(self) -> dict[str, np.ndarray]:
+        """Return the statistics that do not depend on the time of observation."""
+        return {statistic.name: statistic.formed(self.of(statistic)) for statistic in stationary()}
+
+    def of(self, statistic: Statistic) -> Any:
+        """Return those that a statistic is formed of."""
+        return self.contacts if statistic.dimension == CONTACT else self.bodies
+
+    def of_units(self, units: slice) -> Moments:
+        """Return those of some units, on the last axis."""
+        bodies = OfBodies(*(values[:, units] for values in self.bodies))
+        contacts = OfContacts(*(values[:, units] for values in self.contacts))
+        return Moments(bodies, contacts, {name: values[:, units] for name, values in self.balances.items()})
+
+
+class Estimate(NamedTuple):
+    """Values and their standard errors."""
+
+    value: np.ndarray
+    error: np.ndarray
+
+
+Average = Callable[[np.ndarray], Estimate]
+"""Estimates the mean of each row of (row, unit) numbers: the plain mean, or by a regression."""
+
+
+class Push(NamedTuple):
+    """What one rare push does to a body for as long as its energy lasts, as a part of the run, (body,) each."""
+
+    xx: np.ndarray  # mean square of the displacement (m2)
+    vv: np.ndarray  # mean square of the velocity (m2 s-2)
+
+
+class Closing(NamedTuple):
+    """What one rare closing is like, (contact,) each."""
+
+    duration: np.ndarray  # (s)
+    impulse: np.ndarray  # (N s)
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A variable of a dataset: a number for each body or contact.
+
+    Attributes
+    ----------
+    statistic, units, long_name : str
+        The statistic that it is, or belongs to.
+    dimension : str
+        `BODY` or `CONTACT`.
+    prefix : str
+        Of its name, before the statistic.
+    """
+
+    statistic: str
+    dimension: str
+    units: str
+    long_name: str
+    prefix: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name in a dataset."""
+        return f"{self.prefix}{self.statistic}"
+
+    @property
+    def error(self) -> str:
+        """Name of its standard error."""
+        return f"{self.name}_standard_error"
+
+    @property
+    def by_realization(self) -> str:
+        """Name of the variable with its values of each realization."""
+        return f"{self.name}_by_realization"
+
+    @property
+    def step_bias(self) -> str:
+        """Name of the bias of the step in the statistic."""
+        return f"{self.statistic}_step_bias"
+
+    @property
+    def allowance(self) -> str:
+        """Name of the part of its standard error that allows for the bias of the step."""
+        return f"{self.statistic}_step_allowance"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Statistic(Variable):
+    """A statistic.
+
+    Attributes
+    ----------
+    formed : callable
+        Forms it of moments, `OfBodies` or `OfContacts`.
+    event : callable
+        What one event that is too rare for standard errors, a `Push` or a `Closing`, adds to it.
+    balanced : bool
+        Whether there is a second estimate of it, by a balance: their difference, 0 in expectation, is a control
+        variate of all statistics.
+    stationary : bool
+        Whether it does not depend on the time of observation.
+    held : bool
+        Whether it has a stationary value only where something holds the body.
+    square : str
+        Statistic whose root is its size, where it may be 0 by symmetry.
+    never_negative : bool
+        Whether a value below 0 is nothing but scatter.
+    """
+
+    formed: Callable[[Any], np.ndarray]
+    event: Callable[[Any], Any] | None = None
+    balanced: bool = False
+    stationary: bool = True
+    held: bool = False
+    square: str = ""
+    never_negative: bool = False
+
+    def averaged(self, moments: Any, average: Average) -> Estimate:
+        """Return values and standard errors from the moments of independent units, (row, unit) each."""
+        value, error = average(self.formed(moments))
+        return Estimate(np.maximum(value, 0.0) if self.never_negative else value, error)
+
+    @property
+    def direct(self) -> Variable:
+        """Its plain mean, where its value is combined with balances."""
+        return self._beside("direct_", "plain mean")
+
+    @property
+    def balance(self) -> Variable:
+        """Difference of two estimates of it."""
+        return self._beside("balance_", "direct minus balance estimate")
+
+    def _beside(self, prefix: str, text: str) -> Variable:
+        return Variable(self.statistic, self.dimension, self.units, f"{self.long_name}: {text}", prefix)
+
+
+class Variance(Statistic):
+    """Variance of the displacement."""
+
+    def averaged(self, moments: OfBodies, average: Average) -> Estimate:
+        """Estimate E[x²] − E[x]², of which each unit has the influence x² − 2 E[x] x."""
+        mean = average(moments.x).value
+        value, error = average(moments.xx + moments.load - 2.0 * mean[:, None] * moments.x)
+        return Estimate(np.maximum(value + mean**2, 0.0), error)
+
+
+STATISTICS: dict[str, Statistic] = {
+    statistic.name: statistic
+    for statistic in (
+        Statistic(
+            "mean_displacement", BODY, "m", "mean displacement",
+            formed=lambda bodies: bodies.x, event=lambda push: np.sqrt(push.xx), balanced=True,
+            held=True, square="mean_square_displacement",
+        ),
+        Statistic(
+            "mean_square_displacement", BODY, "m2", "mean square displacement",
+            formed=lambda bodies: bodies.xx, event=lambda push: push.xx, balanced=True, held=True,
+        ),
+        Variance(
+            "variance_displacement", BODY, "m2", "variance of the displacement",
+            formed=lambda bodies: bodies.variance, event=lambda push: push.xx, held=True,
+        ),
+        Statistic(
+            "mean_velocity", BODY, "m s-1", "mean velocity",
+            formed=lambda bodies: bodies.v, event=lambda push: np.sqrt(push.vv), square="mean_square_velocity",
+        ),
+        Statistic(
+            "mean_square_velocity", BODY, "m2 s-2", "mean square velocity",
+            formed=lambda bodies: bodies.vv, event=lambda push: push.vv, balanced=True,
+        ),
+        Statistic(
+            "contact_ratio", CONTACT, "1", "fraction of time in contact",
+            formed=lambda contacts: contacts.closed, event=lambda closing: closing.duration,
+        ),
+        Statistic(
+            "contact_rate", CONTACT, "s-1", "rate of contacts", never_negative=True,
+            formed=lambda contacts: contacts.rate, event=lambda closing: 1.0,
+        ),
+        Statistic(
+            "mean_contact_force", CONTACT, "N", "mean contact force over all time",
+            formed=lambda contacts: contacts.force, event=lambda closing: closing.impulse,
+        ),
+        Statistic(
+            "peak_contact_force", CONTACT, "N", "mean over realizations of the largest contact force",
+            formed=lambda contacts: contacts.peak, stationary=False,
+        ),
+    )
+}  # fmt: skip
+"""The default statistics by name."""
+
+
+def stationary() -> list[Statistic]:
+    """Return the statistics that do not depend on the time of observation."""
+    return [statistic for statistic in STATISTICS.values() if statistic.stationary]
+
+
+def balances() -> list[Variable]:
+    """Return the balances."""
+    return [statistic.balance for statistic in STATISTICS.values() if statistic.balanced]
+
+
+def variables() -> dict[str, Variable]:
+    """Return everything that is estimated by name: values, plain means, balances."""
+    direct = [statistic.direct for statistic in stationary()]
+    return {variable.name: variable for variable in (*STATISTICS.values(), *direct, *balances())}
+
+
+def statistics(
+    oscillators: list[str],
+    contacts: list[str],
+    values: Mapping[str, np.ndarray],
+    errors: Mapping[str, np.ndarray] | None = None,
+    **attributes: Any,
+) -> xr.Dataset:
+    """Return a labelled dataset of statistics.
+
+    Parameters
+    ----------
+    oscillators, contacts : list of str
+        Labels of the two dimensions.
+    values : mapping of str to ndarray
+        Values by the name of the statistic, one per oscillator or contact.
+    errors : mapping of str to ndarray, optional
+        Standard errors by the name of the statistic.
+    **attributes
+        Further attributes of the dataset.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables for which there are no labels (no contacts, say) are left out.
+    """
+    labels = {BODY: oscillators, CONTACT: contacts}
+    known = variables()
+    data: Variables = {}
+    for name, value in values.items():
+        item, error = known[name], (errors or {}).get(name)
+        if labels[item.dimension]:
+            data |= with_error(name, (item.dimension,), np.asarray(value), error, item.units, item.long_name)
+    coordinates = {name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]}
+    return xr.Dataset(data, coordinates, attributes)
+
+
+def scatter_of(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return the standard error of a statistic, or its plain mean, without what allows for the bias of the step."""
+    variable = variables()[name]
+    error, allowance = dataset[variable.error], variable.allowance
+    return error if allowance not in dataset else (error**2 - dataset[allowance].fillna(0.0) ** 2).clip(min=0.0) ** 0.5

@@ -1,0 +1,98 @@
+"""The arrays of a block: allocated where it runs, or only counted to know what it takes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from impactlab.integrators.arguments import Closings, Flux, History, State, Sums, Turns
+from impactlab.integrators.jumps import Zeros
+from impactlab.kernels.rows import CONTACT_ROWS, PAIR_ROWS, TURN
+from impactlab.kernels.sums import SLOTS
+from impactlab.plan.plan import Plan
+
+
+class Arrays(NamedTuple):
+    """What a block works with."""
+
+    state: State
+    history: History
+    sums: Sums
+    normals: np.ndarray  # (4, row, lane) of the noise, single precision
+
+
+class Counted:
+    """Stands for `numpy.zeros` and notes the bytes of what is asked for, which take no memory."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def __call__(self, shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
+        kind = np.dtype(dtype)
+        self.bytes += math.prod(shape) * kind.itemsize
+        return np.broadcast_to(np.zeros((), kind), shape)
+
+
+def allocate(plan: Plan, lanes: int, zeros: Zeros = np.zeros) -> Arrays:
+    """Return the arrays of a block of some lanes, all 0.
+
+    Parameters
+    ----------
+    plan : Plan
+    lanes : int
+        Realizations of the block.
+    zeros : callable
+        Makes an array of a shape and a type.
+    """
+    system, forces, observed, method = plan.system, plan.forces, plan.observed, plan.method
+    bodies, contacts, rows, single = len(system.bodies), len(system.ends), len(plan.noise.rows), plan.single
+
+    def of_bodies() -> np.ndarray:
+        return zeros((bodies + 1, lanes))
+
+    def of_contacts() -> np.ndarray:
+        return zeros((contacts, lanes))
+
+    state = State(
+        x=of_bodies(),
+        v=of_bodies(),
+        reading=of_bodies(),
+        velocity=of_bodies(),
+        total=of_bodies(),
+        indentation=of_contacts(),
+        contact_force=of_contacts(),
+        still=of_bodies(),
+        work=method.work(rows, lanes, zeros),
+    )
+    slots = 0 if plan.subdomains.tiles else SLOTS
+    history = History(*[zeros((slots, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2])
+    turning = observed.bodies * (plan.rows > TURN)
+    sums = Sums(
+        bodies=zeros((method.integrator.phases, plan.rows, observed.bodies, lanes)),
+        contacts=zeros((CONTACT_ROWS, observed.contacts, lanes)),
+        products=zeros((PAIR_ROWS, len(method.pairs), lanes)),
+        ends=system.ends,
+        pairs=method.pairs,
+        indices=forces.indices,
+        closings=Closings(
+            before=zeros((2, observed.contacts * observed.counted, lanes)),
+            jitter=observed.jitter,
+            step=plan.clock.step,
+        ),
+        flux=Flux(
+            window=observed.window,
+            half_kick=forces.half_kick,
+            closing=zeros((4, contacts * single, lanes)),
+            push=zeros(((bodies + 1) * single * bool(len(forces.half_kick)), lanes)),
+            kick=zeros((contacts * single, lanes)),
+        ),
+        turns=Turns(
+            half=0.5 * plan.clock.step / system.linear[0],
+            force=zeros((turning, lanes)),
+            middle=zeros((turning, lanes)),
+        ),
+    )
+    return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32))

@@ -1,0 +1,431 @@
+"""One block of realizations: its start, its steps, and what it measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impactlab.assembly.build import build
+from impactlab.errors import Diverged
+from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
+from impactlab.kernels.jit import evaluate, evaluator
+from impactlab.kernels.random import fill_normals
+from impactlab.kernels.rows import BEGUN, CLOSED, FORCE, INTENSITY, KICK_ROWS, TRANSIENT_ROWS, F
+from impactlab.kernels.series import NEAR
+from impactlab.kernels.sums import SLOTS
+from impactlab.linear.cosine_series import Cosines, sample_count
+from impactlab.linear.given_functions import NODES, mean_and_slope
+from impactlab.nonlinear.force_checks import LARGEST
+from impactlab.plan.plan import Plan
+from impactlab.simulation.arrays import allocate
+
+ATTEMPTS = 100
+"""How often a random start is drawn again while a contact is closed."""
+
+HOPELESS = 20
+"""Contacts closed in the first draw from which on no draw will have none."""
+
+SNAPSHOT_BYTES = 16_000_000
+"""Memory that the samples of a call may take."""
+
+TABLE = 100_000
+"""Values of functions of time that are in memory at a time."""
+
+Tick = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What a block returns: sums per batch and realization, and what its records kept.
+
+    Attributes
+    ----------
+    bodies : (batch, phase, row, body, lane) ndarray
+    contacts : (batch, row, contact, lane) ndarray
+    products : (batch, row, pair, lane) ndarray
+    records : list
+        One dictionary of arrays per record.
+    """
+
+    bodies: np.ndarray
+    contacts: np.ndarray
+    products: np.ndarray
+    records: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+
+class Edge(NamedTuple):
+    """What the state at one moment is worth in the sums."""
+
+    bodies: np.ndarray  # (row, body, lane)
+    contacts: np.ndarray  # (row, contact, lane)
+    products: np.ndarray  # (row, pair, lane)
+
+
+def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
+    """Return the module of a plan's forces and the loop over its steps, compiled where that is still to be done."""
+    if plan.method.integrator.kicks:
+        evaluator(plan.single)
+    return build(plan.forces.text), plan.method.loop(plan.single)
+
+
+class Block:
+    """The arrays of one block while it runs."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
+        self.plan, self.tick = plan, tick
+        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.known: list[np.ndarray] = []
+        self.module, self.loop = compiled(plan)
+        self.realizations = plan.realizations.of(index)
+        self.now = 0
+        lanes = len(self.realizations)
+        # of each phase, by that of the plan
+        self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
+        self.state, self.history, self.sums, self.normals = allocate(plan, lanes)
+        self.sums.closings.before[:] = np.nan
+        self.tables = plan.method.tables(plan.forces.parameters, plan.forces.indices)
+        self.scale = np.ones((1, len(plan.noise.rows)))
+        self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
+        if plan.driving.lines:
+            self.series = self._start_with_series()
+        else:
+            self._start(np.arange(lanes))
+            self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
+        if plan.method.integrator.kicks:
+            self._half_kick()
+
+    # start
+
+    def _start(self, lanes: np.ndarray) -> int:
+        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
+        plan, state = self.plan, self.state
+        attempt = 0
+        if isinstance(plan.start.state, np.ndarray):
+            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start.state[0][:, None], plan.start.state[1][:, None]
+        elif plan.start.state == "stationary":
+            redraw, resting = lanes, lanes[:0]
+            for attempt in range(ATTEMPTS):
+                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
+                closed = self._closed(state.x[:, redraw], slice(None))
+                if attempt == 0:
+                    resting = redraw[closed > HOPELESS]
+                redraw = redraw[(closed > 0) & ((closed <= HOPELESS) | (attempt > 0))]
+                if not redraw.size:
+                    break
+            resting = np.concatenate([resting, redraw])
+            if resting.size:
+                cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
+                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
+                state.x[:-1, resting] = plan.start.rest[:, None]
+                state.v[:, resting] = 0.0
+                state.v[cold[:, None], resting] = velocity
+        else:
+            state.x[:-1, lanes] = plan.start.rest[:, None]
+        return attempt
+
+    def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
+        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
+        plan = self.plan
+        realizations = np.ascontiguousarray(self.realizations[lanes])
+        x, v = np.zeros((2, plan.system.linear.shape[1] + 1, len(lanes)))
+        if plan.start.deviations.any() or plan.start.factors:
+            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
+            fill_normals(plan.start.streams, realizations, np.uint64(attempt), normals)
+            x[:-1], v[:-1] = (plan.start.deviations[row][:, None] * normals[row] for row in (0, 1))
+        for slots, factor in plan.start.factors:
+            independent = np.concatenate([normals[0, slots], normals[1, slots]])
+            joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
+            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
+        for (slots, _), cosines, known in zip(plan.driving.responses, self.responses, self.known, strict=True):
+            for column, realization in enumerate(realizations):
+                steady = cosines.start(int(realization), attempt)
+                x[slots, column] += steady[0::2]
+                v[slots, column] += steady[1::2]
+            if known.size and self._closed(x, known).all():
+                break  # the rest does not matter: these will be drawn again
+        return x, v
+
+    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
+        """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
+        first, second = self.plan.system.ends[contacts].T
+        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.system.clearance[contacts, None], axis=0)
+        return closed
+
+    def _start_with_series(self) -> Series:
+        """Start the realizations one after the other, and sample the series of each for the whole run."""
+        plan, method = self.plan, self.plan.method.integrator
+        driving, seed = plan.driving, plan.realizations.seed
+        interval = plan.clock.step / method.samples_per_step
+        needed = plan.clock.all_steps * method.samples_per_step + 1
+        self.responses = sampled = [
+            Cosines(seed, lines, response.T, True, interval if method.takes_response else None, needed)
+            for lines, (_, response) in zip(driving.lines, driving.responses, strict=True)
+        ]
+        last = np.full(plan.system.linear.shape[1] + 1, -1)
+        for index, (slots, _) in enumerate(plan.driving.responses):
+            last[slots] = index
+        latest = last[plan.system.ends].max(axis=1)
+        self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
+        if not method.takes_response:
+            sampled = [Cosines(seed, item, np.ones((1, 1)), False, interval, needed) for item in driving.lines]
+        ends = np.cumsum([item.channels for item in sampled])
+        lanes = len(self.realizations)
+        samples = np.empty((lanes, ends[-1], sample_count(plan.driving.lines, interval, needed)))
+        for lane, realization in enumerate(self.realizations):
+            self.tick(0)
+            attempt = self._start(np.array([lane]))
+            for item, end in zip(sampled, ends, strict=True):
+                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
+        slots = np.concatenate([slots for slots, _ in plan.driving.responses])
+        return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
+
+    def _half_kick(self) -> None:
+        """Bring the velocity from the time of the displacement to the end of the kick there.
+
+        A displacement that is given is where the kick is read.
+        """
+        plan, state = self.plan, self.state
+        half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
+        self._evaluate(state.x, state.still)
+        shift = plan.clock.step / 6.0 * half * state.total[:-1]
+        if plan.start.given:
+            state.reading[:] = state.x
+            state.x[:-1] -= shift
+        else:
+            state.reading[:-1] = state.x[:-1] + shift
+        state.velocity[:] = state.v
+        self._evaluate(state.reading, state.velocity)
+        state.v[:-1] += half * state.total[:-1]
+        turns = self.sums.turns
+        turns.force[:], turns.middle[:] = (item[: len(turns.force)] for item in (state.total, state.velocity))
+
+    def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
+        state = self.state
+        arrays = state.indentation, state.contact_force, state.total
+        self.evaluate(x[None], v[None], *(item[None] for item in arrays))
+
+    def evaluate(self, x: np.ndarray, v: np.ndarray, *result: np.ndarray) -> None:
+        """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`."""
+        evaluate(self.module.forces, x, v, self.plan.forces.parameters, self.plan.forces.indices, *result)
+
+    # run
+
+    def advance(self, steps: int, sampler: Callable[[np.ndarray], None] | None) -> None:
+        """Make some steps, adding to the sums and sampling if there is a sampler."""
+        plan = self.plan
+        every = plan.observed.every if sampler is not None else 0
+        lanes, rows = len(self.realizations), plan.snapshot.size
+        done = 0
+        while done < steps:
+            # calls end with a group of slots, so that their length does not change any sum
+            unit = max(SLOTS, plan.method.interval)
+            most = plan.realizations.steps_per_call
+            if every:
+                most = min(most, SNAPSHOT_BYTES // (8 * rows * lanes) * every)
+            whole = plan.subdomains.steps or max(unit, most // unit * unit)
+            count = min(whole - self.now % SLOTS, steps - done)
+            phase = (self.now - plan.clock.spin_up_steps) % every if every else 0
+            snapshots = np.empty(((phase + count) // every if every else 0, rows, lanes))
+            self._call(count, snapshots, sampler is not None, every, phase)
+            self.now += count
+            done += count
+            self._guard()
+            if len(snapshots) and sampler is not None:
+                sampler(snapshots)
+            self.tick(count * lanes)
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Call the compiled loop."""
+        plan, integrator = self.plan, self.plan.method.integrator
+        steps = Steps(
+            plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.now, count, every, phase
+        )
+        driven = Driven(self._noise(count), self.series, self._forced(count))
+        self.loop(self.module.forces, self.tables, driven, self.state, self.history, self.sums, snapshots, steps)
+
+    def _noise(self, count: int) -> Noise:
+        plan = self.plan
+        scale = self.scale
+        if plan.noise.time_varying:
+            mean, _, least = self._over_steps(count, self.module.intensity, len(plan.noise.white))
+            wrong = np.flatnonzero(~(least >= 0.0))
+            if wrong.size:
+                time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
+                raise Diverged(
+                    f"The spectral density of a white noise is negative or not a number near t = {time:g} s."
+                )
+            mean /= plan.noise.intensity
+            phases = plan.method.integrator.phases
+            for phase in range(phases):
+                self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
+            rows = np.searchsorted(plan.noise.white, plan.noise.rows)
+            scale = np.ascontiguousarray(np.sqrt(mean)[:, rows])
+        return Noise(
+            plan.noise.rows,
+            plan.noise.runs,
+            self.seconds,
+            plan.noise.amplitude,
+            plan.noise.streams,
+            self.realizations,
+            scale,
+            plan.noise.coarse,
+            self.normals,
+        )
+
+    def _forced(self, count: int) -> Forced:
+        plan = self.plan
+        if not len(plan.driving.forced):
+            return Forced(plan.driving.forced, np.zeros((0, 0)))
+        if plan.method.integrator.takes_response:
+            mean, slope, _ = self._over_steps(count, self.module.forcing, len(plan.driving.forced))
+            return Forced(plan.driving.forced, np.stack([mean, slope], axis=1).reshape(2 * count, -1))
+        per_step = plan.method.integrator.samples_per_step
+        first = (self.now - plan.clock.spin_up_steps) * per_step
+        times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
+        force = np.empty((len(times), len(plan.driving.forced)))
+        self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
+        return Forced(plan.driving.forced, force)
+
+    def _over_steps(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
+
+        The measurement begins at 0.
+        """
+        plan = self.plan
+        mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
+        most = max(1, TABLE // (len(NODES) * rows))
+        for begin in range(0, count, most):
+            some = slice(begin, min(begin + most, count))
+            steps = self.now - plan.clock.spin_up_steps + np.arange(some.start, some.stop)
+            values = np.empty((len(steps), len(NODES), rows))
+            times = ((steps[:, None] + NODES) * plan.clock.step).ravel()
+            table(times, plan.forces.parameters, plan.forces.indices, values.reshape(-1, rows))
+            mean[some], slope[some] = mean_and_slope(values.swapaxes(1, 2))
+            least[some] = values.min(axis=(1, 2))
+        return mean, slope, least
+
+    def _guard(self) -> None:
+        """Stop if a number is not finite: averages would hide it."""
+        x, v, reading = self.state.x, self.state.v, self.state.reading
+        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
+        if not finite.all():
+            body, lane = np.argwhere(~finite)[0]
+            time = (self.now - self.plan.clock.spin_up_steps) * self.plan.clock.step
+            name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
+            raise Diverged(
+                f"{name!r} of realization {realization} left the range of finite numbers before t = {time:g} s. "
+                "Use a smaller step, or check the forces."
+            )
+
+    def measure(self) -> BlockResult:
+        """Run all batches after the spin-up and return their sums."""
+        plan = self.plan
+        start = self._edge() if plan.transient else None
+        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.observed.records]
+        if any(keeper.wants_start for keeper in keepers):
+            if not plan.method.integrator.kicks:
+                self.state.velocity[:] = self.state.v
+            own = plan.clock.spin_up_steps == 0 and not plan.start.given
+            if not plan.method.integrator.kicks or own:  # the state itself, not where a kick is read
+                self.state.reading[:] = self.state.x
+                self._evaluate(self.state.reading, self.state.velocity)
+            first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
+            for keeper in keepers:
+                keeper.start(first)
+        if plan.observed.counted and plan.method.integrator.kicks:  # others sample the beginning of each step
+            place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
+            self._note_gaps(place, self.state.velocity)
+        kept: list[np.ndarray] = []
+        begin = 0
+        for batch, end in enumerate(plan.clock.boundaries):
+            self._clear_sums()
+
+            def sample(snapshots: np.ndarray, batch: int = batch) -> None:
+                for keeper in keepers:
+                    keeper.add(snapshots, batch)
+
+            self.advance(end - begin, sample)
+            self._collect_sums()
+            self.sums.bodies[:, :F] *= plan.method.interval  # states are added once per interval
+            totals = self.sums.bodies, self.sums.contacts, self.sums.products
+            if start is not None:
+                last = self._edge()
+                totals, start = self._over_time(begin, end, start, last), last
+            kept = kept or [np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals]
+            for total, sums in zip(totals, kept, strict=True):
+                sums[batch] = total
+            begin = end
+        bodies, contacts, products = kept
+        return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+
+    def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
+        begin, first = self.now - self.plan.clock.spin_up_steps, self._edge()
+        self._clear_sums()
+        self.advance(steps, lambda snapshots: None)
+        self._collect_sums()
+        return self._over_time(begin, begin + steps, first, self._edge())
+
+    def _edge(self) -> Edge:
+        """Return what the state, of which a kick has just been made, adds to the sums."""
+        plan, state = self.plan, self.state
+        if not plan.method.integrator.kicks:
+            state.reading[:], state.velocity[:] = state.x, state.v
+            self._evaluate(state.reading, state.velocity)
+        mass = plan.system.linear[0][:, None]
+        x, f = state.x[:-1], state.total[:-1]
+        v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
+        bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
+        one, other = plan.system.ends.T
+        contacts = np.zeros_like(self.sums.contacts)
+        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.system.clearance[:, None]
+        contacts[FORCE] = state.contact_force
+        products = np.zeros_like(self.sums.products)
+        if products.size:
+            i, j = self.sums.pairs.T
+            products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
+        return Edge(bodies, contacts, products)
+
+    def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
+
+        Sums over kicks are of those that end the steps, other sums of the states that begin them.
+        """
+        plan, sums = self.plan, self.sums
+        kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
+        half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
+        bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
+        bodies[:, : plan.rows] = sums.bodies
+        count = KICK_ROWS if kicks else plan.rows
+        bodies[0, :count] += half[0][:count]
+        products = sums.products + half[2]
+        if kicks:
+            # the flow of each step begins at the kick before, of the phase before
+            bodies[1:, BEGUN:INTENSITY], bodies[0, BEGUN:INTENSITY] = sums.bodies[:-1, :count], sums.bodies[-1, :count]
+            bodies[(plan.clock.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
+            bodies[(plan.clock.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
+            bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
+            if plan.noise.time_varying:
+                bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
+            products = np.concatenate([products, sums.products + first.products - last.products])
+        return bodies, sums.contacts + half[1], products
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted."""
+        first, second = self.plan.system.ends[: self.plan.observed.contacts].T
+        self.sums.closings.before[0] = (
+            x[first] - x[second] - self.plan.system.clearance[: self.plan.observed.contacts, None]
+        )
+        self.sums.closings.before[1] = v[first] - v[second]
+
+    def _clear_sums(self) -> None:
+        self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))
+        for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
+            total[:] = 0.0
+
+    def _collect_sums(self) -> None:
+        """Bring all sums together."""

@@ -1,0 +1,157 @@
+"""Runs the blocks of a plan, spread over the cores."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import threading
+from collections.abc import Callable
+
+import numpy as np
+
+from impactlab.errors import ImpactLabError, Interrupted
+from impactlab.machine import begin, cores, shares_memory, workers_of
+from impactlab.plan.plan import Plan
+from impactlab.plan.subdomains import Tile
+from impactlab.results.schema import CONTACT
+from impactlab.results.snapshot import QUANTITIES
+from impactlab.simulation.block import Block, BlockResult, Tick, compiled
+
+
+def run(
+    plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]
+) -> list[BlockResult]:
+    """Run all blocks and return their results in order.
+
+    Parameters
+    ----------
+    plan : Plan
+    executor : Executor, optional
+        Where to run; by default threads, one per core.
+    progress : callable
+        Called now and then with the part that is done.
+
+    Raises
+    ------
+    Diverged
+        If a realization left the range of finite numbers.
+    ImpactLabError
+        If a worker of the executor died.
+    """
+    total = plan.realizations.number * plan.clock.all_steps
+    done, stop, lock = [0], threading.Event(), threading.Lock()
+
+    def tick(steps: int) -> None:
+        if stop.is_set():
+            raise Interrupted("The simulation was stopped.")
+        with lock:
+            done[0] += steps
+
+    with contextlib.ExitStack() as stack:
+        most = min(plan.realizations.blocks, cores())
+        pool = executor or stack.enter_context(concurrent.futures.ThreadPoolExecutor(most))
+        shared_memory = shares_memory(pool)
+        if shared_memory:
+            compiled(plan)  # in this thread, where Ctrl-C is answered at once
+        threads = max(1, workers_of(executor) // plan.realizations.blocks)
+        report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
+        futures = [begin(pool, run_block, plan, k, *report) for k in range(plan.realizations.blocks)]
+        kept: list[dict[str, np.ndarray]] = [{} for _ in plan.observed.records]
+        try:
+            pending = set(futures)
+            while pending:
+                finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
+                for future in finished:
+                    _add(kept, future.result().records, plan)
+                progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
+        except BaseException as error:
+            stop.set()
+            for future in futures:
+                future.cancel()
+            if isinstance(error, concurrent.futures.BrokenExecutor):
+                raise ImpactLabError(f"A worker of the executor died, for want of memory perhaps: {error}") from error
+            raise
+    results = [future.result() for future in futures]
+    for sums, of_first in zip(kept, results[0].records, strict=True):
+        of_first.update(sums)
+    return results
+
+
+def _add(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
+    """Add what the records of a finished block have in common with those of others, and take it from them."""
+    for sums, of_block, (record, _) in zip(kept, records, plan.observed.records, strict=True):
+        for name in record.summed:
+            array = of_block.pop(name)
+            if name in sums:
+                sums[name] += array
+            else:
+                sums[name] = array
+
+
+def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:
+    """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
+    with contextlib.ExitStack() as stack:
+        if plan.subdomains.tiles:
+            pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(threads)) if threads > 1 else None
+            block: Block = _TiledBlock(plan, index, tick, pool)
+        else:
+            block = Block(plan, index, tick)
+        block.advance(plan.clock.spin_up_steps, None)
+        return block.measure()
+
+
+class _TiledBlock(Block):
+    """A block of one realization of a large network, in tiles; the numbers do not depend on the threads."""
+
+    def __init__(self, plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> None:
+        super().__init__(plan, index, tick)
+        self.pool = pool
+        self.parts = [Block(plan.restricted(tile), index, lambda steps: None) for tile in plan.subdomains.tiles]
+
+    def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
+        """Let every tile make its steps from the state of the network, and bring their own bodies together."""
+        plan, state = self.plan, self.state
+
+        def run(part: Block, tile: Tile) -> np.ndarray:
+            part.now = self.now
+            for block, whole in zip(part.state[:2], state[:2], strict=True):
+                np.take(whole, tile.bodies, axis=0, out=block[:-1])
+            kept = np.empty((len(snapshots), part.plan.snapshot.size, 1))
+            part._call(count, kept, summing, every, phase)
+            return kept
+
+        each = self.pool.map if self.pool else map
+        snapshots_of = list(each(run, self.parts, plan.subdomains.tiles))  # all, before the state changes
+        for tile, part, kept in zip(plan.subdomains.tiles, self.parts, snapshots_of, strict=True):
+            mine, contacts = slice(tile.bodies[0], tile.bodies[0] + tile.own_bodies), tile.contacts[: tile.own_contacts]
+            for name in ("x", "v", "reading", "velocity", "total"):
+                getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
+            state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
+            for name, quantity in QUANTITIES.items():
+                slots = contacts if quantity.dimension == CONTACT else mine
+                snapshots[:, plan.snapshot.place(name)][:, slots] = kept[:, part.plan.snapshot.place(name)]
+
+    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
+            places = np.append(tile.bodies, len(self.plan.system.bodies))
+            part._note_gaps(x[places], v[places])
+
+    def _clear_sums(self) -> None:
+        for part in self.parts:
+            part._clear_sums()
+
+    def _collect_sums(self) -> None:
+        for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
+            self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
+            self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
+
+
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Join the sums of all blocks along the realizations, in order."""
+    if len(results) == 1:  # without a copy
+        return results[0].bodies, results[0].contacts, results[0].products
+    return (
+        np.concatenate([result.bodies for result in results], axis=-1),
+        np.concatenate([result.contacts for result in results], axis=-1),
+        np.concatenate([result.products for result in results], axis=-1),
+    )

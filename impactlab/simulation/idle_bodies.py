@@ -1,0 +1,63 @@
+"""Bodies that nothing can touch, apart from the others: they need no steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.composition import Composition
+from impactlab.integrators.base import Integrator
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.results.schema import STATISTICS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from impactlab.records.record import Record
+
+
+def split(
+    model: Model, integrator: Integrator, initial: object, records: Iterable[Record]
+) -> tuple[Composition, Composition] | None:
+    """Return the part of a network where something can touch, and the rest, if they can be simulated apart.
+
+    Parts that no contact and no coupling connects know nothing of each other. The rest are bodies on
+    which nothing acts but constant white noise; each transition of theirs is exact however long.
+    Records that look at both parts at a time keep them together, and so does a given start.
+    """
+    busy = model.nonlinear_bodies
+    busy[[*model.lines, *model.forced, *(model.white if model.time_varying else ())]] = True
+    labels = model.connected()
+    idle = ~np.isin(labels, labels[busy])
+    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, dict)
+    if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
+        return None
+    return _only(model, ~idle), _only(model, idle)
+
+
+def _only(model: Model, chosen: np.ndarray) -> Composition:
+    """Return the network of some bodies, which nothing connects with the others."""
+    network = model.network
+    names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
+    return type(network)(
+        {name: body for name, body in network.oscillators.items() if name in names},
+        {name: item for name, item in network.contacts.items() if not names.isdisjoint((item.first, item.second))},
+        {name: item for name, item in network.excitations.items() if name in names},
+        {name: item for name, item in network.couplings.items() if not names.isdisjoint((item.first, item.second))},
+    )
+
+
+def joined(network: Composition, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
+    """Return one dataset of both parts, its bodies in the order of the network."""
+    import xarray as xr
+
+    both = xr.merge([busy, idle.drop_dims("contact", errors="ignore")], join="outer", compat="no_conflicts")
+    of_step = [name for statistic in STATISTICS.values() for name in (statistic.step_bias, statistic.allowance)]
+    # the flow of idle bodies is exact
+    both = both.assign({name: both[name].fillna(0.0) for name in of_step if name in both})
+    drifts = [part.attrs["drift"] for part in (busy, idle)]
+    attributes = {**busy.attrs, "drift": max(drifts, key=lambda drift: (drift == drift, drift))}
+    return both.sel(oscillator=list(network.oscillators)).assign_attrs(attributes)

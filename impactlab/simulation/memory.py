@@ -1,0 +1,90 @@
+"""How much memory a run takes, said before it is allocated."""
+
+from __future__ import annotations
+
+from impactlab.errors import InvalidInput
+from impactlab.kernels.rows import CONTACT_ROWS, PAIR_ROWS, TRANSIENT_ROWS
+from impactlab.machine import available
+from impactlab.plan.plan import Plan
+from impactlab.simulation.arrays import Counted, allocate
+
+COPIES = 6
+"""How many times the sums of a run are in memory while they are evaluated, at most."""
+
+RECORD_COPIES = 3
+"""The same of what records keep."""
+
+TRANSFORMED = 12
+"""Rows of samples that the chirp transform of one row takes."""
+
+COUNT_COPIES = 4
+"""The same of what is summed over the blocks, beside that of the blocks that run."""
+
+
+def sizes(plan: Plan) -> tuple[int, int]:
+    """Return the bytes that a realization takes while it runs, and what its sums take."""
+    bodies, contacts, pairs = len(plan.system.bodies), len(plan.system.contacts), len(plan.method.pairs)
+    whole = plan.transient and plan.method.integrator.kicks
+    of_sums = 8 * plan.method.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
+    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
+    counted = Counted()
+    allocate(plan, 1, counted)
+    for tile in plan.subdomains.tiles:
+        part = plan.restricted(tile)
+        allocate(part, 1, counted)
+        counted.bytes += part.method.coefficients.nbytes
+    return counted.bytes + of_sums + _series(plan), of_sums
+
+
+def _series(plan: Plan) -> int:
+    """Return the bytes of the series of a realization, with what the chirp transform of a row of it takes."""
+    method, clock, driving = plan.method.integrator, plan.clock, plan.driving
+    return driving.nbytes(method, clock.step, clock.all_steps, TRANSFORMED)
+
+
+def needed(plan: Plan, workers: int) -> int:
+    """Return the bytes that a run with its results takes, without trajectories."""
+    running, of_sums = sizes(plan)
+    records, realizations = plan.observed.records, plan.realizations
+    kept: int = realizations.number * sum(
+        record.bytes_per_realization(plan, plan.interval(ratio)) for record, ratio in records
+    )
+    counts: int = sum(record.bytes_per_block(plan) for record, _ in records)
+    run: int = min(realizations.number, workers * realizations.lanes) * running + (
+        COPIES * realizations.number * (len(plan.clock.boundaries) + 1) * of_sums + RECORD_COPIES * kept
+    )
+    run += (min(realizations.blocks, workers) + COUNT_COPIES) * counts
+    return run
+
+
+def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
+    """Refuse a run that does not fit into memory.
+
+    Parameters
+    ----------
+    plan : Plan
+    workers : int
+        Blocks that run at once.
+    trajectories : int
+        Bytes of the trajectories that are kept in memory.
+
+    Raises
+    ------
+    InvalidInput
+        Says what is needed and what there is.
+    """
+    there, run = available(), needed(plan, workers)
+    realizations, bodies = plan.realizations.number, len(plan.system.bodies)
+    trajectories *= 1 if plan.realizations.blocks == 1 else 2  # once more while they are joined
+    if trajectories and run + trajectories > there:
+        raise InvalidInput(
+            f"The trajectories would take {trajectories / 1e9:.3g} GB of memory, {there / 1e9:.3g} GB are available: "
+            "use a longer interval or fewer realizations, or write them to a file with out=."
+        )
+    if run > there:
+        raise InvalidInput(
+            f"{realizations} realizations of {bodies} bodies and {len(plan.system.contacts)} contacts would "
+            f"take {run / 1e9:.3g} GB of memory ({run / realizations / bodies:.3g} bytes per body and "
+            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
+            "records of less."
+        )

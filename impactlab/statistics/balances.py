@@ -1,0 +1,92 @@
+"""Balances: differences of two estimates of one moment, 0 in expectation at any step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.kernels.rows import FF, FV, FX, VV, XV, XX, F, X
+from impactlab.statistics.chain import Chain, cycle, weighted_sum
+
+
+def balances_of(
+    chain: Chain, intensity: np.ndarray, s: np.ndarray, closed: np.ndarray, of_kicks: np.ndarray
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Direct minus balance estimates of the moments at the kick.
+
+    With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
+    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those
+    before the next one Σ + A (D + K) Aᵀ: linear equations for the D of all phases of the
+    method's cycle. Where the linear law does not exist, a part of this remains: the
+    velocity of a damped free body, the power of the kicks on an undamped one.
+
+    Parameters
+    ----------
+    chain : Chain
+    intensity : (body,) ndarray
+        Of the white noise that the flows are made with.
+    s : (phase, row, body, unit) ndarray
+        Means of the rows of sums.
+    closed : (body,) ndarray of bool
+        Bodies that nothing but kicks and steady white noise moves.
+    of_kicks : (body, 2, phase) ndarray
+        Second of `Chain.response`.
+
+    Returns
+    -------
+    dict of str to (body, unit) ndarray
+        By the statistic; NaN where there is none.
+    (body, unit) ndarray
+        That of E[x v].
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        heat = (np.pi * intensity / (chain.mass * chain.damping))[:, None]
+    own, held, damped = closed & chain.alone, chain.stiffness > 0.0, chain.damping > 0.0
+    mean, displacement, mixed, velocity = (np.full(s.shape[2:], np.nan) for _ in range(4))
+    bodies = own & held
+    mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
+    bodies = own & ~damped & (intensity == 0.0)
+    velocity[bodies] = (chain.increment * s[:, FV])[:, bodies].mean(axis=0)
+    bodies = own & damped & ~held
+    velocity[bodies] = _of_free_bodies(chain, s, bodies, heat)
+    bodies = own & damped & held
+    displacement[bodies], mixed[bodies], velocity[bodies] = _of_held_bodies(chain, s, bodies, heat)
+    balances = {
+        "mean_displacement": mean,
+        "mean_square_displacement": displacement,
+        "mean_square_velocity": velocity,
+    }
+    return balances, mixed
+
+
+def _before_kicks(chain: Chain, s: np.ndarray) -> np.ndarray:
+    """Return E[v²] before the kicks, (phase, body, unit)."""
+    increment = chain.increment
+    return np.asarray(s[:, VV] - increment * s[:, FV] + 0.25 * increment**2 * s[:, FF])
+
+
+def _of_free_bodies(chain: Chain, s: np.ndarray, bodies: np.ndarray, heat: np.ndarray) -> np.ndarray:
+    """Return the balance of E[v²] of damped bodies without a spring."""
+    a = chain.flows.transition[:, bodies, 1:, 1:]
+    gain = cycle(a**2, np.full((bodies.sum(), 1, 1), 2.0))[:, 0]
+    power = (chain.increment * s[:, FV])[:, bodies]
+    return np.asarray(_before_kicks(chain, s)[:, bodies].mean(axis=0) - heat[bodies] - weighted_sum(gain.T, power))
+
+
+def _of_held_bodies(
+    chain: Chain, s: np.ndarray, bodies: np.ndarray, heat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the balances of E[x²], E[x v] and E[v²] of damped bodies with a spring."""
+    a, increment = chain.flows.transition[:, bodies], chain.increment
+    squares = (a[..., :, None, :, None] * a[..., None, :, None, :]).reshape(*a.shape[:2], 4, 4)  # A ⊗ A
+    kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
+    gain = cycle(squares, np.broadcast_to(kicks, (a.shape[1], 4, 2))).reshape(-1, 4, len(a), 2)
+    virial, power = (increment * s[:, FX])[:, bodies], (increment * s[:, FV])[:, bodies]
+    of_xx, of_xv, of_vv = (
+        weighted_sum(gain[:, row, :, 0].T, virial) + weighted_sum(gain[:, row, :, 1].T, power) for row in (0, 1, 3)
+    )
+    potential = heat[bodies] * chain.mass[bodies, None] / chain.stiffness[bodies, None]
+    return (
+        s[:, XX, bodies].mean(axis=0) - potential - of_xx,
+        (s[:, XV, bodies] - 0.5 * virial).mean(axis=0) - of_xv,
+        _before_kicks(chain, s)[:, bodies].mean(axis=0) - heat[bodies] - of_vv,
+    )

@@ -1,0 +1,101 @@
+"""The chain of steps of bodies whose linear motion is their own: kicks, and flows between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.integrators.arguments import Flows
+
+_CHUNK = 4096  # bodies whose equations are solved at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Steps of linear bodies.
+
+    Attributes
+    ----------
+    step : float
+        (s)
+    mass, damping, stiffness : (body,) ndarray
+    flows : Flows
+        What is between kicks.
+    alone : (body,) ndarray of bool
+        Whether no coupling is a part of the flow of each body.
+    """
+
+    step: float
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    flows: Flows
+    alone: np.ndarray
+
+    @property
+    def increment(self) -> np.ndarray:
+        """Velocity that a unit force of a kick gives each body, (body, 1) (m s-1 N-1)."""
+        return np.asarray(self.step / self.mass[:, None])
+
+    @property
+    def forgotten(self) -> np.ndarray:
+        """Whether friction makes bodies forget their velocities within a step, (body,) of bool."""
+        return np.asarray(self.damping * self.step > 0.999 * self.mass)  # steps are often m/c
+
+    def response(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacement and velocity under unit force: means over time, and at the kicks by phase of the force.
+
+        Returns
+        -------
+        (body, 2), (body, 2, phase) ndarray
+            NaN where there is no stationary mean.
+        """
+        a, increment, bodies = self.flows.transition, self.increment, len(self.mass)
+        over_time, at_kicks = np.full((bodies, 2), np.nan), np.full((bodies, 2, len(a)), np.nan)
+        held = self.alone & (self.stiffness > 0.0)
+        over_time[held] = np.column_stack([1.0 / self.stiffness[held], np.zeros(held.sum())])
+        push = np.stack([np.zeros_like(increment[held]), increment[held]], axis=1)
+        at_kicks[held] = cycle(a[:, held], push)
+        free = self.alone & (self.stiffness == 0.0) & (self.damping > 0.0)
+        over_time[free, 1] = 1.0 / self.damping[free]
+        at_kicks[free, 1] = cycle(a[:, free, 1:, 1:], increment[free, None])[:, 0]
+        at_kicks[:, 1] += 0.5 * increment / len(a)  # the velocity is read in the middle of the kick
+        return over_time, at_kicks
+
+
+def cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
+
+    Parameters
+    ----------
+    maps : (phase, body, n, n) ndarray
+        L.
+    inputs : (body, n, m) ndarray
+        B.
+
+    Returns
+    -------
+    (body, n, phase m) ndarray
+    """
+    phases, bodies, size, _ = maps.shape
+    columns = inputs.shape[2]
+    result = np.empty((bodies, size, phases * columns))
+    for first in range(0, bodies, _CHUNK):
+        part = slice(first, first + _CHUNK)
+        system = np.tile(np.eye(phases * size), (len(inputs[part]), 1, 1))
+        given = np.zeros((len(system), phases * size, phases * columns))
+        for phase, matrices in enumerate(maps[:, part]):
+            rows = slice(phase * size, (phase + 1) * size)
+            last = (phase - 1) % phases
+            system[:, rows, last * size : (last + 1) * size] -= matrices
+            given[:, rows, last * columns : (last + 1) * columns] = matrices @ inputs[part]
+        solved = np.linalg.solve(system, given)
+        result[part] = solved.reshape(len(system), phases, size, -1).mean(axis=1)
+    return result
+
+
+def weighted_sum(weights: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Sum over the first axis; term by term, so that it does not depend on the number of units."""
+    total: np.ndarray = sum(weight[..., None] * moment for weight, moment in zip(weights, moments, strict=True))
+    return total

@@ -1,0 +1,149 @@
+"""Balances as control variates: values at balance 0.
+
+A balance takes all scatter from a value but that which contacts and other forces of kicks make. Where these acted
+too seldom the rest says nothing: balances of bodies on which such a force acts are no controls, and a
+regression whose residuals rest on a few units, or are nothing but rounding, gives way to the plain mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.results.schema import BODY, CONTACT, STATISTICS, Estimate, Moments, stationary
+from impactlab.statistics.regression import Mean, Regression
+
+UNITS_PER_CONTROL = 8
+"""Least number of units for each control of a regression."""
+
+BROKEN = 5.0
+"""Balance, in standard errors, from which one of a few counts as not closed."""
+
+_ROWS = 1000  # regressions at a time
+
+
+def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...]) -> str:
+    """Say which balance is off, if one is.
+
+    Then the run is not stationary, or the step is beyond what the theory covers, and no value is
+    corrected by a balance.
+    """
+    count = sum(int(np.isfinite(error).sum()) for _, error in balances.values())
+    most = np.sqrt(BROKEN**2 + 2.0 * np.log(max(count, 10) / 10.0))  # as the largest of so many normal numbers grows
+    for name, (value, error) in balances.items():
+        scatter = np.where(np.isfinite(error), error, np.inf)
+        broken = np.flatnonzero(np.abs(value) > most * scatter)
+        if broken.size:
+            body = broken[0]
+            distance = abs(value[body]) / scatter[body]
+            return (
+                f"{STATISTICS[name].balance.name} of {bodies[body]!r} is {distance:.1f} standard errors off 0, so "
+                "balances are not used: the spin-up may be too short, or the step too large."
+            )
+    return ""
+
+
+def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
+    """Return the statistics of bodies or of contacts at balance 0, by name.
+
+    Parameters
+    ----------
+    near : Near
+        Bodies whose balances may be controls.
+    moments : Moments
+        Of independent units.
+    mean : Mean
+        Estimates plain means.
+    usable : (body, balance) ndarray of bool
+        Which balances are controls.
+    """
+    balances = np.stack(list(moments.balances.values()), axis=1)
+    most = len(mean.weights) // UNITS_PER_CONTROL
+    own = [statistic for statistic in stationary() if statistic.dimension == near.dimension]
+    result = {statistic.name: Estimate(*np.empty((2, len(near.doubtful)))) for statistic in own}
+    for rows, chosen in near.choices(usable, most):
+        average = AtBalance(Regression(balances[chosen], mean.weights), mean, near.doubtful[rows])
+        for statistic in own:
+            of = moments.of(statistic)
+            value, error = statistic.averaged(type(of)(*(item[rows] for item in of)), average)
+            result[statistic.name].value[rows], result[statistic.name].error[rows] = value, error
+    return result
+
+
+class AtBalance:
+    """Estimates values at balance 0, or plain means where doubtful ones rest on few units; see the module."""
+
+    def __init__(self, regression: Regression, mean: Mean, doubtful: np.ndarray) -> None:
+        self.regression, self.mean, self.doubtful = regression, mean, doubtful
+
+    def __call__(self, units: np.ndarray) -> Estimate:
+        few = self.doubtful & self.regression.rests_on_few(units)
+        found, plain = self.regression.at_zero(units), self.mean(units)
+        return Estimate(*(np.where(few, there, here) for here, there in zip(found, plain, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Near:
+    """Bodies whose balances may be controls of each body or contact.
+
+    Attributes
+    ----------
+    dimension : str
+    pairs : (pair, 2) ndarray of int
+        A body or contact, and a body: all pairs of one in turn, the nearest first.
+    doubtful : (body or contact,) ndarray of bool
+        Whether forces that regressions do not see may make its scatter.
+    """
+
+    dimension: str
+    pairs: np.ndarray
+    doubtful: np.ndarray
+
+    def choices(self, usable: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
+        """Give rows that have equally many controls, and bodies and balances of these, (row, control) each.
+
+        With its usable balances in the place of each body, the pairs are a list in which every row has a stretch::
+
+            row      0  0  0  1  2  2  2 …
+            body     0  0  3  1  2  2  0 …
+            balance  0  2  1  0  0  1  0 …
+
+        A stretch keeps at most its first `most` entries; those of one length are the rows of a matrix.
+        """
+        pair, balance = np.nonzero(usable[self.pairs[:, 1]])
+        row, body = self.pairs[pair].T
+        rank = np.arange(len(row)) - np.searchsorted(row, row)
+        row, body, balance = (item[rank < most] for item in (row, body, balance))
+        lengths = np.bincount(row, minlength=len(self.doubtful))
+        begins = np.cumsum(lengths) - lengths
+        for length in np.unique(lengths):
+            rows = np.flatnonzero(lengths == length)
+            for some in np.array_split(rows, len(rows) // _ROWS + 1):
+                places = begins[some, None] + np.arange(length)
+                yield some, (body[places], balance[places])
+
+
+def neighbours(links: np.ndarray, kicked: np.ndarray) -> Near:
+    """Return, for each body, itself and those that it can touch or is coupled to.
+
+    Parameters
+    ----------
+    links : (link, 2) ndarray of int
+        Slots of bodies; beyond them is the wall, which has no balances.
+    kicked : (body,) ndarray of bool
+        Whether other forces than linear ones may act on each body.
+    """
+    links, own = links[(links < len(kicked)).all(axis=1)], np.repeat(np.arange(len(kicked))[:, None], 2, axis=1)
+    pairs = np.concatenate([own, links, links[:, ::-1]])
+    body, other = pairs.T
+    pairs = pairs[np.lexsort((other, other != body, body))]  # by body, itself first
+    several = (pairs[1:] == pairs[:-1]).all(axis=1)  # links between the same bodies
+    return Near(BODY, pairs[~np.append(False, several)], kicked)
+
+
+def touching(ends: np.ndarray, bodies: int) -> Near:
+    """Return, for each contact of two `ends`, its bodies, the first body first."""
+    pairs = np.stack([np.repeat(np.arange(len(ends)), 2), ends.ravel()], axis=1)
+    return Near(CONTACT, pairs[pairs[:, 1] < bodies], np.ones(len(ends), dtype=bool))

@@ -1,0 +1,154 @@
+"""Whether realizations of a driven network forget how they began, as their own series tell at no cost.
+
+Given forces may keep several motions up. Each realization then settles into one of them, and the mean over realizations
+counts how many began near each. What realizations remember shows: their means over time differ by more than parts
+of one. Where nothing is random, a few more runs begin elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from impactlab.errors import Diverged
+from impactlab.kernels.rows import VV, XX, X
+from impactlab.nonlinear.relaxation import correlation_of_neighbours
+from impactlab.plan.plan import Plan
+
+MOST_REMEMBERED = 0.005
+"""Part of a statistic by which realizations may differ for good, unnoticed."""
+
+AGREEING = 2.0
+"""Variance between means of realizations, over that expected from their batches, up to which they agree."""
+
+CERTAIN = 6.0
+"""Standard errors of the logarithm of that ratio: its tails are wider than of normal samples."""
+
+STARTS, SECONDS = (3.0, -3.0, 10.0, -10.0), 1.0
+"""Velocities, by their root mean square, with which a motion without noise begins elsewhere; and the time that this may
+take, as a plan foresees it (s)."""
+
+_ROWS = {X: "mean_displacement", XX: "mean_square_displacement", VV: "mean_square_velocity"}
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What realizations remember.
+
+    Attributes
+    ----------
+    share : (body,) ndarray
+        Part of the variance between the units of an estimate that more of them do not average away; 0 where nothing is
+        remembered.
+    warning : str
+        A sentence that says it; empty if nothing is.
+    """
+
+    share: np.ndarray
+    warning: str = ""
+
+    def widening(self, units: int) -> np.ndarray:
+        """Return what standard errors of so many units must be multiplied by, (body,)."""
+        return np.asarray(np.sqrt(1.0 + self.share * (units - 1)))
+
+
+def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) -> Memory:
+    """Compare the scatter between realizations with that within them.
+
+    Parameters
+    ----------
+    plan : Plan
+    bodies : (batch, row, body, realization) ndarray
+        Sums over the steps of each batch.
+    steps : (batch,) ndarray
+        How many these are.
+    alone : bool
+        Whether realizations are the units of the estimate, not their batches.
+    """
+    batches, _, count, realizations = bodies.shape
+    nothing = Memory(np.zeros(count))
+    if not (_settles(plan) and plan.realizations.trusted and batches > 1 and realizations > 1):
+        return nothing
+    rows = list(_ROWS)
+    means = bodies[:, rows] / steps[:, None, None, None]
+    scale = _scale(means.mean(axis=(0, -1)))
+    between = means.mean(axis=0).var(axis=-1, ddof=1)
+    offsets = means - means.mean(axis=-1, keepdims=True)  # what forces do to all of them alike is none
+    within = offsets.var(axis=0, ddof=1).mean(axis=-1) / batches
+    # batches that follow each other are alike as long as linear motion remembers, with nothing to choose from
+    alike = correlation_of_neighbours(steps.min() * plan.clock.step / plan.clock.relaxation)
+    freedom = realizations - 1, realizations * (batches - 1)
+    chance = math.exp(CERTAIN * math.sqrt(sum(2.0 / number for number in freedom)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = between / within
+        kept = np.sqrt(np.maximum(between - within, 0.0)) / scale
+        share = np.where(alone, 1.0 - 1.0 / ratio, (ratio - 1.0) / (ratio - 1.0 + batches))
+    limit = max(AGREEING, chance * (1.0 + alike) / (1.0 - alike))
+    remembered = (ratio > limit) & (kept > MOST_REMEMBERED) & plan.noise.random
+    if not remembered.any():
+        return nothing
+    row, body = np.unravel_index(np.where(remembered, kept, 0.0).argmax(), kept.shape)
+    name, share_of_value = plan.system.bodies[body], 100.0 * kept[row, body]
+    warning = (
+        f"Realizations settle into different motions: {_ROWS[rows[row]]} of {name!r} differs for good "
+        f"between them by {share_of_value:.3g} % (root mean square). The mean over realizations depends on how they "
+        "begin, and standard errors say by how much: give initial=, or a longer spin_up= if they change over."
+    )
+    return Memory(np.where(remembered, share, 0.0).max(axis=0), warning)
+
+
+def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np.ndarray]) -> str:
+    """Say what becomes of a motion without noise that begins otherwise than at rest; empty if the same does.
+
+    Parameters
+    ----------
+    plan : Plan
+    bodies : (batch, phase, row, body, 1) ndarray
+        Sums of the run.
+    sums_of : callable
+        Runs a plan of one realization and returns its sums.
+    """
+    affordable = int(SECONDS / plan.seconds(1))
+    kicked = plan.forces.kicked.any() and not plan.noise.random.any()
+    if not (kicked and _settles(plan) and affordable) or plan.subdomains.tiles:
+        return ""
+    usual = _means(plan, bodies)
+    scale, largest = _scale(usual), (MOST_REMEMBERED, 0, 0)
+    velocity = np.sqrt(usual[2])
+    for times in STARTS[:affordable]:
+        start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity]))
+        unobserved = replace(plan.observed, records=(), every=0)
+        try:
+            other = _means(plan, sums_of(replace(plan, start=start, observed=unobserved)))
+        except Diverged:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.nan_to_num(np.abs(other - usual) / scale, posinf=0.0)
+        row, body = np.unravel_index(change.argmax(), change.shape)
+        largest = max(largest, (float(change[row, body]), int(row), int(body)))
+    size, row, body = largest
+    if size <= MOST_REMEMBERED:
+        return ""
+    return (
+        f"The motion depends on how it begins: {list(_ROWS.values())[row]} of {plan.system.bodies[body]!r} differs by "
+        f"{100.0 * size:.3g} % if it does not begin at rest. Give initial=, or a longer duration= if it is chaotic."
+    )
+
+
+def _settles(plan: Plan) -> bool:
+    """Whether given forces lead to motions, of which linear ones have forgotten their start."""
+    begun = not plan.start.given and plan.clock.spin_up_steps > 0
+    return bool(len(plan.driving.forced) and begun and plan.clock.settled and plan.clock.relaxation > 0.0)
+
+
+def _means(plan: Plan, bodies: np.ndarray) -> np.ndarray:
+    """Means of x, x² and v² of one realization, (row, body)."""
+    return np.asarray(bodies.sum(axis=(0, 1))[list(_ROWS), :, 0] / plan.clock.steps)
+
+
+def _scale(means: np.ndarray) -> np.ndarray:
+    """Return the sizes by which differences of means are measured: their own, for x the root mean square."""
+    return np.stack([np.sqrt(means[1]), means[1], means[2]])

@@ -1,0 +1,140 @@
+"""From the sums of a run to its statistics with their standard errors.
+
+A *unit* is what counts as independent: a realization or, where there are few of them, a
+batch of one. A value is a mean over units. Where balances hold, whose expectation is
+known to be 0, the part of a statistic's scatter that follows theirs is removed: the value
+is that of a linear regression on the balances, at balance 0 (control variates).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.errors import warn
+from impactlab.plan.clock import BATCH_TIMES, BATCHES, batches_wanted
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import BODY, CONTACT, STATISTICS
+from impactlab.statistics.drift import drift_of
+from impactlab.statistics.ergodicity import Memory, memory_of
+from impactlab.statistics.heating import Heating, heating_of
+from impactlab.statistics.rare import Events, warn_of_rare, warn_of_still, widen_bodies, widen_contacts
+from impactlab.statistics.regression import Mean
+from impactlab.statistics.units import Units
+from impactlab.statistics.values import Values
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Statistics of a run.
+
+    Attributes
+    ----------
+    values : Values
+        Values and standard errors.
+    by_realization : dict of str to (realization, body or contact) ndarray
+        Statistics and balances of each realization, as they are called in a dataset.
+    drift : float
+        Largest difference between the first and the second half of the run, in standard
+        errors; with fewer than 8 realizations also between its first quarter and the rest, and NaN without
+        enough batches.
+    contacts_per_sample : (contact,) ndarray
+        How often each contact closed in a unit, on average.
+    heating : Heating
+        Heat that the step made.
+    remembered : str
+        Says that realizations settle into different motions; empty if they do not.
+    """
+
+    values: Values
+    by_realization: dict[str, np.ndarray]
+    drift: float
+    contacts_per_sample: np.ndarray
+    heating: Heating
+    remembered: str
+
+
+def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
+    """Estimate all default statistics.
+
+    Parameters
+    ----------
+    plan : Plan
+    bodies : (batch, phase, row, body, realization) ndarray
+        Sums over the steps of each batch.
+    contacts : (batch, row, contact, realization) ndarray
+    products : (batch, row, pair, realization) ndarray
+
+    Returns
+    -------
+    Estimates
+    """
+    units = Units.of(plan, bodies, contacts, products)
+    random, trusted = bool(plan.noise.random.any()), plan.realizations.trusted
+    if random and not trusted:
+        _warn_of_few(plan)
+    events = Events.of(plan, units.moments.contacts.closed, units.pushes)
+    seldom = events.seldom(plan)
+    mean = Mean(units.weights, trusted and random)
+    values = Values.of(plan, units.moments, units.whole, mean, seldom)
+    closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
+    _forget(plan, values)
+    of_batches = bodies.sum(axis=1)
+    memory = memory_of(plan, of_batches, units.steps, units.alone)
+    if random:
+        _widen(plan, units, events, memory, values)
+        if trusted:
+            closed = (closings < 1.0) & np.isfinite(events.closings)
+            warn_of_rare(plan, np.where(closed, np.maximum(closings, events.closings), closings))
+            warn_of_still(plan, events)
+    return Estimates(
+        values,
+        _by_realization(units),
+        drift_of(of_batches, contacts, units.steps, trusted),
+        closings / len(units.weights),
+        heating_of(plan, units.moments, units.weights, seldom),
+        memory.warning,
+    )
+
+
+def _by_realization(units: Units) -> dict[str, np.ndarray]:
+    """Return statistics and balances of the realizations."""
+    statistics = {item.name: item.formed(units.whole.of(item)) for item in STATISTICS.values()}
+    balances = {STATISTICS[name].balance.name: item for name, item in units.whole.balances.items()}
+    return {name: item.T for name, item in (statistics | balances).items()}
+
+
+def _forget(plan: Plan, values: Values) -> None:
+    """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
+    of_bodies = ~plan.noise.random
+    of_contacts = ~np.append(plan.noise.random, False)[plan.system.ends].any(axis=1)
+    for variable, (value, error) in values.labelled():
+        still = of_contacts if variable.dimension == CONTACT else of_bodies
+        error[still] = np.where(value[still] != 0.0, np.nan, 0.0)
+
+
+def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Values) -> None:
+    """Add to standard errors what scatter between units does not show: rare events, and what realizations remember."""
+    kinetic = values.combined["mean_square_velocity"].value
+    widen_contacts(plan, events, kinetic, values.of_dimension(CONTACT))
+    widen_bodies(plan, events, kinetic, values.of_dimension(BODY))
+    for statistic, (_, error) in values.of_dimension(CONTACT):
+        moments = units.moments if statistic.stationary else units.whole
+        same = np.ptp(statistic.formed(moments.of(statistic)), axis=-1) == 0.0
+        error[same | (events.closings == 0.0)] = np.nan  # what was the same in all units is not known exactly
+    widening = memory.widening(len(units.weights))
+    of_ends = np.append(widening, 1.0)[plan.system.ends].max(axis=1, initial=1.0)
+    for variable, (_, error) in values.labelled():
+        error *= of_ends if variable.dimension == CONTACT else widening
+
+
+def _warn_of_few(plan: Plan) -> None:
+    if plan.clock.relaxation > 0.0:
+        needed = (
+            1.01 * BATCH_TIMES * plan.clock.relaxation * batches_wanted(plan.realizations.number)
+        )  # more than rounding takes away
+        advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
+    else:
+        advice = f"use at least {BATCHES} realizations"
+    warn(f"Too few independent samples for standard errors, which are NaN: {advice}.")

@@ -1,0 +1,145 @@
+"""What the sums of a run say about its step and its start, at no cost: heat that the step makes, and equipartition."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.assembly.model import connected_parts
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import Moments
+from impactlab.statistics.regression import Regression
+
+MOST_HEATING = 0.005
+"""Heat that a step may make beside what noise puts in, and largest difference from a known temperature: one is the
+other, where what is lost is proportional to the temperature."""
+
+MOST_PARTS = 1000
+"""Connected parts that are looked at, the first ones: each takes a regression."""
+
+CERTAIN, VERY_CERTAIN = 4.0, 5.0
+"""Standard errors beside it, of one number and of the largest of many."""
+
+
+@dataclass(frozen=True)
+class Heating:
+    """Heat that a step makes, over the power that noise puts in.
+
+    Attributes
+    ----------
+    share, error : float
+        Of the connected part of the network where it is most certainly not 0, and its standard error; NaN where it is
+        not known: where forces depend on velocities, which take or bring heat themselves.
+    body : str
+        The first body of that part.
+    parts : int
+        Connected parts that were looked at.
+    """
+
+    share: float = math.nan
+    error: float = math.nan
+    body: str = ""
+    parts: int = 1
+
+    @property
+    def significance(self) -> float:
+        """How many standard errors it is off 0."""
+        return abs(self.share) / max(self.error, 1e-300)
+
+    @property
+    def warning(self) -> str:
+        """A sentence that says it, where it is too much."""
+        certain = math.sqrt(CERTAIN**2 + 2.0 * math.log(self.parts))  # as the largest of so many normal numbers grows
+        if not abs(self.share) > MOST_HEATING + certain * self.error:
+            return ""
+        return (
+            f"Friction takes {100.0 * abs(self.share):.2g} ± {100.0 * self.error:.1g} % "
+            f"{'more' if self.share > 0.0 else 'less'} heat than noise puts into {self.body!r} and what is connected "
+            f"to it, and temperatures are too {'high' if self.share > 0.0 else 'low'} by about as much: "
+            f"{'the step may be too large' if self.share > 0.0 else 'the spin-up may be too short'}."
+        )
+
+
+def heating_of(plan: Plan, moments: Moments, weights: np.ndarray, seldom: np.ndarray) -> Heating:
+    """Return the heat that the step made, by which the power that friction takes is more than that of the noise.
+
+    These are ``Σ c E[v²]`` and ``Σ πS/m``. In a stationary motion under conservative forces they are the same in each
+    connected part. Balances of the velocities are controls of the sum,
+    as they are of each of its terms.
+
+    Parameters
+    ----------
+    plan : Plan
+    moments : Moments
+        Of independent units.
+    weights : (unit,) ndarray
+    seldom : (body,) ndarray of bool
+        Bodies whose balances are no controls.
+    """
+    if not (_conservative(plan) and plan.forces.kicked.any()):
+        return Heating()
+    mass, damping, _ = plan.system.linear
+    labels = connected_parts(len(mass), plan.system.links)
+    put_in = np.zeros(len(mass))
+    put_in[plan.noise.white] = np.pi * plan.noise.intensity / mass[plan.noise.white]
+    given = np.bincount(labels, put_in)
+    taken = damping[:, None] * moments.bodies.vv
+    balances = moments.balances.get("mean_square_velocity", np.full_like(taken, np.nan))
+    usable = np.isfinite(balances).all(axis=1) & (np.ptp(balances, axis=1) > 0.0) & (damping > 0.0) & ~seldom
+    dampers = _damped_couplings(plan)
+    worst = Heating()
+    kicked = np.bincount(labels, plan.forces.kicked) > 0.0
+    parts = np.flatnonzero(kicked & (given > 0.0) & (not dampers))
+    members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
+    for part in parts[:MOST_PARTS]:
+        slots = members[part]
+        controls = slots[usable[slots]][: len(weights) // 8]
+        value, error = Regression(balances[controls][None], weights).at_zero(taken[slots].sum(axis=0)[None])
+        share, scatter = float(value[0] / given[part]) - 1.0, float(error[0] / given[part])
+        found = Heating(share, scatter, plan.system.bodies[slots[0]], len(parts))
+        if math.isnan(worst.share) or found.significance > worst.significance:
+            worst = found
+    return worst
+
+
+def _damped_couplings(plan: Plan) -> bool:
+    """Whether a damper between two bodies is a part of a linear motion: it is not at their temperature."""
+    groups = plan.method.groups
+    return any((group.system.damping != np.diag(plan.system.linear[1, group.slots])).any() for group in groups)
+
+
+def _conservative(plan: Plan) -> bool:
+    """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
+    stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
+    return stationary and not plan.forces.passes and not plan.driving.lines
+
+
+def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:
+    """Say which body has not the temperature of its part, where all noise there has one and forces are conservative."""
+    if not _conservative(plan) or _damped_couplings(plan):
+        return ""
+    mass, damping, _ = plan.system.linear
+    labels = connected_parts(len(mass), plan.system.links)
+    intensity = np.zeros(len(mass))
+    intensity[plan.noise.white] = plan.noise.intensity
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = np.pi * intensity / damping
+    lowest, highest = np.full(labels.max() + 1, np.inf), np.zeros(labels.max() + 1)
+    bathed = (damping > 0.0) | (intensity > 0.0)
+    np.minimum.at(lowest, labels[bathed], own[bathed])
+    np.maximum.at(highest, labels[bathed], own[bathed])
+    one = (highest - lowest <= 1e-9 * highest) & (highest > 0.0) & np.isfinite(highest)
+    temperature = np.where(one, highest, np.nan)[labels]
+    off = mass * mean_square_velocity - temperature
+    limit = MOST_HEATING * temperature + VERY_CERTAIN * mass * error
+    wrong = np.flatnonzero(np.abs(off) > limit)
+    if not wrong.size:
+        return ""
+    body = wrong[np.argmax(np.abs(off[wrong]) / limit[wrong])]
+    return (
+        f"mean_square_velocity of {plan.system.bodies[body]!r} is {100.0 * off[body] / temperature[body]:+.2g} ± "
+        f"{100.0 * mass[body] * error[body] / temperature[body]:.1g} % off the temperature that all noise there has: "
+        "the step may be too large, or the spin-up too short."
+    )

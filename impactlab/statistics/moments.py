@@ -1,0 +1,257 @@
+"""From sums to the moments that statistics are formed of, at the right time of the step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.integrators.arguments import Group
+from impactlab.integrators.kicks import kick_share
+from impactlab.kernels.rows import BEGUN, CLOSED, FF, FLUX, FORCE, FV, FX, INTENSITY, PEAK, TURN, VV, XV, XX, F, V, X
+from impactlab.plan.driving import Driving
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import Moments, OfBodies, OfContacts
+from impactlab.statistics.balances import balances_of
+from impactlab.statistics.chain import Chain, weighted_sum
+from impactlab.statistics.joint_moments import joint_moments, mean_load
+
+
+class Motion(NamedTuple):
+    """Moments of bodies; the first row is of the displacement, the second of the velocity."""
+
+    mean: np.ndarray  # (2, body, unit)
+    square: np.ndarray  # (2, body, unit)
+    load: np.ndarray  # (body, unit) what the mean square of the displacement lacks for the variance
+
+    def rewrite(self, bodies: np.ndarray, motion: Motion, sure: np.ndarray) -> None:
+        """Write the moments of some bodies, in units where they are sure."""
+        for target, values in zip(self, motion, strict=True):
+            target[..., bodies, :] = np.where(sure, values, target[..., bodies, :])
+
+
+def moments_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Moments:
+    """Turn sums into moments.
+
+    Parameters
+    ----------
+    plan : Plan
+    sums : (phase, row, body, unit) ndarray
+        Sums over the steps of each phase; see `impactlab.kernels.sums`.
+    counts : (phase, unit) ndarray of int
+        How many steps these are.
+    contacts, products : (row, contact or pair, unit) ndarray
+        Sums.
+
+    Returns
+    -------
+    Moments
+        (body or contact, unit) each.
+    """
+    steps = counts.sum(axis=0)
+    motion, balances = _of_bodies(plan, sums, counts, products / steps)
+    mass, damping, stiffness = np.broadcast_to(plan.system.linear[..., None], (3, *motion.load.shape))
+    variance = np.maximum(motion.square[0] + motion.load - motion.mean[0] ** 2, 0.0)
+    (x, v), (xx, vv) = motion.mean, motion.square
+    peak, contacts = contacts[PEAK], contacts / steps
+    flux = 9.0 / 8.0 * contacts[FLUX] / plan.observed.window[:, None]
+    rate = contacts[FLUX] / plan.clock.step if plan.observed.counted else flux
+    return Moments(
+        OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load),
+        OfContacts(contacts[CLOSED], rate, contacts[FORCE], peak),
+        balances,
+    )
+
+
+def _of_bodies(
+    plan: Plan, sums: np.ndarray, counts: np.ndarray, products: np.ndarray
+) -> tuple[Motion, dict[str, np.ndarray]]:
+    """Return the moments and balances of bodies from sums, and the means of products."""
+    seen = counts > 0
+    means = sums / np.where(seen, counts, 1)[:, None, None]
+    of_phases = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
+    bodies = sums.sum(axis=0) / counts.sum(axis=0) if plan.transient else of_phases
+    at_kicks = Motion(bodies[[X, V]], bodies[[XX, VV]], np.zeros_like(bodies[X]))
+    if plan.method.flows is None:
+        return at_kicks, {}
+    complete = seen.all(axis=0)
+    if not complete.all():
+        means[..., ~complete] = np.nan
+    mass, damping, stiffness = plan.system.linear
+    chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
+    closed = _closed_flow(plan.method.groups, plan.driving, len(plan.system.bodies))
+    steady = closed & ~np.isin(np.arange(len(closed)), plan.noise.white if plan.noise.time_varying else ())
+    response, intensity = chain.response(), np.zeros(len(closed))
+    intensity[plan.noise.white] = plan.noise.intensity
+    balances, mixed = balances_of(chain, intensity, means, steady, response[1])
+    begun = sums[:, BEGUN:] / counts.sum(axis=0) if plan.transient else None
+    if begun is not None:
+        motion = _over_time(chain, bodies, begun, at_kicks, closed)
+    else:
+        off = [balances["mean_square_displacement"], mixed, balances["mean_square_velocity"]]
+        known = [np.where(np.isfinite(item), item, 0.0) for item in off] if plan.observed.sampled else None
+        motion = _over_steps(chain, means, at_kicks, closed, response, known)
+    _open_flow(chain, bodies, motion, ~closed)
+    for group in plan.method.groups:
+        if closed[group.slots].all():
+            after = None if begun is None else begun.sum(axis=0)[:, group.slots]
+            of_pairs = products[:, np.isin(plan.method.pairs[:, 0], group.slots)]
+            joint, off_balance = joint_moments(group, chain.step, bodies[:, group.slots], of_pairs, after)
+            motion.rewrite(group.slots, Motion(*joint), np.asarray(complete | plan.transient))
+            for name, values in off_balance.items():
+                balances[name][group.slots] = np.where(complete, values, balances[name][group.slots])
+    return motion, balances
+
+
+def _over_steps(
+    chain: Chain, s: np.ndarray, at_kicks: Motion, closed: np.ndarray, response: tuple[np.ndarray, np.ndarray],
+    off: list[np.ndarray] | None,
+) -> Motion:  # fmt: skip
+    """Moments over the time of a step, without the error of second order that those at the kick have.
+
+    Means are shifted by what separates those at the kicks from the mean over time under the
+    mean force F, which is F/k for the displacement. Mean squares are (kick + 2 middle of the
+    flow)/3, Simpson's rule; those in the middle follow exactly from those after the kick before;
+    see also `mean_load`.
+    Only the flow of white noise is closed in this way; other bodies keep the moments at the kick
+    for `_open_flow`, and those in groups are left to `joint_moments`. Where states are
+    samples, what their second moments (of x², x v and v²) are `off` the balances is no part of the
+    difference between kick and middle.
+    """
+    x, v, xx, xv, vv = (np.roll(item, 1, axis=0) for item in _after_kicks(chain, s))  # after the kick before
+    if off is not None:
+        xx, xv, vv = (item - one for item, one in zip((xx, xv, vv), off, strict=True))
+    closed = (closed & chain.alone)[:, None] & np.isfinite(s).all(axis=(0, 1))
+    over_time, of_kicks = response
+    mean, square = np.empty((2, *at_kicks.mean.shape))
+    at_kick = at_kicks.square[0], _slowed(chain, s, at_kicks.square[1])
+    for row in range(2):
+        shift = over_time[:, row, None] * s[:, F].mean(axis=0) - weighted_sum(of_kicks[:, row].T, s[:, F])
+        mean[row] = at_kicks.mean[row] + np.where(closed & np.isfinite(shift), shift, 0.0)
+        middle = _square_in_middle(chain, row, xx, xv, vv).mean(axis=0)
+        over_step = middle if off is None else middle + off[2 * row]
+        square[row] = np.where(closed, (at_kick[row] + 2.0 * over_step) / 3.0, at_kick[row])
+    square[1] = square[1] - np.where(closed, _sawtooth(chain, s), 0.0)
+    loads = mean_load(mean[0], at_kicks.mean[0], _mean_in_middle(chain, x, v).mean(axis=0))
+    return Motion(mean, square, np.where(closed, loads, 0.0))
+
+
+def _over_time(chain: Chain, s: np.ndarray, begun: np.ndarray, at_kicks: Motion, closed: np.ndarray) -> Motion:
+    """Moments over the time of a transient by Simpson's rule, (kick + 2 middle of the flow)/3.
+
+    Those in the middle follow from those of the kicks with which the flows of each phase begin. The mean
+    velocity is the way from start to end.
+    """
+    x, v, xx, xv, vv = _after_kicks(chain, begun)
+    intensity = begun[:, INTENSITY - BEGUN]
+    closed = (closed & chain.alone)[:, None]
+    own = _slowed(chain, s[None], at_kicks.square[1])
+    at_kick = at_kicks.square[0], np.where(chain.forgotten[:, None], own, at_kicks.square[1])
+    square = np.empty_like(at_kicks.square)
+    for row in range(2):
+        middle = _square_in_middle(chain, row, xx, xv, vv, intensity).sum(axis=0)
+        square[row] = (at_kick[row] + 2.0 * middle) / 3.0
+    square[1] -= _sawtooth(chain, s[None])
+    middle = _mean_in_middle(chain, x, v).sum(axis=0)
+    mean = (at_kicks.mean[0] + 2.0 * middle) / 3.0
+    load = mean_load(mean, at_kicks.mean[0], middle)
+    # half of the states at both ends are in the others
+    way = 2.0 / chain.step * (at_kicks.mean[0] - begun[:, X].sum(axis=0))
+    return Motion(
+        np.stack([np.where(closed, mean, at_kicks.mean[0]), way]),
+        np.where(closed, square, at_kick),
+        np.where(closed, load, 0.0),
+    )
+
+
+def _after_kicks(chain: Chain, s: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the means of x, v, x², x v and v² after kicks from those in their middle, (phase, body, unit) each."""
+    increment = chain.increment
+    v = s[:, V] + 0.5 * increment * s[:, F]
+    xv = s[:, XV] + 0.5 * increment * s[:, FX]
+    return s[:, X], v, s[:, XX], xv, s[:, VV] + increment * s[:, FV] + 0.25 * increment**2 * s[:, FF]
+
+
+def _mean_in_middle(chain: Chain, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return mean displacements in the middle of flows that begin with some means, (phase, body, unit)."""
+    a = chain.flows.middle_transition
+    return np.asarray(a[:, :, 0, 0, None] * x + a[:, :, 0, 1, None] * v)
+
+
+def _square_in_middle(
+    chain: Chain, row: int, xx: np.ndarray, xv: np.ndarray, vv: np.ndarray, intensity: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the mean square of x (row 0) or v (1) in the middle of flows that begin with some moments.
+
+    The white noise in the flows has an intensity relative to that which they are made with, (phase, body, unit).
+    """
+    a, noise = chain.flows.middle_transition, chain.flows.middle_covariance[:, :, row, row, None]
+    of_x, of_v = a[:, :, row, 0, None], a[:, :, row, 1, None]
+    noise = noise if intensity is None else noise * intensity
+    return np.asarray(of_x**2 * xx + 2.0 * of_x * of_v * xv + of_v**2 * vv + noise)
+
+
+def _open_flow(chain: Chain, s: np.ndarray, motion: Motion, rows: np.ndarray) -> None:
+    """Write the moments of bodies of which the middle of the flow is not known: cosines or given forces push them.
+
+    The mean displacement over a step under the force f of the kick is that of ``y = x + h² f/12m``. Where no time is
+    ahead of another, Simpson's rule adds ``(h/m)² E[f F]/6`` to the mean square of the velocity, F being all forces
+    on the body: what the flow adds between two kicks in the place of a part of the force counts as a force.
+    So a load that others balance, static or slow, adds nothing.
+    """
+    if not rows.any():
+        return
+    s, increment = s[:, rows], chain.increment[rows]
+    shift = chain.step / 12.0 * increment
+    motion.mean[0, rows] = s[X] + shift * s[F]
+    motion.square[0, rows] = s[XX] + 2.0 * shift * s[FX] + shift**2 * s[FF]
+    motion.square[1, rows] = s[VV] + increment / 6.0 * (increment * s[FF] + s[TURN])
+
+
+def _slowed(chain: Chain, s: np.ndarray, at_kicks: np.ndarray) -> np.ndarray:
+    """Mean square velocities with the `kick_share` of bodies that friction slows within a step, (body, unit)."""
+    share = kick_share(chain.damping / chain.mass * chain.step)
+    slowed = share < 0.5
+    if not slowed.any():
+        return at_kicks
+    share, increment = share[slowed, None], chain.increment[slowed]
+    vv, fv, ff = (s[:, row, slowed].mean(axis=0) for row in (VV, FV, FF))
+    result, own = at_kicks.copy(), vv + increment * (2.0 * share - 1.0) * (fv - 0.5 * increment * ff)
+    own += increment**2 * (share**2 - 0.25) * ff
+    result[slowed] = np.where(np.isfinite(own), own, at_kicks[slowed])  # units without a step of each phase
+    return result
+
+
+def _sawtooth(chain: Chain, s: np.ndarray) -> np.ndarray:
+    """Return what moments have too much in the mean squares of velocities that friction forgets, (body, unit).
+
+    A time τ after a kick by F the body moves at A F/c instead of F/c, ``A = g e^(−γτ)/(1 − e^(−g))``, g = γh. Where a
+    step is as long as 1/γ it is the displacement that is resolved, which is slow beside friction. Then the noise n of
+    the velocity has E[n F] = (T/c) E[F'] with the force of its own time, and ``C = g e^(−2γτ)/(1 − e^(−2g))`` of that
+    with what kicks have left of it. With T E[F'] = −E[F² − k x F], of one temperature, the mean square is
+    ``((A² − 2C) E[F²] + (2C − 2A + 1) k E[x F])/c²`` too large, in the middle of the flow and at the time of the
+    kick, which counts by its `kick_share`.
+    """
+    slow, result = chain.forgotten, np.zeros(s.shape[2:])
+    if not slow.any():
+        return result
+    g = (chain.damping / chain.mass * chain.step)[slow, None]
+    with np.errstate(over="ignore"):
+        moved = np.stack([np.ones_like(g), 0.5 * g / np.sinh(0.5 * g)])
+        seen = np.stack([kick_share(g) * g + g / np.expm1(2.0 * g), 0.5 * g / np.sinh(g)])
+    of_squares, of_places = (
+        (at_kick + 2.0 * at_middle) / 3.0 for at_kick, at_middle in (moved**2 - 2.0 * seen, 2.0 * (seen - moved) + 1.0)
+    )
+    ff, fx = (s[:, row, slow].mean(axis=0) for row in (FF, FX))
+    result[slow] = (of_squares * ff + of_places * chain.stiffness[slow, None] * fx) / chain.damping[slow, None] ** 2
+    return result
+
+
+def _closed_flow(groups: tuple[Group, ...], driving: Driving, bodies: int) -> np.ndarray:
+    """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
+    result = np.ones(bodies, dtype=bool)
+    result[[lines.body for lines in driving.lines]] = False
+    result[driving.forced] = False
+    for group in groups:
+        result[group.slots] = result[group.slots].all()
+    return result

@@ -1,0 +1,74 @@
+"""The independent units of an estimate: realizations or, where there are few of them, batches of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from impactlab.kernels.rows import FF, PEAK
+from impactlab.plan.clock import BATCHES
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import Moments
+from impactlab.statistics.moments import moments_of
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """What standard errors come from.
+
+    Attributes
+    ----------
+    moments, whole : Moments
+        Of the units, and of the realizations.
+    weights : (unit,) ndarray
+        Steps of a unit; 1 for realizations.
+    steps : (batch,) ndarray
+        Steps of the batches.
+    alone : bool
+        Whether realizations are the units, not their batches.
+    pushes : (body, unit) ndarray
+        Mean square of the forces of kicks; without rows if the method does not kick.
+    """
+
+    moments: Moments
+    whole: Moments
+    weights: np.ndarray
+    steps: np.ndarray
+    alone: bool
+    pushes: np.ndarray
+
+    @classmethod
+    def of(cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Units:
+        """Return those of a run, from the sums of its batches; see `impactlab.statistics.estimate.estimate`."""
+        ends, realizations = (0, *plan.clock.boundaries), bodies.shape[-1]
+        steps = np.diff(ends).astype(float)
+        counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
+        total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
+        whole = [item.sum(axis=0) for item in (bodies, contacts, products)]
+        whole[1][PEAK] = contacts[:, PEAK].max(axis=0)
+        alone = realizations >= BATCHES
+        pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
+        if alone:
+            moments = moments_of(plan, whole[0], total, *whole[1:])
+            return cls(moments, moments, np.ones(realizations), steps, alone, pushes)
+        counts = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
+        of_bodies, *others = map(_joined, whole, (bodies, contacts, products))
+        moments = moments_of(plan, of_bodies, counts, *others)
+        units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))
+        return cls(units, of_whole, np.repeat(steps, realizations), steps, alone, pushes)
+
+
+def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:
+    """Put batches, on the first axis, behind what they add up to, along the last."""
+    units = np.moveaxis(np.concatenate([whole[None], batches]), 0, -2)
+    return units.reshape(*whole.shape[:-1], units.shape[-2] * units.shape[-1])
+
+
+def _pushes(bodies: np.ndarray, steps: np.ndarray, alone: bool) -> np.ndarray:
+    """Return the mean square of the forces of kicks in each unit, (body, unit)."""
+    squares = bodies[:, :, FF].sum(axis=1)
+    if alone:
+        return np.asarray(squares.sum(axis=0) / steps.sum())
+    return np.asarray((squares / steps[:, None, None]).swapaxes(0, 1).reshape(squares.shape[1], -1))

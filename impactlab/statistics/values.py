@@ -1,0 +1,87 @@
+"""Values of statistics and their standard errors: means over independent units, combined with balances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import STATISTICS, Estimate, Moments, Statistic, Variable, stationary
+from impactlab.statistics.controls import controlled, neighbours, touching, unbalanced
+from impactlab.statistics.regression import Mean
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Values and standard errors, by the statistic.
+
+    Attributes
+    ----------
+    combined, direct : dict of str to Estimate
+        Values at balance 0, and plain means; where no balances are used plain means and nothing.
+    balances : dict of str to Estimate
+    unbalanced : str
+        Which balance does not close; empty if all do.
+    """
+
+    combined: dict[str, Estimate]
+    direct: dict[str, Estimate]
+    balances: dict[str, Estimate]
+    unbalanced: str
+
+    @classmethod
+    def of(cls, plan: Plan, moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray) -> Values:
+        """Estimate them.
+
+        Parameters
+        ----------
+        plan : Plan
+        moments, whole : Moments
+            Of independent units, and of realizations.
+        mean : Mean
+            Estimates means over the units.
+        seldom : (body,) ndarray of bool
+            Bodies whose forces acted too seldom: their balances are no controls.
+        """
+        balances = {name: mean(item) for name, item in moments.balances.items()}
+        off = unbalanced(balances, plan.system.bodies)
+        combined, direct = {item.name: item.averaged(moments.of(item), mean) for item in stationary()}, {}
+        errors = [error for _, error in balances.values()]
+        usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
+        if usable.any() and mean.trusted and plan.clock.settled and not off:
+            bodies = neighbours(plan.system.links, _kicked(plan))
+            contacts = touching(plan.system.ends, len(plan.system.bodies))
+            direct, combined = combined, {}
+            for near in (bodies, contacts):
+                combined |= controlled(near, moments, mean, usable)
+        of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
+        for statistic in STATISTICS.values():
+            if not statistic.stationary:
+                combined[statistic.name] = statistic.averaged(whole.of(statistic), of_realizations)
+        return cls(combined, direct, balances, off)
+
+    def labelled(self) -> Iterator[tuple[Variable, Estimate]]:
+        """Give all with what they are called in a dataset."""
+        for statistic in STATISTICS.values():
+            yield statistic, self.combined[statistic.name]
+        for name, estimate in self.direct.items():
+            yield STATISTICS[name].direct, estimate
+        for name, estimate in self.balances.items():
+            yield STATISTICS[name].balance, estimate
+
+    def of_dimension(self, dimension: str) -> Iterator[tuple[Statistic, Estimate]]:
+        """Give values and plain means of bodies or of contacts."""
+        for estimates in (self.combined, self.direct):
+            for name, estimate in estimates.items():
+                if STATISTICS[name].dimension == dimension:
+                    yield STATISTICS[name], estimate
+
+
+def _kicked(plan: Plan) -> np.ndarray:
+    """Whether other forces than linear ones may act on each body, or one in a group with it, (body,) of bool."""
+    kicked = plan.forces.kicked.copy()
+    for group in plan.method.groups:
+        kicked[group.slots] = kicked[group.slots].any()
+    return kicked

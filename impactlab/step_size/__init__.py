@@ -1,0 +1,1 @@
+"""Rules for the step of a run."""

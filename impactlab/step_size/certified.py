@@ -1,0 +1,46 @@
+"""The class of networks whose automatic step is known to be right, without a measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.contact import contact_forces
+from impactlab.components.oscillator import DuffingOscillator
+
+EXPONENTS, UNIFORM = (0.95, 4.0), 0.3
+"""Exponents ``d ln F/d ln δ`` of forces whose step is known from theory and tests, and how much they may vary."""
+
+_PLACES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.5, 3.0])
+
+
+def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
+    """Whether a step of a network, up to the automatic one, is known to be right, without a measurement.
+
+    So it is, by theory and by random networks against exact laws, for bodies under white noise of constant intensity,
+    or starting from given states, whose forces are conservative: linear couplings, and contacts and residual forces
+    that are nearly powers of their indentation or displacement, with exponents from 1 to 4. Friction does not stop a
+    body within a step: at c h/m from 8 to 60 the mean force of a contact was up to 1.6 % too small.
+    """
+    if (model.nonlinear_bodies & (model.damping * step > 1.001 * model.mass)).any():  # steps are often m/c
+        return False
+    if model.lines or model.forced or model.time_varying or model.passes:
+        return False
+    if any(not item.law.linear[0] for item in model.network.couplings.values()):
+        return False
+    laws = [item.law for item in model.network.contacts.values()]
+    depths = dict(zip(zip(laws, penetration.tolist(), strict=True), range(len(laws)), strict=True))
+    for law, depth in depths:
+        if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
+            return False
+    bodies = {body for body in model.network.oscillators.values() if body.has_kernel("residual")}
+    return all(isinstance(body, DuffingOscillator) for body in bodies)
+
+
+def _a_power(force: np.ndarray, places: np.ndarray) -> bool:
+    """Whether a force is nearly a power of the place."""
+    if not ((force > 0.0) & (force < np.inf)).all():
+        return not force.any()
+    exponents = np.diff(np.log(force)) / np.diff(np.log(places))
+    low, high = EXPONENTS
+    return bool(low <= exponents.min() and exponents.max() <= high and np.ptp(exponents) <= UNIFORM)

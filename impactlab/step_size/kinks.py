@@ -1,0 +1,261 @@
+"""What kinks and jumps of forces within a step do to the energy, and the step that keeps it small."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
+from impactlab.errors import warn
+from impactlab.nonlinear.profiles import COLUMNS, Profiles, of_powers
+from impactlab.nonlinear.tangent_stiffness import Stiffening
+
+KINK_HEATING = 5e-4
+"""Largest part of their temperature by which kinks of contact forces may heat bodies."""
+
+WANDERING = 0.1
+"""Root mean square of the relative change of the energy of bodies without friction from which on there is a warning."""
+
+
+def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = None) -> float:
+    """Return the step at which what it does not resolve of forces heats no body by more than `KINK_HEATING` (s).
+
+    A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
+    little whenever it opens or closes, and so do kinks and jumps elsewhere. Friction takes it away; a body with little
+    of it, or a contact that closes often, needs a smaller step. `decay` is the rate at which something takes
+    the heat of each contact, coupling and residual force away (s-1), friction by default.
+    """
+    given, total = _decays(model)
+    own = given if decay is None else decay
+    step = _closing_step(model, stiffening, own[: len(model.ends)])
+    passes = _passes(model, stiffening, own, total if decay is None else np.zeros_like(total))
+    return min(step, passes.largest_step()) if len(passes.rate) else step
+
+
+def _decays(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return at which rate friction cools the bodies of each item, and all bodies of its part together (s-1).
+
+    Items are contacts, couplings, and bodies. A part is counted only if nothing cools the bodies of some item of it,
+    which then warm those that something cools; otherwise it is 0.
+    """
+    mass = np.append(model.mass, np.inf)
+    friction, damping = np.append(model.damping, 0.0), model.coupling[1]
+    bodies = np.append(friction[:-1] / model.mass, 0.0)
+    items = np.concatenate([model.links, np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)])
+    with np.errstate(invalid="ignore"):
+        own = (friction / mass**2)[items].sum(axis=1) / (1.0 / mass)[items].sum(axis=1)
+    labels = np.append(model.connected(), 0)
+    of_item = labels[items.min(axis=1)]
+    total = np.bincount(labels[:-1], bodies[:-1])
+    np.add.at(total, labels[model.coupled.min(axis=1)], damping * (1.0 / mass)[model.coupled].sum(axis=1))
+    kicked = np.concatenate([np.ones(len(model.ends), dtype=bool), ~model.coupling.any(axis=0), model.residual])
+    uncooled = np.zeros(len(total), dtype=bool)
+    uncooled[of_item[kicked & (own == 0.0)]] = True
+    return own, np.where(uncooled, total, 0.0)[of_item]
+
+
+def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> float:
+    """Return the step for kinks of powers where they begin, measured: ``0.016 r² (h Ω)⁴`` of T in a contact, or less.
+
+    Ω is the frequency of the closed contact and r the part of its stiffness that is there at a tenth of the
+    thermal penetration (1 for a linear law, 0.2 for Hertz contact).
+    """
+    mobility, compliance = _mobility(model, model.ends), _compliance(model, model.ends)
+    heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0) & (powers_of(model)[1] >= 1.0))
+    depth, tangent, clearance = (
+        item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
+    )
+    mobility, compliance, decay = mobility[heated], compliance[heated], decay[heated]
+    laws = [contact.law for contact in model.network.contacts.values()]
+    early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
+    # how often the gap crosses the point of contact, by Rice's formula
+    spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
+    often = _often(clearance, stiffening.energy[model.ends[heated].min(axis=1)], compliance)
+    rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
+    counted = (rate > 0.0) & (early > 0.0)
+    with np.errstate(over="ignore", divide="ignore"):  # a contact that closes once in 10^300 s heats nothing
+        power = KINK_HEATING * decay[counted] / (0.016 * early[counted] ** 2 * rate[counted])
+    roots = np.array([item**0.25 for item in power.tolist()])
+    return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
+
+
+def powers_of(model: Model) -> np.ndarray:
+    """Return stiffness and exponent of the laws that are known to be powers, NaN of others, (2, contact)."""
+    laws = [contact.law for contact in model.network.contacts.values()]
+    known = {id(law): _power_of(law) for law in {id(law): law for law in laws}.values()}
+    return np.array([known[id(law)] for law in laws]).reshape(-1, 2).T
+
+
+def _power_of(law: ContactLaw) -> tuple[float, float]:
+    if type(law) is PowerLawContact:
+        return law.stiffness, law.exponent
+    if type(law) is HertzContact:
+        return law.stiffness, 1.5
+    return (law.stiffness, 1.0) if type(law) is LinearContact else (math.nan, math.nan)
+
+
+def _mobility(model: Model, ends: np.ndarray) -> np.ndarray:
+    """Return the sum of the inverse masses at both ends (kg-1); a wall does not move."""
+    return np.asarray(np.append(1.0 / model.mass, 0.0)[ends].sum(axis=1))
+
+
+def _compliance(model: Model, ends: np.ndarray) -> np.ndarray:
+    """Return the sum of the compliances of the bodies' own springs at both ends (m N-1)."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.append(1.0 / model.stiffness, 0.0)[ends].sum(axis=1))
+
+
+def _often(clearance: np.ndarray, energy: np.ndarray, compliance: np.ndarray) -> np.ndarray:
+    """Return the density of gaps at the point of contact, over its peak, of bodies on their own springs."""
+    with np.errstate(invalid="ignore"):
+        spread = energy * compliance
+    known = (spread > 0.0) & (spread < np.inf)
+    exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
+    return np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
+
+
+class _Passes(NamedTuple):
+    """Points that pass through forces: how often, what they get, and what takes it away."""
+
+    profiles: Profiles
+    rate: np.ndarray  # passes per time where the potential is least (s-1)
+    temperature: np.ndarray  # (J)
+    speed: np.ndarray  # sqrt(2T/m) (m s-1)
+    decay: np.ndarray  # rate of cooling of their own, 0 where it does not count (s-1)
+    total: np.ndarray  # and of their part
+    part: np.ndarray  # label
+
+    def largest_step(self) -> float:
+        """Return the step at which they heat no body, and no part, by more than `KINK_HEATING`.
+
+        Or half of that at which it is ten times as much: heat of jumps decreases like h² only.
+        """
+        distance, variance = self.profiles.distance, self.profiles.variance
+        numbers = np.column_stack([distance, variance[:, ::8], *self[1:]])  # enough to tell which are equal
+        _, first, counts = np.unique(numbers, axis=0, return_index=True, return_counts=True)
+        profiles = self.profiles.rows(first)
+        rate, temperature, speed, decay, total, part = (item[first] for item in self[1:])
+        groups = part.astype(int)
+        share = np.divide(counts, total, out=np.zeros_like(total), where=total > 0.0)
+        with np.errstate(divide="ignore"):
+            alone = np.where(decay > 0.0, 1.0 / decay, 0.0)
+
+        def heating(logarithm: float) -> float:
+            power = rate / temperature * profiles.heat(10.0**logarithm * speed, temperature)
+            return float(max((power * alone).max(), np.bincount(groups, power * share).max()))
+
+        times = profiles.distance / speed
+        low, high = math.log10(times.min()) - 6.0, math.log10(times.max()) + 3.0
+
+        def largest(allowed: float) -> float:
+            if heating(high) <= allowed:
+                return math.inf
+            below, above = low, high
+            for _ in range(50):
+                middle = 0.5 * (below + above)
+                below, above = (below, middle) if heating(middle) > allowed else (middle, above)
+            return float(10.0**below)
+
+        step = max(largest(KINK_HEATING), 0.5 * largest(10.0 * KINK_HEATING))
+        return float(f"{step:.3g}")  # on any processor
+
+
+def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray) -> _Passes:
+    """Return the passes through forces that are no smooth powers, and through all where a part has a `total`.
+
+    And through all contacts of free bodies, of which Rice's formula knows nothing.
+    """
+    contacts = len(model.ends)
+    bodies = np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)
+    items = np.concatenate([model.links, bodies])
+    temperature = np.append(stiffening.energy, np.inf)[items.min(axis=1)]
+    counted = (temperature > 0.0) & (temperature < np.inf) & ((decay > 0.0) | (total > 0.0))
+    stiffness, exponent = powers_of(model)
+    smooth, free = exponent >= 1.0, np.isinf(_compliance(model, model.ends))
+    powers = counted[:contacts] & (stiffness > 0.0) & (~smooth | free | (total[:contacts] > 0.0))
+    powers = np.flatnonzero(powers & (stiffening.penetration > 0.0))
+    chosen, found = [powers], [Profiles.of(np.zeros((COLUMNS, 0)))]
+    if len(powers):
+        eta, p = stiffness[powers], exponent[powers]
+        length = ((p + 1.0) * temperature[powers] / eta) ** (1.0 / (p + 1.0))
+        found[0] = Profiles.of(of_powers(eta, p, length))
+        decay = decay.copy()
+        decay[powers[smooth[powers] & ~free[powers]]] = 0.0  # which `_closing_step` counts
+    first = 0
+    for known, row in stiffening.profiles:
+        useful = np.append(known.room > 0.0, False)  # the last for those without a row
+        members = np.flatnonzero(counted[first : first + len(row)] & useful[row])
+        chosen.append(first + members)
+        found.append(known.rows(row[members]))
+        first += len(row)
+    slots = np.concatenate(chosen)
+    profiles = Profiles(*(np.concatenate(item) for item in zip(*found, strict=True)))
+    thermal = np.sqrt(temperature[slots] * _mobility(model, items[slots]))
+    density = 1.0 / profiles.room  # of places where the potential is least
+    touching = slots < contacts
+    if touching.any():
+        of_contacts = slots[touching]
+        density[touching] = _density(
+            model, profiles.rows(touching), temperature[of_contacts], of_contacts, total[of_contacts] > 0.0
+        )
+    return _Passes(
+        profiles,
+        2.0 * density * thermal / math.sqrt(2.0 * math.pi),
+        temperature[slots],
+        math.sqrt(2.0) * thermal,
+        decay[slots],
+        total[slots],
+        model.connected()[items[slots].min(axis=1)].astype(float),
+    )
+
+
+def _density(
+    model: Model, profiles: Profiles, temperature: np.ndarray, slots: np.ndarray, crowd: np.ndarray
+) -> np.ndarray:
+    """Return the density of the gaps of some contacts where their potential is least (m-1).
+
+    Bodies that meet nothing else have that of their own springs. Others are kept together by their
+    neighbours: at most as if the gap could have no more than its clearance and what thermal motion adds at both sides.
+    """
+    ends, clearance = model.ends[slots], model.clearance[slots]
+    compliance = _compliance(model, ends)
+    often = _often(clearance, temperature, compliance)
+    wide = np.maximum(clearance, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.sqrt(temperature * compliance)
+        scaled = np.where(spread < np.inf, clearance / spread, 0.0)
+        open_ = math.sqrt(2.0 * math.pi) * spread * np.array([_tail(item) for item in scaled.tolist()])
+    open_ = np.where(spread < np.inf, open_, wide) * np.exp(-profiles.begin)
+    alone = often / (often * profiles.room + open_)
+    number = np.bincount(model.ends.ravel(), minlength=model.wall + 1)
+    number[-1] = 0  # of a wall
+    crowd = crowd | (number[ends] > 1).any(axis=1)
+    return np.asarray(np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone))
+
+
+def _tail(x: float) -> float:
+    """Normal law's probability below x, times e^(x²/2) where x is negative."""
+    if x >= 0.0:
+        return 0.5 * math.erfc(-x / math.sqrt(2.0))
+    return (
+        0.5 * math.exp(0.5 * x * x) * math.erfc(-x / math.sqrt(2.0))
+        if x > -10.0
+        else -1.0 / (x * math.sqrt(2.0 * math.pi))
+    )
+
+
+def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:
+    """Warn of a step at which the energy of bodies that no friction cools may change by more than `WANDERING`."""
+    labels = model.connected()
+    slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.min(axis=1)[model.coupling[1] > 0.0]])
+    free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
+    slots = np.concatenate([model.links.min(axis=1), np.arange(model.wall)])
+    largest = kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
+    if step > largest:
+        warn(
+            f"Without friction the energy may change by more than {100.0 * WANDERING:g} % in {duration:g} s at the "
+            f"automatic step of {step:.3g} s, since contacts open and close within steps; step={largest:.2g} would do."
+        )

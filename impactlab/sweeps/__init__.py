@@ -1,0 +1,1 @@
+"""Many simulations: over values, side by side, done again."""

@@ -1,0 +1,139 @@
+"""What a file was made from: its network, and its simulation or sweep done again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import impactlab
+from impactlab.assembly.build import digest
+from impactlab.assembly.generate import generate
+from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
+from impactlab.plan.seed import Seed
+from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
+from impactlab.sweeps.points import Point
+from impactlab.sweeps.scheduler import Job
+from impactlab.sweeps.sweep import DONE, Sweep, run_points
+
+_REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
+"""Options that are stored with a result: none of them can name a file."""
+
+
+def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | None = None) -> xr.Dataset:
+    """Simulate again what a dataset or a file was made from, with the same numbers.
+
+    On the same machine and versions they are the same bit for bit.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` or `sweep` returned, a part of a sweep, or a netCDF file of it.
+    executor : concurrent.futures.Executor, optional
+        Where to run; see `simulate`.
+
+    Raises
+    ------
+    InvalidInput
+        If no simulation is stored, or a component's kernel has changed since.
+    """
+    configuration = configuration_of(source)
+    if "sweep" in configuration:
+        dataset = source if isinstance(source, xr.Dataset) else load(source)
+        if not isinstance(dataset, xr.Dataset):
+            raise InvalidInput("A sweep is one dataset; this file has groups.")
+        sweep = configuration["sweep"]
+        return _rerun_sweep(dataset, isinstance(sweep, Mapping) and sweep.get("reference") is True, executor)
+    if "simulate" not in configuration:
+        study = configuration.get("study")
+        name = study.get("name") if isinstance(study, Mapping) else None
+        advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
+        raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
+    return _repeat(configuration, executor)
+
+
+def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:
+    """Return the network that a dataset or a file was made from.
+
+    Parameters
+    ----------
+    source : Dataset, str or path
+        What `simulate` returned, or a netCDF file of it.
+
+    Raises
+    ------
+    InvalidInput
+        If no network is stored, or a class of its components is not defined.
+    """
+    configuration = configuration_of(source)
+    if "network" not in configuration:
+        advice = " Select one point of the sweep." if "sweep" in configuration else ""
+        raise InvalidInput(f"The configuration that is stored describes no network.{advice}")
+    return impactlab.Network.from_dict(configuration["network"])
+
+
+def _repeat(
+    configuration: Mapping[str, Any],
+    executor: Executor | None,
+    progress: bool | Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Simulate again what a configuration of `simulate` describes.
+
+    Raises
+    ------
+    InvalidInput
+        If a component's kernel has changed since.
+    """
+    options = configuration.get("simulate")
+    if not isinstance(options, Mapping) or set(options) != _REPEATED:
+        names = sorted(options) if isinstance(options, Mapping) else options
+        raise InvalidInput(
+            f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
+        )
+    seed, records = options["seed"], options["record"]
+    if not isinstance(seed, list) or len(seed) != 2 or not all(_is_word(word) for word in seed):
+        raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
+    if not isinstance(records, list):
+        raise InvalidInput(f"The stored records must be a list, not {records!r}.")
+    network = impactlab.Network.from_dict(configuration.get("network", {}))
+    if digest(generate(Model.of(network))) != configuration.get("text"):
+        raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
+    return impactlab.simulate(
+        network, options["duration"], realizations=options["realizations"], step=options["step"],
+        integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=options["spin_up"],
+        initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
+        executor=executor, progress=progress,
+    )  # fmt: skip
+
+
+def _is_word(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 2**64
+
+
+def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
+    """Simulate again what was done; a point that was refused keeps its status."""
+    if CONFIGURATION not in dataset or "status" not in dataset:
+        raise InvalidInput(f"The sweep has lost its variables 'status' and {CONFIGURATION!r}; give it whole.")
+    stored = dataset[CONFIGURATION]
+    points, jobs = [], {}
+    for place in np.ndindex(stored.shape):
+        configuration = parsed(stored.values[place])
+        status = str(dataset["status"].values[place])
+        labels = {str(name): dataset[name].values[index].item() for name, index in zip(stored.dims, place, strict=True)}
+        network = impactlab.Network.from_dict(configuration["network"]) if "network" in configuration else None
+        point = Point(", ".join(f"{name}={label!r}" for name, label in labels.items()), network, {}, status)
+        if status == DONE:
+            point = point._replace(refusal="")
+            jobs[point.key] = _job(configuration)
+        points.append(point)
+    coordinates = {str(name): dataset[name].variable for name in stored.dims}
+    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, None))
+
+
+def _job(configuration: Mapping[str, Any]) -> Job:
+    return lambda pool, note: _repeat(configuration, pool, note)

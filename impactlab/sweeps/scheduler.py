@@ -1,0 +1,103 @@
+"""Several simulations at a time, on threads that they share."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from typing import TYPE_CHECKING
+
+from impactlab.errors import ImpactLabError, Interrupted, heard_by, warn
+from impactlab.machine import SharedThreads, begin, cores
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FOREIGN = 16
+"""Simulations at a time on a given executor, whose number of workers is not known."""
+
+Job = Callable[[Executor, Callable[[float], None]], "xr.Dataset"]
+"""Simulates something on an executor and calls back with the part that is done."""
+
+
+def run_together(
+    jobs: Mapping[str, Job],
+    finished: Callable[[str, xr.Dataset | ImpactLabError], None],
+    *,
+    kind: str,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    alone: bool = False,
+    watch: Callable[[str, Mapping[str, float]], None] = lambda key, parts: None,
+) -> None:
+    """Run jobs side by side, so that what one does on a single core fills the gaps of the others.
+
+    When a function that is called here raises an error, or Ctrl-C is pressed, all jobs stop.
+
+    Parameters
+    ----------
+    jobs : mapping of str to callable
+    finished : callable
+        Called in the order of the jobs with the key of each and its dataset, or the error that it
+        raised on purpose.
+    kind : str
+        What a job is called in warnings, which are given once, however many jobs they concern.
+    executor : Executor, optional
+        Where blocks run; by default threads.
+    workers : int, optional
+        Number of threads; by default one per core.
+    alone : bool
+        Whether each job has the cores for itself, as it measures its time.
+    watch : callable
+        Called now and then with the key of the job that is waited for and the parts that are done.
+    """
+    threads = cores() if workers is None else workers
+    parts = dict.fromkeys(jobs, 0.0)
+    heard: dict[tuple[type[Warning], str], set[str]] = {}
+    stop = threading.Event()
+    at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
+    pool = executor or SharedThreads(threads, at_once)
+    turns = ThreadPoolExecutor(at_once)
+    patient = True
+
+    def outcome(key: str) -> xr.Dataset | ImpactLabError:
+        def note(part: float) -> None:
+            if stop.is_set():
+                raise Interrupted(f"{kind} {key!r} was stopped.")
+            parts[key] = max(parts[key], part)
+
+        def hear(message: str, category: type[Warning]) -> None:
+            heard.setdefault((category, message), set()).add(key)
+
+        note(0.0)
+        try:
+            with heard_by(hear):
+                return jobs[key](pool, note)
+        except ImpactLabError as error:
+            return error
+        finally:
+            parts[key] = 1.0
+
+    try:
+        if executor is not None and jobs:
+            begin(executor)  # processes are forked here, not by a thread while another one computes
+        futures = {key: turns.submit(outcome, key) for key in jobs}
+        for waiting_for in jobs:
+            future = futures.pop(waiting_for)
+            watch(waiting_for, parts)
+            while not wait([future], 0.1).done:
+                watch(waiting_for, parts)
+            finished(waiting_for, future.result())
+            watch(waiting_for, parts)
+    except KeyboardInterrupt:
+        patient = False  # a thread that compiles would have to be waited for
+        raise
+    finally:
+        stop.set()
+        turns.shutdown(wait=patient, cancel_futures=True)
+        if executor is None:
+            pool.shutdown(wait=patient, cancel_futures=True)
+    for (category, message), concerned in heard.items():
+        first = next(key for key in jobs if key in concerned)
+        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
+        warn(f"{kind} {first!r}{others}: {message}", category)

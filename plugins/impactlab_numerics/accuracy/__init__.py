@@ -1,0 +1,1 @@
+"""The accuracy study: bias on random networks, coverage of intervals, tolerances."""

@@ -1,0 +1,1 @@
+"""The conservation study: energy, time reversal, momentum and orders of convergence."""

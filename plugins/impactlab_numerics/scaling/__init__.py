@@ -1,0 +1,1 @@
+"""The scaling study: cost against the number of bodies, the clearance and the noise."""

@@ -1,0 +1,1 @@
+"""The stability study: the steps at which each method is accurate, degraded or unstable."""

@@ -1,0 +1,1 @@
+"""The trust study: random networks of all classes at default settings."""

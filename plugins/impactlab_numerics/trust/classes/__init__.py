@@ -1,0 +1,1 @@
+"""Classes of random networks, each drawn by one function."""

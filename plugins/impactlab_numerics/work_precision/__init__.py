@@ -1,0 +1,1 @@
+"""The work-precision study: run time against error of many methods."""

@@ -1,0 +1,52 @@
+"""Checks that pass on any machine: run times only have to exist."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from impactlab.studies import Check
+from impactlab_numerics.scenes import STATISTICS
+from impactlab_numerics.work_precision.results import Results
+
+if TYPE_CHECKING:
+    from impactlab_numerics.work_precision.study import WorkPrecisionStudy
+
+BIAS = 1e-3
+"""Allowed relative bias of the default step."""
+
+SAME = 0.05
+"""Allowed relative bias of any method."""
+
+SURE = 4.0
+"""Standard errors that are allowed in addition."""
+
+
+def checks(study: WorkPrecisionStudy, tree: xr.DataTree) -> list[Check]:
+    """Return the checks that pass on any machine: run times only have to exist."""
+    results = Results(study, tree)
+    methods = results.methods
+    rates = methods["rate"].values[methods["note"].values != "not installed"]
+    checks = [
+        Check("run times", bool((np.isfinite(rates) & (rates > 0.0)).all()), f"{rates.size} cases"),
+        *_biases("default method", results, methods["case"].str.contains("exact flow, white, automatic").values, BIAS),
+        *_biases("all methods solve one problem", results, np.isfinite(methods["bias"].values).all(axis=1), SAME),
+    ]
+    if results.direct is not None:
+        excess = np.abs(results.direct["difference"].values) - results.direct.attrs["bias_bound"]
+        excess = excess / results.direct["standard_error"].values
+        checks.append(Check("measured runs", bool((excess <= SURE).all()), _excess(excess)))
+    return checks
+
+
+def _biases(name: str, results: Results, chosen: np.ndarray, allowed: float) -> list[Check]:
+    """Check that the biases of cases are within the allowed one and `SURE` standard errors."""
+    rows = results.methods.isel(case=np.flatnonzero(chosen), statistic=slice(len(STATISTICS) - 1))
+    excess = ((abs(rows["bias"]) - allowed) / rows["bias_error"]).values
+    return [Check(f"{name}: bias", bool((excess <= SURE).all()), f"{_excess(excess)} beyond {allowed:.1%}")]
+
+
+def _excess(excess: np.ndarray) -> str:
+    return f"at most {excess.max():.2f} standard errors, allowed {SURE:g}"

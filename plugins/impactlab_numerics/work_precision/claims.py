@@ -1,0 +1,103 @@
+"""Claims of the work-precision study and their verdicts."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from impactlab.studies.claims import Claim, verdict_of
+from impactlab_numerics.work_precision.results import Results, time_text
+from impactlab_numerics.work_precision.study import PAIR
+
+if TYPE_CHECKING:
+    from impactlab_numerics.work_precision.study import WorkPrecisionStudy
+
+FASTER = 3.0
+"""Least factor between our steps per second and those of a scalar BAOAB loop."""
+
+TIMES_PAPER = 300.0
+"""Least factor between the time of Runge–Kutta with series and ours."""
+
+SECONDS = 2.0
+"""Longest time to the highest accuracy (s)."""
+
+STEPPING = 0.030
+"""Longest time of the steps to the lowest accuracy (s)."""
+
+THREADS = 1.85
+"""Least factor between the steps of two threads and of one."""
+
+
+def claims(study: WorkPrecisionStudy, tree: xr.DataTree) -> list[Claim]:
+    """Return the claims."""
+    results = Results(study, tree)
+    return [_against_baoab(results), _threads(results), *_accuracy(results)]
+
+
+def _against_baoab(results: Results) -> Claim:
+    own = results.body_steps(f"{PAIR}, impactlab, full blocks, 1 thread")
+    runs = [str(run) for run in results.speed["run"].values if f"{PAIR}, numba, BAOAB" in str(run)]
+    other = max(results.body_steps(run) for run in runs)
+    return Claim(
+        "speed",
+        f"Two bodies, one core: at least {FASTER:g} times the steps of a scalar BAOAB loop with NumPy's generator.",
+        f"{own:.3g} against {other:.3g} steps of a body per second: {own / other:.2f} times",
+        verdict_of(own >= FASTER * other),
+    )
+
+
+def _threads(results: Results) -> Claim:
+    one, two = (results.body_steps(f"{PAIR}, impactlab, full blocks, {text}") for text in ("1 thread", "2 threads"))
+    return Claim(
+        "speed",
+        f"Two threads make at least {THREADS:g} times the steps of one.",
+        f"{two / one:.2f} times",
+        verdict_of(two >= THREADS * one, results.speed.attrs["cores"] > 1),
+    )
+
+
+def _accuracy(results: Results) -> list[Claim]:
+    """The time to each accuracy. Our own bias is taken two standard errors larger, that of others smaller."""
+    low, high = results.study.accuracies[0], results.study.accuracies[-1]
+    ours, known = results.measured_seconds(), results.direct is not None
+    reached, ours = math.isfinite(ours), ours if math.isfinite(ours) else math.inf
+    paper = results.seconds(results.paper, high, "seconds_to_at_least")
+    others = {
+        case: results.seconds(case, high, "seconds_to_at_least")
+        for case in results.cases(PAIR)
+        if str(results.methods["tool"].sel(case=case).values) != "impactlab"
+    }
+    others = {case: seconds for case, seconds in others.items() if not math.isnan(seconds)}
+    fastest = min(others, key=others.__getitem__)
+    found = results.findings(results.default)
+    stepping = results.seconds(results.default, low, "seconds_to_at_most") - found.startup
+    took = f"{time_text(ours)}, measured" if reached else "not reached"
+    return [
+        Claim(
+            "accuracy",
+            f"E[x²] of the base case to {high:.2g} on one core: {TIMES_PAPER:g} times sooner than Runge–Kutta with "
+            "series by FFT.",
+            f"{took}, against at least {time_text(paper)}: {paper / ours:.0f} times",
+            verdict_of(reached and paper >= TIMES_PAPER * ours, known),
+        ),
+        Claim(
+            "accuracy",
+            f"E[x²] of the base case to {high:.2g} on one core: within {SECONDS:g} s.",
+            took,
+            verdict_of(ours <= SECONDS, known),
+        ),
+        Claim(
+            "accuracy",
+            f"E[x²] of the base case to {high:.2g} on one core: sooner than all others.",
+            f"{took}, against at least {time_text(others[fastest])} ({fastest}): {others[fastest] / ours:.1f} times",
+            verdict_of(ours < others[fastest], known),
+        ),
+        Claim(
+            "accuracy",
+            f"E[x²] of the base case to {low:.2g} on one core: {1e3 * STEPPING:g} ms of stepping.",
+            f"{time_text(stepping)}, and {time_text(found.startup)} for spin-up, planning and estimates",
+            verdict_of(stepping <= STEPPING),
+        ),
+    ]

@@ -1,0 +1,356 @@
+"""The error of a step, measured on the scene."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import impactlab as il
+from impactlab.assembly.model import Model
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
+from impactlab.results.schema import scatter_of, statistics
+from impactlab.simulation.idle_bodies import joined
+from impactlab.simulation.planning import Request, make_plan
+from impactlab.simulation.step_error import (
+    BIASED,
+    CERTAIN,
+    MOST_BIAS,
+    TOGETHER,
+    USUAL_BIAS,
+    StepError,
+    step_error,
+    together,
+)
+from impactlab.step_size.automatic import highest_step
+from impactlab.step_size.certified import certified
+
+BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
+HEAT = il.WhiteNoise(0.2 / np.pi)
+START = {"displacement": {"a": 1.0}}
+
+
+class Dashpot(il.ContactLaw):
+    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
+    dashpot: float = il.parameter(units="N s m-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, dashpot):
+        return max(stiffness * indentation + dashpot * rate, 0.0)
+
+
+class Stop(il.ContactLaw):
+    """A spring with a much stiffer one behind it."""
+
+    soft: float = il.parameter(units="N m-1", minimum=0.0)
+    hard: float = il.parameter(units="N m-1", minimum=0.0)
+    play: float = il.parameter(units="m", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, soft, hard, play):
+        return soft * indentation + hard * max(indentation - play, 0.0)
+
+
+class Push(il.Excitation):
+    amplitude: float = il.parameter(units="N")
+    frequency: float = il.parameter(1.3, units="rad s-1")
+
+    @staticmethod
+    def force(time, amplitude, frequency):
+        return amplitude * math.cos(frequency * time)
+
+
+class Swell(il.Excitation):
+    density: float = il.parameter(units="N2 s rad-1", minimum=0.0)
+
+    @staticmethod
+    def intensity(time, density):
+        return density * (1.0 + math.cos(time))
+
+
+def at_wall(law, body=BODY, excitation=HEAT):
+    contacts = {"wall": il.Contact("a", il.WALL, law, clearance=0.2)}
+    return il.Network({"a": body}, contacts, {"a": excitation})
+
+
+def is_certified(network):
+    return certified(Model.of(network), np.full(len(network.contacts), 0.3), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("network", "known"),
+    [
+        (at_wall(il.HertzContact(100.0)), True),
+        (at_wall(il.LinearContact(100.0)), True),
+        (at_wall(il.PowerLawContact(100.0, exponent=2.0)), True),
+        (at_wall(il.HertzContact(100.0), il.DuffingOscillator(1.0)), True),
+        (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 4.0)), True),
+        (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 6.0)), False),
+        (at_wall(il.PowerLawContact(100.0, exponent=0.3)), False),
+        (at_wall(Stop(30.0, hard=1000.0, play=0.1)), False),
+        (at_wall(Dashpot(100.0, dashpot=1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=Push(1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=Swell(1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=il.ShinozukaNoise(0.1, band=(0.0, 1.0), components=100)), False),
+    ],
+    ids=repr,
+)
+def test_the_certified_class(network, known):
+    assert is_certified(network) == known
+
+
+def test_certified_networks_are_not_measured():
+    result = il.simulate(at_wall(il.HertzContact(100.0)), 10.0, realizations=64, rng=1)
+    assert not [name for name in result if str(name).endswith("_step_bias")]
+
+
+def test_a_measured_step_does_not_depend_on_the_seed():
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    one, other = (il.simulate(network, 20.0, realizations=64, rng=seed) for seed in (1, 2))
+    assert one.attrs["step"] == other.attrs["step"]
+    assert one.mean_square_velocity_step_bias.identical(other.mean_square_velocity_step_bias)
+    assert abs(one.mean_square_velocity_step_bias.item()) < 2.0 * MOST_BIAS
+    assert not one.mean_square_velocity.equals(other.mean_square_velocity)
+
+
+def test_a_step_that_is_finer_than_needed_becomes_larger():
+    """The rules take bodies on a heavy base for as hot as the base, until their velocities have been met."""
+    base = il.LinearOscillator.from_frequency(6.0, 0.1, mass=1e5)
+    springs = {
+        name: il.Coupling("base", name, il.LinearCoupling(rate**2, damping=0.2 * rate))
+        for name, rate in (("left", 10.0), ("right", 6.0))
+    }
+    bodies = {"base": base, "left": il.LinearOscillator(), "right": il.LinearOscillator()}
+    law = il.PowerLawContact(1e3, exponent=2.0)
+    contacts = {"pair": il.Contact("left", "right", law, clearance=0.05)}
+    network = il.Network(bodies, contacts, {"base": il.WhiteNoise(1e10)}, springs)
+    options = {"duration": 150.0, "realizations": 512}
+    larger = il.simulate(network, **options, rng=1)
+    by_rules = il.simulate(network, **options, integrator=il.ExactFlow(measured=False), rng=2)
+    assert larger.attrs["step"] > 1.9 * by_rules.attrs["step"]
+    for name in BIASED:
+        if name in larger:
+            errors = np.hypot(*(item[f"{name}_standard_error"] for item in (larger, by_rules)))
+            assert (np.abs(larger[name] - by_rules[name]) < 4.0 * errors).all(), name
+
+
+@pytest.mark.parametrize(("law", "further"), [(il.HertzContact(100.0), True), (Stop(30.0, hard=1e4, play=2.0), False)])
+def test_steps_stay_stable_where_a_law_is_hardly_ever_stiff(law, further):
+    """Of known powers the stiffness at ten temperatures is known; a stop is met seldom, and throws bodies out then."""
+    model, method = Model.of(at_wall(law)), il.ExactFlow()
+    stiffening = Stiffening.of(model, energies(model, "stationary", 100.0))
+    recommended = method.recommended_step(model, stiffening.links, stiffening.bodies)
+    highest = highest_step(model, method, stiffening, 0.0, 0.0, "stationary")
+    assert highest == pytest.approx(2.0 * recommended if further else recommended)
+
+
+@pytest.mark.parametrize(("bias", "error", "automatic", "fine"), [
+    (0.0, 0.0, 0.1, True),
+    (0.002, 0.0, 0.1, False),
+    (0.0, math.inf, 0.1, True),  # unseen, at the step of the rules
+    (0.0, math.inf, 0.05, False),  # at twice that
+    (0.0, 0.001, 0.05, True),
+])  # fmt: skip
+def test_which_biases_will_do(bias, error, automatic, fine):
+    found = StepError(0.1, {"contact_rate": np.array([bias])}, {"contact_rate": np.array([error])}, {"contact": ("a",)})
+    assert found.will_do(automatic) == fine
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "rate", "time", "unclear"),
+    [
+        ("mean_square_velocity", 1e-3, 1.0, 1e4, False),
+        ("mean_square_velocity", 3e-3, 1.0, 1e4, True),  # however long the run is
+        ("mean_square_velocity", np.inf, 1.0, 1e4, False),  # nothing moves: nothing will be learned
+        ("contact_ratio", 3e-3, 1.0, 1e8, True),
+        ("contact_ratio", 3e-3, 1.0, 1e4, False),  # its own standard error is as large
+        ("contact_ratio", 3e-3, 0.0, 1e8, False),
+    ],
+)
+def test_a_measurement_goes_on_where_a_bias_may_be_worth_saying(name, error, rate, time, unclear):
+    found = StepError(0.1, {name: np.zeros(1)}, {name: np.array([error])}, {}, {"contact_rate": np.array([rate])})
+    assert found.unclear(time) == unclear
+
+
+def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
+    """A body at ``c h/m`` of 4 is seen at a velocity half way through its kick that is -0.28 K x h/m on average."""
+    body = il.LinearOscillator(stiffness=1.0, damping=60.0)
+    contact = il.Contact("a", il.WALL, il.LinearContact(20.0), clearance=-5.0)
+    network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(60.0 / np.pi)})
+    exact, model, step = il.exact(network).statistics(), Model.of(network), 4.0 / 60.0
+    found = step_error(make_plan(model, Request(2000.0, 64, step, il.ExactFlow(), None, None, [], (1, 2))), model, None)
+    method = il.ExactFlow(measured=False)
+    runs = il.simulate(network, 2000.0, realizations=512, step=step, rng=1, integrator=method)
+    for name in ("mean_square_displacement", "mean_contact_force"):
+        value, error = (float(runs[item][0] / exact[name][0]) for item in (name, f"{name}_standard_error"))
+        assert abs(found.bias[name][0] - (value - 1.0)) < 3.5 * math.hypot(found.error[name][0], error)
+
+
+@pytest.mark.parametrize("start", [-0.01, -0.0137, -0.0171])
+def test_a_bounce_has_the_restitution_of_its_dashpot(start):
+    """One event of a path: restarted in stretches, at states of the coarse one, it was up to 0.9 % off and not told."""
+    ratio, stiffness = 0.2, 1e6
+    law, angle = Dashpot(stiffness, dashpot=2.0 * ratio * math.sqrt(stiffness)), math.sqrt(1.0 - ratio**2)
+    network = il.Network({"ball": il.LinearOscillator()}, {"floor": il.Contact("ball", il.WALL, law)})
+    begin = {"displacement": {"ball": start}, "velocity": {"ball": 1.0}}
+    result = il.simulate(network, 1.0, initial=begin, record=il.Trajectory(1.0))
+    # the dashpot would pull before the spring is free: contact ends where the force is 0
+    restitution = math.exp(-2.0 * ratio / angle * math.atan2(angle, ratio))
+    assert float(-result.velocity[0, -1, 0]) == pytest.approx(restitution, rel=3e-3)
+
+
+def test_a_path_from_rest_is_right_to_its_end():
+    """A force of 1 Hz on a stop, of which a part of a step at the beginning changes E[x²] over 256 s by a third."""
+    body = il.LinearOscillator.from_frequency(3.0, 0.05)
+    contact = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.02)
+    network = il.Network({"a": body}, {"w": contact}, {"a": Push(1.0, frequency=2.0 * math.pi)})
+    result = il.simulate(network, 256.0, initial={})
+    fine = il.simulate(network, 256.0, initial={}, integrator=il.RungeKutta4(), step=2.0**-12)
+    for name in ("mean_square_displacement", "mean_square_velocity", "contact_rate"):
+        assert float(result[name][0]) == pytest.approx(float(fine[name][0]), rel=5e-3)
+
+
+def test_it_is_made_again(tmp_path):
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, 20.0, realizations=64, rng=1)
+    il.save(result, tmp_path / "a.nc")
+    again = il.rerun(tmp_path / "a.nc")
+    for name in ("mean_square_velocity", "mean_square_velocity_step_bias"):
+        np.testing.assert_array_equal(again[name], result[name])
+
+
+@pytest.mark.parametrize(("dashpot", "step"), [(20.0, 0.1), (40.0, 0.05), (100.0, 0.05)])
+def test_what_is_measured_is_what_is_true(dashpot, step):
+    """Sign and size of the bias of a step that is too large, within a factor of three."""
+    network = at_wall(Dashpot(100.0, dashpot=dashpot))
+    options = {"duration": 200.0, "realizations": 512, "spin_up": 50.0}
+    with pytest.warns(il.AccuracyWarning, match=r"The step of .* makes .* too (large|small), as measured"):
+        coarse = il.simulate(network, **options, step=step, rng=1)
+    fine = il.simulate(network, **options, rng=2)
+    for name in ("mean_square_displacement", "mean_square_velocity", "contact_ratio"):
+        true = coarse[name].item() / fine[name].item() - 1.0
+        error = math.hypot(coarse[f"{name}_standard_error"].item(), fine[f"{name}_standard_error"].item())
+        error /= abs(fine[name].item())
+        if abs(true) > 0.01 + 3.0 * error:
+            assert (
+                0.33 * true < coarse[f"{name}_step_bias"].item() < 3.0 * true
+                or 3.0 * true < coarse[f"{name}_step_bias"].item() < 0.33 * true
+            ), name
+
+
+@pytest.mark.parametrize(
+    ("bias", "error", "allowance"),
+    [
+        (2e-6, 0.0, 2e-6),  # tiny and certain
+        (MOST_BIAS, 1e-9, MOST_BIAS),
+        (0.03, np.inf, USUAL_BIAS),  # nothing was seen
+        (0.03, 10.0, USUAL_BIAS),
+        (0.0, USUAL_BIAS, USUAL_BIAS / math.sqrt(2.0)),
+        (0.004, 0.001, 0.004),  # far from usual, but certain
+    ],
+)
+def test_what_is_allowed_for_a_bias_follows_what_is_known_of_it(bias, error, allowance):
+    found = StepError(0.1, {"contact_ratio": np.array([bias])}, {"contact_ratio": np.array([error])}, {})
+    assert found.allowance("contact_ratio") == pytest.approx(allowance, rel=1e-3)
+
+
+def test_the_allowance_is_the_root_mean_square_of_a_bias_that_was_measured():
+    rng, error = np.random.default_rng(3), 0.6 * USUAL_BIAS
+    biases = USUAL_BIAS * rng.standard_normal(100_000)
+    seen, name = biases + error * rng.standard_normal(100_000), "mean_contact_force"
+    found = StepError(0.1, {name: seen}, {name: np.full(100_000, error)}, {})
+    difference = (biases**2 - found.allowance(name) ** 2)[np.abs(seen) < CERTAIN * error]
+    assert abs(difference.mean()) < 4.0 * difference.std() / math.sqrt(len(difference))
+
+
+def test_standard_errors_allow_for_the_bias_of_a_measured_step():
+    """They are those of the scatter beside the allowance, for the plain means too; the scatter is not lost."""
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, 20.0, realizations=64, rng=1)
+    plain = il.simulate(
+        network, 20.0, realizations=64, rng=1, step=result.attrs["step"], integrator=il.ExactFlow(measured=False)
+    )
+    for name in BIASED:
+        allowance = result[f"{name}_step_allowance"].values
+        for key in {name, f"direct_{name}"} & set(result):
+            error, scatter = (item[f"{key}_standard_error"].values for item in (result, plain))
+            np.testing.assert_array_equal(result[key], plain[key])
+            np.testing.assert_allclose(error, np.hypot(scatter, allowance), rtol=1e-12)
+            np.testing.assert_allclose(scatter_of(result, key), scatter, rtol=1e-9)
+            np.testing.assert_array_equal(scatter_of(plain, key), scatter)
+    assert result.mean_velocity_standard_error.equals(plain.mean_velocity_standard_error)
+    assert 0.0 < result.contact_ratio_step_allowance.item() < 3.0 * MOST_BIAS * result.contact_ratio.item()
+    xr.testing.assert_allclose(il.effective_samples(result), il.effective_samples(plain), rtol=1e-9)
+
+
+def test_bodies_that_nothing_touches_have_no_bias():
+    name, network = "mean_square_velocity", il.Network({"b": BODY, "a": BODY})
+    busy, idle = (statistics([body], [], {name: [1.0]}, {name: [0.1]}, drift=0.0) for body in "ab")
+    measured = StepError(0.1, {name: np.array([1e-3])}, {name: np.array([0.0])}, {"oscillator": ("a",)})
+    both = joined(network, measured.added_to(busy, 0.1), idle)
+    np.testing.assert_array_equal(both[f"{name}_step_bias"], [0.0, 1e-3])
+    np.testing.assert_array_equal(both[f"{name}_step_allowance"], [0.0, 1e-3])
+    np.testing.assert_array_equal(both[f"{name}_standard_error"], [0.1, math.hypot(0.1, 1e-3)])
+
+
+def test_a_tolerance_counts_the_bias_for_itself():
+    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    result = il.simulate(network, tolerance={"mean_square_displacement": 0.1}, rng=1)
+    assert "mean_square_displacement_bias" in result
+    assert "mean_square_displacement_step_allowance" not in result
+    assert "comment" not in result.mean_square_displacement_standard_error.attrs
+    assert "contact_ratio_step_allowance" in result
+
+
+def test_a_coarse_step_of_a_certified_network_is_told():
+    network = at_wall(il.LinearContact(100.0))
+    automatic = il.simulate(network, 100.0, realizations=64, rng=1).attrs["step"]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        il.simulate(network, 100.0, realizations=64, rng=1, step=3.0 * automatic)
+    assert [item for item in caught if "as measured" in str(item.message)]
+
+
+def test_one_path_without_noise_is_measured_whole():
+    """The bias of a bounce at a dashpot is known from it alone, and made small."""
+    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, Dashpot(400.0, dashpot=8.0))})
+    result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1)
+    fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
+    assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
+    assert result.mean_contact_force.item() == pytest.approx(fine.mean_contact_force.item(), rel=5e-3)
+
+
+class Load(il.Excitation):
+    load: float = il.parameter(units="N")
+
+    @staticmethod
+    def force(time, load):
+        return load
+
+
+def test_a_body_that_a_load_holds_still_asks_for_no_step():
+    """Its variance is what the start has left, 10⁻⁷ of its mean square, or rounding."""
+    contacts = {
+        "left": il.Contact(il.WALL, "still", il.LinearContact(680.0), clearance=-0.2),
+        "far": il.Contact("shaken", "still", il.LinearContact(7.0), clearance=0.2),
+        "right": il.Contact("shaken", il.WALL, il.LinearContact(17.0)),
+    }
+    bodies = {
+        "still": il.LinearOscillator(mass=0.26, damping=0.94, stiffness=12.0),
+        "shaken": il.LinearOscillator(mass=0.95, damping=1.8, stiffness=24.0),
+    }
+    network = il.Network(bodies, contacts, {"still": Load(74.0), "shaken": HEAT})
+    result = il.simulate(network, 65.0, realizations=64, rng=1)
+    assert result.attrs["step"] > 2e-3
+
+
+def test_realizations_are_taken_together_where_there_are_many():
+    """Means stay what they are, and so do their standard errors as far as these are known."""
+    few, many = np.random.default_rng(1).normal(size=(2, 3, 64 * TOGETHER))
+    np.testing.assert_array_equal(together(few[:, :TOGETHER]), few[:, :TOGETHER])
+    groups = together(many)
+    assert groups.shape == (3, 64)
+    np.testing.assert_allclose(groups.mean(axis=-1), many.mean(axis=-1), atol=1e-15)
+    ratio = groups.std(axis=-1) * math.sqrt(TOGETHER) / many.std(axis=-1)
+    np.testing.assert_allclose(ratio, 1.0, atol=4.0 / math.sqrt(2.0 * 64))  # 4 standard errors
