@@ -171,7 +171,8 @@ def halve_level(jumps, level, number, address, work):  # type: ignore[no-untyped
 @kernel
 def step_by_step(functions, tables, noise, state, history, sums, steps, first):  # type: ignore[no-untyped-def]
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
-    forces, jumps, levels, coefficients = functions.forces, tables.jumps, state.work.levels, tables.coefficients
+    forces = functions.forces  # apart: numba warns of tuples that begin with a function
+    jumps, levels, coefficients = tables.jumps, state.work.levels, tables.coefficients
     number = noise.realizations.shape[0]
     x, v, of_x, of_v = piece(levels, 0, 0, 0, number)
     whole = piece(levels, 0, 1, 1, number)  # of the state after it, and the noise of all steps
