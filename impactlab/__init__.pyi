@@ -34,10 +34,10 @@ from impactlab.networks.network import chain as chain
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.peaks import PeakForces as PeakForces
-from impactlab.records.record import PerRealization as PerRealization
 from impactlab.records.record import Record as Record
-from impactlab.records.record import Trajectory as Trajectory
 from impactlab.records.spectrum import Spectrum as Spectrum
+from impactlab.records.trajectory import PerRealization as PerRealization
+from impactlab.records.trajectory import Trajectory as Trajectory
 from impactlab.reference.compare import compare as compare
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
 from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_planck

@@ -7,7 +7,8 @@ import numpy as np
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.kernels.random import philox_words, stream
-from impactlab.simulation.planning import Request, make_plan
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
 
 
 def plan_of(network, **options):

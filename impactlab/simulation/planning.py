@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, positive
 from impactlab.errors import InvalidInput
-from impactlab.integrators.base import Integrator, check_integrator
+from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import WholeFlow
 from impactlab.integrators.intervals import LEAF, foreseen_levels, jump_lanes, jump_tables, may_jump, sampled_will_do
 from impactlab.integrators.jumps import Jumps
-from impactlab.linear.damping import damped
 from impactlab.linear.given_functions import kinds_of
-from impactlab.linear.laws import relaxation_time
 from impactlab.nonlinear.closings import counts_closings, jitter
-from impactlab.nonlinear.force_checks import stiffening_of
-from impactlab.nonlinear.relaxation import Relaxation, closing_rates, spin_up_of, warn_of_unknown_damping
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, gap_scale, met_energies
-from impactlab.plan.clock import (
-    MOST_SAMPLES,
-    MOST_STEPS,
-    RELAXATION_TIMES,
-    TRANSIENT,
-    Clock,
-    batch_count,
-    enough_units,
-    fit_step,
-    settles,
-)
+from impactlab.nonlinear.relaxation import closing_rates
+from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
+from impactlab.plan.clock import MOST_SAMPLES, MOST_STEPS, TRANSIENT, Clock, batch_count, enough_units, fit_step
 from impactlab.plan.driving import Driving, check_periods, warn_of_bands
 from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
@@ -41,10 +26,11 @@ from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import WINDOW, Observed
 from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import Realizations, block_shape, most_lanes
-from impactlab.plan.start import Start, start_of
+from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
-from impactlab.records.record import Record
+from impactlab.simulation.expected import Expected
+from impactlab.simulation.request import Request
 from impactlab.step_size.automatic import choose_step, highest_step
 from impactlab.step_size.certified import certified
 from impactlab.step_size.kinks import warn_of_kinks
@@ -57,121 +43,6 @@ SHORTER = 0.8
 
 MISSED = 1e-3
 """Part of the duration by which one of whole intervals may differ from it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What a run is asked to be; parameters are those of `impactlab.simulate`.
-
-    Attributes
-    ----------
-    duration : float
-    realizations : int
-    step : float or None
-    integrator : Integrator
-    spin_up : float or None
-    initial : object
-    records : sequence of Record
-    seed : tuple of int
-        128 bits.
-    workers : int
-        Number of blocks that run at once.
-    coarse : bool
-        Whether a step has the noise of two steps of a run at half the step.
-    ceiling : float
-        Largest automatic step (s).
-    velocity : (body,) ndarray or None
-        Mean square velocities as they were met (m2 s-2): an automatic step may then be larger than the rules want,
-        since it will be measured.
-
-    Raises
-    ------
-    InvalidInput
-        If a number is not one that can be asked for.
-    """
-
-    duration: float
-    realizations: int
-    step: float | None
-    integrator: Integrator
-    spin_up: float | None
-    initial: Any
-    records: Sequence[Record]
-    seed: tuple[int, int]
-    workers: int = 1
-    coarse: bool = False
-    ceiling: float = math.inf
-    velocity: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        check_integrator(self.integrator)
-        object.__setattr__(self, "duration", positive("duration", self.duration))
-        whole = isinstance(self.realizations, int | np.integer) and not isinstance(self.realizations, bool)
-        if not whole or not 1 <= self.realizations < 2**32:
-            raise InvalidInput(
-                f"realizations must be a whole number from 1 to 2^32 - 1, {self.realizations!r} was given."
-            )
-        if self.spin_up is not None and finite("spin_up", self.spin_up) < 0.0:
-            raise InvalidInput(f"spin_up must be at least 0 s, {self.spin_up!r} was given.")
-        if self.step is not None:
-            object.__setattr__(self, "step", positive("step", self.step))
-
-    def options(self) -> dict[str, Any]:
-        """Return what makes the run again: options that are stored with its result, of which none can name a file."""
-        return {
-            "duration": self.duration, "realizations": self.realizations, "step": self.step,
-            "integrator": self.integrator.to_dict(), "spin_up": self.spin_up, "initial": self.initial,
-            "record": [item.to_dict() for item in self.records], "seed": list(self.seed),
-        }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """What is expected of a motion before it is simulated.
-
-    Attributes
-    ----------
-    start : str or ndarray
-        "stationary", "rest", or displacements and velocities, (2, body).
-    spin_up : float
-        (s)
-    stiffening, met : Stiffening
-        The scene at its energies, and at those that were met.
-    relaxed : Relaxation
-    settling : float
-        Relaxation time of what the start does not know (s).
-    """
-
-    start: str | np.ndarray
-    spin_up: float
-    stiffening: Stiffening
-    met: Stiffening
-    relaxed: Relaxation
-    settling: float
-
-    @classmethod
-    def of(cls, model: Model, request: Request) -> Self:
-        """Estimate energies and relaxation times, and choose the spin-up where it is not given."""
-        start, spin_up = start_of(request.initial, model), request.spin_up
-        linear = relaxation_time(damped(model)[1])
-        automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations)
-        if spin_up is None:
-            spin_up = RELAXATION_TIMES * linear if automatic else 0.0
-        stiffening = stiffening_of(model, energies(model, start, request.duration, spin_up))
-        relaxed = Relaxation.of(model, stiffening)
-        if automatic:
-            spin_up = spin_up_of(relaxed, spin_up, request.duration)
-            warn_of_unknown_damping(model, spin_up)
-        met = stiffening
-        if request.velocity is not None:
-            met = Stiffening.of(model, np.minimum(stiffening.energy, met_energies(model, request.velocity)))
-        return cls(start, spin_up, stiffening, met, relaxed, max(linear, relaxed.settling))
-
-    @property
-    def settled(self) -> bool:
-        """Whether the motion is stationary when statistics begin."""
-        rested = settles(self.spin_up, self.settling)
-        return isinstance(self.start, str) and (self.start == "stationary" or rested)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +85,7 @@ class Steps:
         InvalidInput
             If no step can be chosen, the one that is given cannot be used, or there are too many.
         """
-        intervals = _intervals(request.records, request.duration)
+        intervals = request.intervals()
         period = check_periods(model, request.duration + expected.spin_up)
         sampled = expected.settled and sampled_will_do(
             model, request.integrator, any(record.every_step for record in request.records)
@@ -270,22 +141,23 @@ def make_plan(model: Model, request: Request) -> Plan:
         If something cannot be done; the message says what would work.
     """
     request.integrator.check(model)
-    request = replace(request, records=[record.resolved(model) for record in request.records])
+    request = request.resolved(model)
     expected = Expected.of(model, request)
     stiffening, relaxed = expected.stiffening, expected.relaxed
     model = request.integrator.arrange(model, stiffening.links, stiffening.bodies)
     start = Start.of(model, expected.start, stiffening.bodies, stiffening.rest, relaxed.temperature, request.seed)
     window = WINDOW * gap_scale(model, stiffening.penetration)
+    # The step, and with it the method: in jumps where nothing touches for long.
     steps = Steps.of(model, request, expected, start, window)
     integrator = WholeFlow() if steps.jumping else request.integrator
     _warn(model, request, expected, steps, integrator)
-    observed = _observed(model, request, steps, window)
+    # Samples and batches end with whole intervals, and blocks are as large as memory and time allow.
+    observed, driving = _observed(model, request, steps, window), Driving.of(model)
     unit = max(observed.every, steps.unit)
-    clock, driving = _clock(model, request, expected, steps, unit), Driving.of(model)
+    clock = _clock(model, request, expected, steps, unit)
     series = driving.nbytes(integrator, clock.step, clock.all_steps)
     realizations = _realizations(model, request, clock, steps.jumping, series, unit)
-    single = realizations.lanes == 1 and not steps.jumping
-    likely = _likely(model, request, stiffening)
+    single, likely = realizations.lanes == 1 and not steps.jumping, _likely(model, request, stiffening)
     return Plan(
         system=System.of(model),
         forces=Forces.of(model, likely, single=single, kick=steps.step if integrator.kicks else None),
@@ -399,22 +271,6 @@ def _warn(model: Model, request: Request, expected: Expected, steps: Steps, inte
     warn_of_bands(model)
     if request.step is None and integrator.kicks:
         warn_of_kinks(model, expected.stiffening, steps.step, request.duration + expected.spin_up)
-
-
-def _intervals(records: Sequence[Record], duration: float) -> list[float]:
-    """Return the times between samples that records must have, after checking that all fit in one run."""
-    seen = set()
-    for record in records:
-        if record.identity in seen:
-            raise InvalidInput(
-                f"Two records {' '.join(record.identity)} would have variables of the same names; keep one, or "
-                "simulate once more with the same rng."
-            )
-        seen.add(record.identity)
-    intervals = [interval for record in records if (interval := record.exact_interval()) is not None]
-    if intervals and max(intervals) > duration * (1.0 + 1e-9):
-        raise InvalidInput(f"An interval of {max(intervals):g} s is longer than the duration of {duration:g} s.")
-    return intervals
 
 
 def _divides(interval: float, period: float) -> bool:

@@ -29,7 +29,8 @@ from impactlab.nonlinear.force_checks import explanation
 from impactlab.plan.plan import Plan
 from impactlab.plan.seed import seed_of
 from impactlab.progress import reporter, say
-from impactlab.records.record import PairedRealizations, PerRealization, Record, Trajectory, trajectory_size
+from impactlab.records.record import Record
+from impactlab.records.trajectory import PairedRealizations, PerRealization, Trajectory, trajectory_size
 from impactlab.records.trajectory_file import written
 from impactlab.results.dataset import opened, path_of, provenance, replacing, told, write
 from impactlab.results.labels import Variables, labelled
@@ -38,7 +39,8 @@ from impactlab.results.snapshot import QUANTITIES
 from impactlab.simulation.ensemble import merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.memory import check_memory
-from impactlab.simulation.planning import Request, make_plan
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
 from impactlab.simulation.step_error import measured, worth_measuring
 from impactlab.simulation.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH

@@ -26,7 +26,8 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 from impactlab.results.schema import BODY, CONTACT, STATISTICS
 from impactlab.simulation.block import Block
-from impactlab.simulation.planning import Request, make_plan
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
 from impactlab.statistics.moments import moments_of
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from impactlab.kernels.flow import COEFFICIENTS
 from impactlab.linear.transitions import GAUSS, split_transition
 from impactlab.plan import noise as noise_plan
 from impactlab.plan.realizations import Realizations
-from impactlab.simulation import planning
+from impactlab.simulation import expected
 from impactlab.simulation.block import Block
 from planted.plant import Bug, Plant, both, called, coefficients, in_plan, instead, planned, returned, text
 from planted.scenes import (
@@ -245,7 +245,7 @@ BUGS = [
         in_plan(start__streams=lambda plan: np.repeat(plan.start.streams[:, :1], 2, axis=1))),
     Bug("no spin-up", EARLY, in_plan(clock__spin_up_steps=lambda plan: 0)),
     Bug("spin-up by the fastest body", EARLY,
-        returned(planning, "relaxation_time", lambda time, model: time / 16.0)),
+        returned(expected, "relaxation_time", lambda time, model: time / 16.0)),
     Bug("jumps with a bound of 3σ", JUMPS, instead(scipy.special, "ndtri", lambda tail: -3.0)),
     Bug("jumps without noise about the mean path", JUMPS, instead(scipy.special, "ndtri", lambda tail: 0.0)),
     Bug("halves of a jump whose noise does not add up", JUMPS, jumping(gain=lambda noise: 0.0 * noise.gain)),

@@ -12,7 +12,8 @@ from impactlab.assembly.model import Model
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.results.schema import scatter_of, statistics
 from impactlab.simulation.idle_bodies import joined
-from impactlab.simulation.planning import Request, make_plan
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
 from impactlab.simulation.step_error import (
     BIASED,
     CERTAIN,
