@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from impactlab.integrators.arguments import Account, Closings, History, Noise, Sums
@@ -11,6 +9,7 @@ from impactlab.integrators.kicks import SHIFT, kick, slot_of
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import address_of, borrow, call, dense, kernel, scalar
 from impactlab.kernels.jump import (
+    Piece,
     add_to,
     amend_samples,
     correct,
@@ -29,15 +28,6 @@ from impactlab.kernels.rows import PEAK, F
 from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
 
 
-class Piece(NamedTuple):
-    """State of some lanes at the beginning of an interval, and the noise in it, [body, lane] each."""
-
-    x: np.ndarray
-    v: np.ndarray
-    wx: np.ndarray
-    wv: np.ndarray
-
-
 @kernel
 def approach(functions, tables, noise, state, history, sums, steps, interval):  # type: ignore[no-untyped-def]
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
@@ -46,46 +36,26 @@ def approach(functions, tables, noise, state, history, sums, steps, interval):  
     level are dense blocks of their own.
     """
     jumps, work, levels, ends = tables.jumps, state.work, state.work.levels, sums.ends
-    top, leaf, near = jumps.levels, jumps.leaf, interval.near
+    top, leaf = jumps.levels, jumps.leaf
     counts, half = np.zeros(top + 1, np.int64), np.zeros(top + 1, np.int64)
     node, begin = np.zeros(top + 1, np.int64), np.zeros(top + 1, np.int64)
-    # look closer at those that a bound did not clear
-    chosen, flagged = levels.chosen[top], levels.chosen[0]
-    start = Piece(interval.x, interval.v, work.noise[0], work.noise[1])
-    take_level(top, near, start, chosen, noise.realizations, levels)
-    now = half[top]
-    number = find(jumps, ends, top, piece(levels, top, now, 1, near), work.worst, flagged)
-    for lane in range(number):
-        chosen[lane] = chosen[flagged[lane]]
+    number = take_top(jumps, ends, noise.realizations, work, interval)
     if number == 0:
         return 0
-    take_level(top, number, start, chosen, noise.realizations, levels)
-    for lane in range(number):
-        levels.lanes[top, lane] = chosen[lane]
     level, counts[top], node[top], begin[top] = top, number, 1, interval.number * (leaf << top)
     halve_level(jumps, top, number, (interval.number << top) + node[top], work)
     last = 0
     while half[top] < 2:
         n, now = counts[level], half[level]
         if now == 2:
-            above = level + 1
-            put(
-                dense(levels.x[level, 0], n),
-                levels.chosen[level],
-                dense(levels.x[above, 1 - half[above]], counts[above]),
-            )
-            put(
-                dense(levels.v[level, 0], n),
-                levels.chosen[level],
-                dense(levels.v[above, 1 - half[above]], counts[above]),
-            )
-            half[above] += 1
-            level = above
+            above = piece(levels, level + 1, 1 - half[level + 1], 0, counts[level + 1])
+            put_state(piece(levels, level, 0, 0, n), levels.chosen[level], above.x, above.v)
+            level += 1
+            half[level] += 1
             continue
-        part, old = level - 1, piece(levels, level, now, now, n)
+        part, old, new = level - 1, piece(levels, level, now, now, n), piece(levels, level, 1 - now, now, n)
         number = find(jumps, ends, part, old, work.worst, levels.chosen[part])
-        new_x, new_v = dense(levels.x[level, 1 - now], n), dense(levels.v[level, 1 - now], n)
-        jump(jumps.transition[part], old.x, old.v, old.wx, old.wv, new_x, new_v)
+        jump(jumps.transition[part], old, new.x, new.v)
         last = 0
         if number == 0:
             half[level] += 1
@@ -101,16 +71,36 @@ def approach(functions, tables, noise, state, history, sums, steps, interval):  
             continue
         own = of_lanes(noise, levels.realizations[0][:number])
         step_by_step(functions, tables, own, state, history, sums, steps, begin[0])
-        put(dense(levels.x[0, 1], number), levels.chosen[0], new_x)
-        put(dense(levels.v[0, 1], number), levels.chosen[0], new_v)
+        put_state(piece(levels, 0, 1, 0, number), levels.chosen[0], new.x, new.v)
         half[level] += 1
         last = number
-    put(dense(levels.x[top, 0], counts[top]), levels.lanes[top], interval.after_x)
-    put(dense(levels.v[top, 0], counts[top]), levels.lanes[top], interval.after_v)
+    put_state(piece(levels, top, 0, 0, counts[top]), levels.lanes[top], interval.after_x, interval.after_v)
     if last and steps.summing:
         middle = dense(history.v, last)[leaf - 1]
         amend_samples(dense(levels.x[0, 1], last), dense(levels.v[0, 1], last), middle, levels.lanes[0], sums.bodies[0])
     return last
+
+
+@kernel
+def take_top(jumps, ends, realizations, work, interval):  # type: ignore[no-untyped-def]
+    """Take those lanes to the highest level whose mean path comes near a contact; return how many they are."""
+    top, levels = jumps.levels, work.levels
+    chosen, flagged = levels.chosen[top], levels.chosen[0]
+    start = Piece(interval.x, interval.v, work.noise[0], work.noise[1])
+    take_level(top, interval.near, start, chosen, realizations, levels)
+    number = find(jumps, ends, top, piece(levels, top, 0, 1, interval.near), work.worst, flagged)
+    for lane in range(number):
+        chosen[lane] = chosen[flagged[lane]]
+        levels.lanes[top, lane] = chosen[lane]
+    take_level(top, number, start, chosen, realizations, levels)
+    return number
+
+
+@kernel
+def put_state(own, chosen, x, v):  # type: ignore[no-untyped-def]
+    """Put displacements and velocities of some lanes among those that they were chosen from."""
+    put(own.x, chosen, x)
+    put(own.v, chosen, v)
 
 
 @scalar
@@ -149,9 +139,8 @@ def find(jumps, ends, part, whole, spare, chosen):  # type: ignore[no-untyped-de
     """Find the lanes that may touch within an interval of the level `part`."""
     worst = dense(spare, whole.x.shape[1])
     begin = jumps.leaf * ((1 << part) - 1)
-    search(
-        jumps.path, ends, jumps.limit, begin, begin + (jumps.leaf << part), whole.x, whole.v, whole.wx, whole.wv, worst,
-    )  # fmt: skip
+    end = begin + (jumps.leaf << part)
+    search(jumps.path[begin:end], jumps.limit[begin:end], ends, whole, worst)
     return select(worst, chosen)
 
 
@@ -161,11 +150,8 @@ def halve_level(jumps, level, number, address, work):  # type: ignore[no-untyped
     normals, noise, levels = dense(work.halves, number), jumps.noise, work.levels
     if noise.halves.shape[1]:
         fill_normals(noise.halves, levels.realizations[level][:number], np.uint64(address), normals)
-    first, second = piece(levels, level, 0, 0, number), piece(levels, level, 0, 1, number)
-    halve(
-        noise.gain[level], noise.rest[level], jumps.transition[level - 1], noise.rows, normals, second.wx, second.wv,
-        first.wx, first.wv,
-    )  # fmt: skip
+    first, whole = piece(levels, level, 0, 0, number), piece(levels, level, 0, 1, number)
+    halve(noise.gain[level], noise.rest[level], jumps.transition[level - 1], noise.rows, normals, whole, first)
 
 
 @kernel
@@ -185,7 +171,7 @@ def step_by_step(functions, tables, noise, state, history, sums, steps, first): 
         if noise.bodies.shape[0]:
             fill_steps(noise, first // 4 + group, normals)
         for column in range(4):
-            flow(coefficients, 0, noise, 0, normals, column, of_x, of_v, spare)
+            flow(coefficients, 0, noise, 0, normals[column], of_x, of_v, spare)
             of_x, spare = spare, of_x
     pin(jumps.noise.inverse, whole.wx, whole.wv, of_x, of_v)
     past = History(
@@ -207,7 +193,8 @@ def step_by_step(functions, tables, noise, state, history, sums, steps, first): 
         here = slot_of(past, step)
         hold_wall(here.x)
         hold_wall(here.v)
-        flow(coefficients, 0, noise, 0, dense(state.work.steps[step // 4], number), step % 4, x, v, here.x)
+        normals = dense(state.work.steps[step // 4], number)
+        flow(coefficients, 0, noise, 0, normals[step % 4], x, v, here.x)
         correct(jumps.noise.terms[step], of_x, of_v, here.x, v)
         x = here.x
         kick(forces, tables, steps.passes, still, v, y, here)

@@ -92,10 +92,10 @@ class ExactFlow(Integrator):
             add_response(series, sample_of(steps, now), -1.0, x, v)
         if cross.bodies.shape[0]:
             copy(v, before)
-        sample = index if noise.scale.shape[0] > 1 else 0
-        flow(coefficients, now % coefficients.shape[0], noise, sample, noise.normals, now % 4, x, v, slot.x)
+        sample, normals = index if noise.scale.shape[0] > 1 else 0, noise.normals[now % 4]
+        flow(coefficients, now % coefficients.shape[0], noise, sample, normals, x, v, slot.x)
         if cross.bodies.shape[0]:
-            flow_between(cross, noise.normals, now % 4, x, before, slot.x, v)
+            flow_between(cross, normals, x, before, slot.x, v)
         if forced.bodies.shape[0]:
             for part in range(2):  # mean and slope
                 clear(push)

@@ -13,7 +13,7 @@ from impactlab.integrators.arguments import OF_LANES, State, array, named
 from impactlab.integrators.driver import with_functions
 from impactlab.integrators.kicks import KICK
 from impactlab.kernels.jit import borrow, dense, kernel, loop
-from impactlab.kernels.jump import add_samples, bound, draw, hold_wall, jump, put, select
+from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, jump, put, select
 from impactlab.kernels.kick import clear, copy, smooth_velocity
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import write_snapshot
@@ -164,7 +164,7 @@ def _advance(functions, tables, driven, state, history, sums, snapshots, steps):
         if jumps.noise.draws.shape[1] and (done == length or index % 2 == 0):
             fill_normals(jumps.noise.draws, driven.noise.realizations, np.uint64(index // 2), work.normals)
         draw(jumps.noise.draw, jumps.noise.rows, work.normals, 2 * (index % 2), wx, wv, work.size)
-        jump(jumps.transition[jumps.levels], x, v, wx, wv, after_x, after_v)
+        jump(jumps.transition[jumps.levels], Piece(x, v, wx, wv), after_x, after_v)
         bound(jumps.reach, sums.ends, jumps.nearest, x, v, work.size, work.worst)
         near = select(work.worst, work.levels.chosen[jumps.levels])
         last = 0

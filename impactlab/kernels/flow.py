@@ -9,7 +9,7 @@ COEFFICIENTS = 4
 
 
 @kernel
-def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # type: ignore[no-untyped-def]
+def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ignore[no-untyped-def]
     """Carry all bodies over one step.
 
     Parameters
@@ -22,10 +22,8 @@ def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # 
         Rows of noise.
     sample : int
         Row of ``noise.scale`` that belongs to the step.
-    normals : (4, row, lane) ndarray
-        Standard normals.
-    column : int
-        First index of `normals` to be used.
+    normals : [row, lane]
+        Standard normals of the step.
     x, v : [body, lane]
         State; v is changed in place.
     result : [body, lane]
@@ -45,7 +43,7 @@ def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # 
                     after[body, lane] = c_xx * place + c_xv * speed
                     velocity[body, lane] = c_vx * place + c_vv * speed
             continue
-        scale, some = noise.scale[sample, row : row + count], normals[column, row : row + count]
+        scale, some = noise.scale[sample, row : row + count], normals[row : row + count]
         of_x, of_v = noise.amplitude[phase, 0, row : row + count], noise.amplitude[phase, 1, row : row + count]
         for body in range(after.shape[0]):
             c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
@@ -59,20 +57,20 @@ def flow(coefficients, phase, noise, sample, normals, column, x, v, result):  # 
         l_x = noise.scale[sample, row] * noise.amplitude[phase, 0, row]
         l_v = noise.scale[sample, row] * noise.amplitude[phase, 1, row]
         for lane in range(result.shape[1]):
-            z = normals[column, row, lane]
+            z = normals[row, lane]
             result[body, lane] += l_x * z
             v[body, lane] += l_v * z
 
 
 @kernel
-def flow_between(cross, normals, column, x, v, result, after):  # type: ignore[no-untyped-def]
+def flow_between(cross, normals, x, v, result, after):  # type: ignore[no-untyped-def]
     """Add what the flow of connected bodies carries from one to another.
 
     Parameters
     ----------
     cross : Cross
         Blocks of the flow between bodies.
-    normals, column
+    normals : [row, lane]
         As in `flow`.
     x, v : [body, lane]
         State before the step.
@@ -91,7 +89,7 @@ def flow_between(cross, normals, column, x, v, result, after):  # type: ignore[n
             continue
         l_xx, l_xv, l_vx, l_vv = cross.noise[block]
         for lane in range(result.shape[1]):
-            first, second = normals[column, row, lane], normals[column, second_row, lane]
+            first, second = normals[row, lane], normals[second_row, lane]
             result[body, lane] += l_xx * first + l_xv * second
             after[body, lane] += l_vx * first + l_vv * second
 

@@ -20,8 +20,9 @@ def count_samples(snapshots, first, stride, quantity, low, inverse_width, groups
 
 
 @kernel
-def count_pairs(snapshots, first, stride, quantities, low, inverse_width, bins, groups, counts):  # type: ignore[no-untyped-def]
+def count_pairs(snapshots, first, stride, quantities, low, inverse_width, groups, counts):  # type: ignore[no-untyped-def]
     """Add pairs of two quantities to ``counts[group, first bin, second bin]``, as `count_samples`."""
+    bins = counts.shape[1] - 2
     for sample in range(first, snapshots.shape[0], stride):
         for lane in range(snapshots.shape[2]):
             a = (snapshots[sample, quantities[0], lane] - low[0]) * inverse_width[0] + 1.0

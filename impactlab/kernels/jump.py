@@ -8,8 +8,21 @@ for every step. So a realization has the same noise in any order of drawing.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from impactlab.kernels.jit import kernel
 from impactlab.kernels.rows import VV, XV, XX, V, X
+
+
+class Piece(NamedTuple):
+    """State of some lanes at the beginning of an interval, and the noise in it, [body, lane] each."""
+
+    x: np.ndarray
+    v: np.ndarray
+    wx: np.ndarray
+    wv: np.ndarray
 
 
 @kernel
@@ -48,8 +61,9 @@ def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyp
 
 
 @kernel
-def jump(transition, x, v, wx, wv, after_x, after_v):  # type: ignore[no-untyped-def]
-    """Carry bodies over an interval with some noise; `transition` is (body, 4)."""
+def jump(transition, piece, after_x, after_v):  # type: ignore[no-untyped-def]
+    """Carry bodies over an interval; `transition` is (body, 4)."""
+    x, v, wx, wv = piece
     for body in range(transition.shape[0]):
         a_xx, a_xv, a_vx, a_vv = transition[body]
         for lane in range(after_x.shape[1]):
@@ -105,31 +119,29 @@ def bound(reach, ends, limit, x, v, size, worst):  # type: ignore[no-untyped-def
 
 
 @kernel
-def search(path, ends, limit, begin, end, x, v, wx, wv, worst):  # type: ignore[no-untyped-def]
+def search(path, limit, ends, piece, worst):  # type: ignore[no-untyped-def]
     """Find whether the mean path between the ends of an interval comes near a contact at any of its steps.
 
     Parameters
     ----------
-    path : (row, body, 4) ndarray
+    path : (step, body, 4) ndarray
         Displacement at every step per unit x, v, w_x and w_v.
-    ends : (contact, 2) ndarray of int
-    limit : (row, contact) ndarray
+    limit : (step, contact) ndarray
         Largest extension of the gap from which the noise about the mean path does not close it (m).
-    begin, end : int
-        Rows of the interval.
-    x, v, wx, wv : [body, lane]
-        State at the beginning, and noise.
+    ends : (contact, 2) ndarray of int
+    piece : Piece
     worst : (1, lane) ndarray
         Result, as in `bound`.
     """
+    x, v, wx, wv = piece
     for lane in range(worst.shape[1]):
         worst[0, lane] = -1.0
-    for row in range(begin, end):
+    for step in range(path.shape[0]):
         for contact in range(ends.shape[0]):
             i, j = ends[contact]
-            a, b, c, d = path[row, i]
-            e, f, g, h = path[row, j]
-            most = limit[row, contact]
+            a, b, c, d = path[step, i]
+            e, f, g, h = path[step, j]
+            most = limit[step, contact]
             for lane in range(worst.shape[1]):
                 first = a * x[i, lane] + b * v[i, lane] + c * wx[i, lane] + d * wv[i, lane]
                 second = e * x[j, lane] + f * v[j, lane] + g * wx[j, lane] + h * wv[j, lane]
@@ -171,7 +183,7 @@ def add_to(block, chosen, result):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def halve(gain, factors, transition, rows, normals, wx, wv, half_x, half_v):  # type: ignore[no-untyped-def]
+def halve(gain, factors, transition, rows, normals, whole, half):  # type: ignore[no-untyped-def]
     """Draw the noise of the two halves of an interval, given that of the whole.
 
     Parameters
@@ -184,11 +196,12 @@ def halve(gain, factors, transition, rows, normals, wx, wv, half_x, half_v):  # 
         Flow over half the interval.
     rows, normals
         As in `draw`.
-    wx, wv : [body, lane]
-        Noise of the whole; overwritten by that of the second half.
-    half_x, half_v : [body, lane]
-        Noise of the first half.
+    whole : Piece
+        Of which the noise is overwritten by that of the second half.
+    half : Piece
+        The first half; its noise is the result.
     """
+    wx, wv, half_x, half_v = whole.wx, whole.wv, half.wx, half.wv
     for body in range(rows.shape[0]):
         row = rows[body]
         if row < 0:

@@ -9,6 +9,7 @@ nodes of Chebyshev on (−π/4, π/4); their errors are 2e-17 and 2e-16.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,22 @@ _COSINE = (
     -0.49999999999999967, 0.04166666666663093, -0.0013888888882127952,
     2.480158262335195e-05, -2.755585551192951e-07, 2.066550487012274e-09,
 )  # fmt: skip
+
+
+class Phases(NamedTuple):
+    """Which random phases: a set of one realization."""
+
+    address: np.ndarray  # (3,) of their stream
+    realization: np.uint32
+    attempt: int  # which set
+
+
+class Amplitudes(NamedTuple):
+    """Lines of a sum of cosines at phase 0."""
+
+    frequencies: np.ndarray  # (line,) angular frequencies (rad s-1)
+    real: np.ndarray  # (row, line)
+    imaginary: np.ndarray
 
 
 @scalar
@@ -82,11 +99,13 @@ def _add(words, real, imaginary, frequencies, x, y, u, v):  # type: ignore[no-un
 
 
 @kernel
-def _add_lines(address, realization, blocks, first, spacing, frequencies, real, imaginary, sums):  # type: ignore[no-untyped-def]
+def _add_lines(phases, first, spacing, lines, sums):  # type: ignore[no-untyped-def]
     """Write to `sums`, (row, part, bin), the sums of all lines there: first, first + spacing, … are in bin 0.
 
     The parts are real and imaginary part of the amplitude and of that of its derivative.
     """
+    frequencies, real, imaginary = lines
+    blocks = phases.attempt * ((real.shape[1] + 3) // 4)
     words = np.empty(CHUNK + 8, np.uint32)
     sums[:] = 0.0
     for line in range(first, real.shape[1], spacing):
@@ -94,11 +113,12 @@ def _add_lines(address, realization, blocks, first, spacing, frequencies, real, 
         if begin >= end:
             continue
         before, at, until = begin % 4, begin - line, end - line
-        fill_words(address, realization, blocks + begin // 4, words[: (before + end - begin + 3) // 4 * 4])
+        some = words[: (before + end - begin + 3) // 4 * 4]
+        fill_words(phases.address, phases.realization, blocks + begin // 4, some)
         for row in range(real.shape[0]):
-            lines = words[before:], real[row, begin:end], imaginary[row, begin:end], frequencies[begin:end]
+            here = words[before:], real[row, begin:end], imaginary[row, begin:end], frequencies[begin:end]
             x, y, u, v = sums[row, 0, at:until], sums[row, 1, at:until], sums[row, 2, at:until], sums[row, 3, at:until]
-            _add(*lines, x, y, u, v)
+            _add(*here, x, y, u, v)
 
 
 @kernel
@@ -108,7 +128,7 @@ def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type
 
 
 @kernel
-def fill_spectrum(address, realization, attempt, lowest, samples, frequencies, real, imaginary, spectrum):  # type: ignore[no-untyped-def]
+def fill_spectrum(phases, lowest, samples, lines, spectrum):  # type: ignore[no-untyped-def]
     """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
 
     Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin
@@ -116,32 +136,22 @@ def fill_spectrum(address, realization, attempt, lowest, samples, frequencies, r
 
     Parameters
     ----------
-    address : (3,) ndarray of uint64
-        Stream of the phases.
-    realization : uint32
-        Index of the realization.
-    attempt : int
-        Which set of its phases.
+    phases : Phases
     lowest : int
         Number of the first line.
     samples : int
         Number of samples in a period.
-    frequencies : (line,) ndarray
-        Angular frequencies (rad s-1).
-    real, imaginary : (row, line) ndarray
-        Amplitudes a at phase 0.
+    lines : Amplitudes
     spectrum : (channel, samples // 2 + 1 or less) ndarray of complex
         Result, up to some bin: each row, or if there is room each row and its derivative.
     """
-    blocks = attempt * ((real.shape[1] + 3) // 4)
-    rows, bins = real.shape[0], spectrum.shape[1]
+    rows, bins = lines.real.shape[0], spectrum.shape[1]
     derivatives = spectrum.shape[0] // rows
     for low in range(0, bins, CHUNK):
         high = min(low + CHUNK, bins)
         own, mirrored = np.empty((rows, 4, high - low)), np.empty((rows, 4, high - low))
         for first, sums in ((low, own), (1 - high, mirrored)):
-            line = (first - lowest) % samples - samples
-            _add_lines(address, realization, blocks, line, samples, frequencies, real, imaginary, sums)
+            _add_lines(phases, (first - lowest) % samples - samples, samples, lines, sums)
         for row in range(rows):
             for part in range(derivatives):
                 parts = own[row, 2 * part], own[row, 2 * part + 1]

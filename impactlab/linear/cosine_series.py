@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.random import stream
-from impactlab.kernels.series import CHUNK, fill_spectrum
+from impactlab.kernels.series import CHUNK, Amplitudes, Phases, fill_spectrum
 from impactlab.linear.cosines import Lines, regular_lines
 from impactlab.machine import tuning
 
@@ -51,7 +51,8 @@ class Cosines:
         self._frequencies, self._interval = lines.frequencies, interval
         self._address = np.array(stream(seed, lines.name, "phases"), dtype=np.uint64)
         amplitudes = lines.amplitudes * gains
-        self._real, self._imaginary = np.ascontiguousarray(amplitudes.real), np.ascontiguousarray(amplitudes.imag)
+        parts = np.ascontiguousarray(amplitudes.real), np.ascontiguousarray(amplitudes.imag)
+        self._lines = Amplitudes(lines.frequencies, *parts)
         self._grid = None if interval is None else _grid(lines.frequencies, interval, needed)
         self._lowest, self._period = self._grid or (
             1,
@@ -110,9 +111,8 @@ class Cosines:
         """Draw the spectrum of a realization, unless they are those of the last call."""
         if self._drawn != (realization, attempt):
             self._drawn = realization, attempt
-            number = np.uint32(realization)
-            parts = self._frequencies, self._real, self._imaginary, self._spectrum
-            fill_spectrum(self._address, number, attempt, self._lowest, self._period, *parts)
+            phases = Phases(self._address, np.uint32(realization), attempt)
+            fill_spectrum(phases, self._lowest, self._period, self._lines, self._spectrum)
 
 
 def sample_count(lines: tuple[Lines, ...], interval: float, needed: int) -> int:

@@ -199,10 +199,8 @@ class _Pairs(Keeper):
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        count_pairs(
-            snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, self.record.bins,
-            self.groups[batch], self.counts,
-        )  # fmt: skip
+        groups = self.groups[batch]
+        count_pairs(snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, groups, self.counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts}

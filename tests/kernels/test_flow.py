@@ -243,7 +243,7 @@ def test_kernel_applies_the_transition_and_leaves_the_wall(column):
     before = np.stack([x, v], axis=1).copy()
     coefficients = np.stack([np.full((4, len(a)), np.nan), a.reshape(-1, 4).T])
     result = x.copy()
-    flow(coefficients, 1, noise, 1, normals, column, x, v, result)
+    flow(coefficients, 1, noise, 1, normals[column], x, v, result)
     expected = np.einsum("bij,bjl->bil", a, before[:-1])
     for row, body in enumerate(noise.bodies):
         expected[body] += np.outer(amplitude[1, :, row], scale[1, row] * normals[column, row].astype(float))

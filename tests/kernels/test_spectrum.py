@@ -6,7 +6,7 @@ from scenes import phases
 from scipy.stats import kstest
 
 from impactlab.kernels.random import stream
-from impactlab.kernels.series import cosine_and_sine, fill_spectrum, fill_words
+from impactlab.kernels.series import Amplitudes, Phases, cosine_and_sine, fill_spectrum, fill_words
 from impactlab.linear.cosines import Lines
 
 SEED = (1, 2)
@@ -52,8 +52,8 @@ def test_spectrum_holds_every_line_where_its_samples_are(lines, samples):
     frequencies, gains = rng.uniform(1.0, 2.0, lines), rng.normal(size=(2, lines)) + 1j * rng.normal(size=(2, lines))
     amplitudes = gains * np.exp(1j * phases(SEED, Lines(0, "body", frequencies, gains), 5, 2))
     spectrum = np.full((4, samples // 2 + 1), np.nan, dtype=complex)
-    parts = frequencies, gains.real.copy(), gains.imag.copy(), spectrum
-    fill_spectrum(ADDRESS, np.uint32(5), 2, 11, samples, *parts)
+    parts = Amplitudes(frequencies, gains.real.copy(), gains.imag.copy())
+    fill_spectrum(Phases(ADDRESS, np.uint32(5), 2), 11, samples, parts, spectrum)
     two_sided = np.zeros((4, samples), dtype=complex)
     for part, values in enumerate([amplitudes, 1j * frequencies * amplitudes]):
         for row in range(2):

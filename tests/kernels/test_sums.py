@@ -190,7 +190,7 @@ def test_pairs_are_a_histogram_in_two_dimensions():
     groups = np.array([0, 1, 0, 1, 0, 1])
     counts = np.zeros((2, 8, 8), dtype=np.int64)
     low, inverse_width = np.array([-1.0, -1.0]), np.array([2.0, 2.0])
-    count_pairs(snapshots, 0, 2, np.array([0, 2]), low, inverse_width, 6, groups, counts)
+    count_pairs(snapshots, 0, 2, np.array([0, 2]), low, inverse_width, groups, counts)
     edges = np.concatenate([[-np.inf], EDGES, [np.inf]])
     for group in range(2):
         own = snapshots[::2][:, :, groups == group]
