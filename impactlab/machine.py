@@ -87,7 +87,7 @@ def begin(executor: concurrent.futures.Executor, function: Callable[..., Any] = 
     try:
         return executor.submit(function, *arguments)
     except RuntimeError as error:  # a broken executor's error is one as well
-        raise InvalidInput(f"The executor takes no more work ({error}); give one that is running.") from error
+        raise InvalidInput(f"The executor accepts no more work ({error}); give one that is running.") from error
 
 
 class SharedThreads(concurrent.futures.ThreadPoolExecutor):

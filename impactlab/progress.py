@@ -31,7 +31,7 @@ def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float
         return progress
     if not (progress is None or isinstance(progress, bool)):
         raise InvalidInput(
-            f"progress must be True, False, None or a function of the part done, {progress!r} was given."
+            f"progress must be True, False, None or a function of the completed fraction, not {progress!r}."
         )
     if progress is False or (progress is None and not sys.stderr.isatty()):
         return lambda part: None

@@ -147,7 +147,7 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
 def test_physical_constants_of_a_force_are_not_negative(cls):
     """Masses, stiffnesses and damping have a lower limit; a negative one is refused."""
     for field in dataclasses.fields(cls):
-        with pytest.raises(il.InvalidInput, match=r"-1.0 was given"):
+        with pytest.raises(il.InvalidInput, match=r"not -1.0"):
             sample(cls).replace(**{field.name: -1.0})
 
 

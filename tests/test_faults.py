@@ -67,7 +67,7 @@ def test_the_time_of_divergence_is_near():
 
 def test_a_density_that_is_not_a_number():
     network = linear().replace(excitations={"a": Late(1.0)})
-    with pytest.raises(il.Diverged, match=r"negative or not a number near t = 1\.00\d* s"):
+    with pytest.raises(il.Diverged, match=r"negative or NaN near t = 1\.00\d* s"):
         il.simulate(network, 3.0, realizations=64, rng=1, initial="rest", spin_up=0.0, step=0.01)
 
 

@@ -127,14 +127,14 @@ def _literal(value: float) -> ast.expr:
 def _definition(function: types.FunctionType) -> ast.FunctionDef:
     if hasattr(function, "__wrapped__"):
         raise InvalidInput(
-            f"The kernel {function.__qualname__} is changed by a decorator, which cannot be copied; "
+            f"The kernel {function.__qualname__} has a decorator, which cannot be compiled; "
             "write the whole formula in the function."
         )
     try:
         source = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError) as error:
         raise InvalidInput(
-            f"The source text of the kernel {function.__qualname__} cannot be found; "
+            f"The source of the kernel {function.__qualname__} cannot be found; "
             "define it in a file, a script or a notebook."
         ) from error
     for node in ast.walk(parsed(source)):

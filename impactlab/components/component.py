@@ -171,7 +171,7 @@ class Component:
             If the class is not defined, several have the name, or it belongs to another family.
         """
         if not isinstance(data, Mapping):
-            raise InvalidInput(f"A {cls.__name__} is given as data by a mapping, {reprlib.repr(data)} was given.")
+            raise InvalidInput(f"A {cls.__name__} is stored as a mapping, not {reprlib.repr(data)}.")
         fields = {str(key): value for key, value in data.items()}
         module, _, name = str(fields.pop("type", cls.__name__)).rpartition(".")
         found = [item for place, item in _REGISTRY.get(name, {}).items() if module in ("", place)]
@@ -299,7 +299,7 @@ def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
 def _number(value: Any) -> float:
     """Return what a kernel returned as a float."""
     if value is None:
-        raise TypeError("it returned nothing; is there a return in every branch?")
+        raise TypeError("it returned None; every branch must return a number")
     if not isinstance(value, (*_NUMBERS, np.bool_)):
         raise TypeError(f"it returned {value!r}, not a number")
     return float(value)
@@ -421,7 +421,7 @@ def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict
     positional = [item.name for item in declared if item.positional]
     if len(values) > len(positional):
         raise InvalidInput(
-            f"{cls.__name__} takes {len(positional)} value(s) by position, {len(values)} were given; "
+            f"{cls.__name__} takes {len(positional)} value(s) by position, not {len(values)}; "
             f"name the others: {', '.join(allowed)}."
         )
     for item in declared:
@@ -436,15 +436,15 @@ def _validated(declared: _Declared, value: Any) -> Any:
         value = finite(place, value)
     elif kind == "int":
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-            raise InvalidInput(f"{place} must be a whole number, {value!r} was given.")
+            raise InvalidInput(f"{place} must be a whole number, not {value!r}.")
         value = int(value)
     elif kind == "bool":
         if not isinstance(value, (bool, np.bool_)):
-            raise InvalidInput(f"{place} must be true or false, {value!r} was given.")
+            raise InvalidInput(f"{place} must be true or false, not {value!r}.")
         value = bool(value)
     elif kind == "str":
         if not isinstance(value, str):
-            raise InvalidInput(f"{place} must be a text, {value!r} was given.")
+            raise InvalidInput(f"{place} must be a string, not {value!r}.")
     elif isinstance(value, list):
         value = tuple(value)
     for item in value if isinstance(value, tuple) else (value,):
@@ -458,11 +458,11 @@ def _check_limits(declared: _Declared, value: Any) -> None:
     minimum, above, maximum = declared.limits
     finite(place, value)
     if minimum is not None and value < minimum:
-        raise InvalidInput(f"{place} must be at least {minimum:g}{units}, {value!r} was given.")
+        raise InvalidInput(f"{place} must be at least {minimum:g}{units}, not {value!r}.")
     if above is not None and value <= above:
-        raise InvalidInput(f"{place} must be larger than {above:g}{units}, {value!r} was given.")
+        raise InvalidInput(f"{place} must be larger than {above:g}{units}, not {value!r}.")
     if maximum is not None and value > maximum:
-        raise InvalidInput(f"{place} must be at most {maximum:g}{units}, {value!r} was given.")
+        raise InvalidInput(f"{place} must be at most {maximum:g}{units}, not {value!r}.")
 
 
 _NUMBERS = (int, float, np.number)
@@ -471,13 +471,13 @@ _NUMBERS = (int, float, np.number)
 def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InvalidInput(f"{place} must be a number, {value!r} was given.")
+        raise InvalidInput(f"{place} must be a number, not {value!r}.")
     try:
         number = float(value)
     except OverflowError:  # a whole number of hundreds of digits
         number = math.inf
     if not math.isfinite(number):
-        raise InvalidInput(f"{place} must be a finite number, {reprlib.repr(value)} was given.")
+        raise InvalidInput(f"{place} must be a finite number, not {reprlib.repr(value)}.")
     return number
 
 
@@ -493,5 +493,5 @@ def positive(name: str, value: Any, units: str = "s") -> float:
     """Return a positive finite number, or raise `InvalidInput` that names it."""
     number = finite(name, value)
     if number <= 0.0:
-        raise InvalidInput(f"{name} must be larger than 0 {units}, {value!r} was given.")
+        raise InvalidInput(f"{name} must be larger than 0 {units}, not {value!r}.")
     return number

@@ -124,12 +124,12 @@ class Composition:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Make a network from what :meth:`to_dict` returned."""
         if not isinstance(data, Mapping):
-            raise InvalidInput(f"A network is given as data by a mapping, {reprlib.repr(data)} was given.")
+            raise InvalidInput(f"A network is stored as a mapping, not {reprlib.repr(data)}.")
         for title, family in data.items():
             if title not in _FAMILIES:
-                raise InvalidInput(f"A network has {', '.join(_FAMILIES)}; {title!r} was given.")
+                raise InvalidInput(f"A network has {', '.join(_FAMILIES)}, but not {title!r}.")
             if not isinstance(family, Mapping):
-                raise InvalidInput(f"{title} are given as data by a mapping, {reprlib.repr(family)} was given.")
+                raise InvalidInput(f"{title} are stored as a mapping, not {reprlib.repr(family)}.")
         families: dict[str, Any] = {
             title: {name: kind.from_dict(item) for name, item in data.get(title, {}).items()}
             for title, kind in _FAMILIES.items()
@@ -173,18 +173,18 @@ def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str
         pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
     except (TypeError, ValueError) as error:
         raise InvalidInput(
-            f"{title} must be a mapping of names to il.{kind.__name__} objects, {members!r} was given."
+            f"{title} must be a mapping of names to il.{kind.__name__} objects, not {members!r}."
         ) from error
     family: dict[str, Any] = {}
     for name, member in pairs:
         if not isinstance(name, str) or not name.strip():
-            raise InvalidInput(f"{title}: a name must be a text that is not empty, {name!r} was given.")
+            raise InvalidInput(f"{title}: a name must be a non-empty string, not {name!r}.")
         if not name.isprintable() and any(unicodedata.category(letter) in _NOT_IN_FILES for letter in name):
-            raise InvalidInput(f"{title}: a name must have no control characters, {name!r} was given.")
+            raise InvalidInput(f"{title}: a name must not contain control characters, as does {name!r}.")
         if name in family:
             raise InvalidInput(f"{title}: the name {name!r} was given twice.")
         if not isinstance(member, kind):
-            raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, {member!r} was given.")
+            raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, not {member!r}.")
         family[name] = member
     return family
 

@@ -154,9 +154,7 @@ class Contact(Component):
         if isinstance(self.law, Mapping):
             object.__setattr__(self, "law", ContactLaw.from_dict(self.law))
         if not isinstance(self.law, ContactLaw):
-            raise InvalidInput(
-                f"Contact.law must be a contact law such as il.HertzContact(1e4), {self.law!r} was given."
-            )
+            raise InvalidInput(f"Contact.law must be a contact law such as il.HertzContact(1e4), not {self.law!r}.")
 
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"

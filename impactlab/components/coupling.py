@@ -93,9 +93,7 @@ class Coupling(Component):
         if isinstance(self.law, Mapping):
             object.__setattr__(self, "law", CouplingLaw.from_dict(self.law))
         if not isinstance(self.law, CouplingLaw):
-            raise InvalidInput(
-                f"Coupling.law must be a coupling law such as il.LinearCoupling(1e3), {self.law!r} was given."
-            )
+            raise InvalidInput(f"Coupling.law must be a coupling law such as il.LinearCoupling(1e3), not {self.law!r}.")
 
     def __repr__(self) -> str:
         return f"Coupling({self.first!r}, {self.second!r}, {self.law!r})"

@@ -37,7 +37,8 @@ class Excitation(Component):
         defined = [name for name in _KINDS if callable(getattr(cls, name, None))]
         if len(defined) > 1:
             raise InvalidInput(
-                f"{cls.__name__} defines {' and '.join(defined)}; an excitation is exactly one of {', '.join(_KINDS)}."
+                f"{cls.__name__} defines {' and '.join(defined)}; an excitation must define exactly one of "
+                f"{', '.join(_KINDS)}."
             )
         cls.kind = defined[0] if defined else None
 
@@ -99,8 +100,7 @@ class ShinozukaNoise(Excitation):
         edges = tuple(finite("ShinozukaNoise.band", edge) for edge in given)
         if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
             raise InvalidInput(
-                f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), "
-                f"{self.band!r} was given."
+                f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), not {self.band!r}."
             )
         object.__setattr__(self, "band", edges)
 

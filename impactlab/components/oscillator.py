@@ -68,8 +68,8 @@ class Oscillator(Component):
         ratio = finite(f"{cls.__name__}.from_frequency: damping_ratio", damping_ratio)
         if frequency < 0.0 or ratio < 0.0:
             raise InvalidInput(
-                f"{cls.__name__}.from_frequency takes a natural frequency and a damping ratio of at least 0, "
-                f"{natural_frequency!r} and {damping_ratio!r} were given."
+                f"{cls.__name__}.from_frequency takes a natural frequency and a damping ratio of at least 0, not "
+                f"{natural_frequency!r} and {damping_ratio!r}."
             )
         for name in ("damping", "stiffness"):
             if name in fields:

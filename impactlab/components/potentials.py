@@ -61,8 +61,8 @@ def check_potentials(
             wrong = _difference(component, force, potential, both_sides, kernels)
             if wrong:
                 raise InvalidInput(
-                    f"{kind.__name__}.{potential} of {what} {name!r} {wrong} Make it the integral of {force} from 0; "
-                    f"without {potential} there is no exact law, but everything else."
+                    f"{kind.__name__}.{potential} of {what} {name!r} {wrong} Make it the integral of {force} from 0, "
+                    "or leave it out: only exact laws need it."
                 )
 
 

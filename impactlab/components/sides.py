@@ -31,9 +31,11 @@ def check_sides(link: Any) -> None:
         if isinstance(body, Mapping) and dict(body) == _WALL_DATA:
             object.__setattr__(link, side, WALL)
         elif not isinstance(body, str | Wall) or body == "":
-            raise InvalidInput(f"{kind}.{side} must be the name of a body or il.WALL, {body!r} was given.")
+            raise InvalidInput(f"{kind}.{side} must be the name of a body or il.WALL, not {body!r}.")
     if link.first == link.second:
-        raise InvalidInput(f"A {kind.lower()} of a body with itself: {link.first!r} was given twice; name two bodies.")
+        raise InvalidInput(
+            f"A {kind.lower()} of a body with itself: {link.first!r} was given twice; name two different bodies."
+        )
 
 
 def plain_sides(data: dict[str, Any]) -> dict[str, Any]:

@@ -159,4 +159,4 @@ def coupling_rate(model: Model) -> float:
 def check_integrator(integrator: Any) -> None:
     """Refuse what is not an integrator."""
     if not isinstance(integrator, Integrator):
-        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), {integrator!r} was given.")
+        raise InvalidInput(f"integrator must be one such as il.ExactFlow(), not {integrator!r}.")

@@ -333,8 +333,8 @@ def cache_folder() -> Path:
         if not _is_ours(folder):
             warn(
                 f"The cache {folder} is a link, belongs to somebody else or can be written to by others (mode "
-                f"{stat.filemode(folder.lstat().st_mode)}), so it is not used and everything is compiled again: remove "
-                "it, or name another with IMPACTLAB_CACHE.",
+                f"{stat.filemode(folder.lstat().st_mode)}), so it is not used, and everything is compiled again. "
+                "Remove it, or set IMPACTLAB_CACHE to another folder.",
                 ImpactLabWarning,
             )
         elif os.access(folder, os.W_OK | os.X_OK) and _can_create(folder):

@@ -109,9 +109,7 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
                 break
             step *= SHORTER
             if step < FINEST * (end - begin):
-                raise InvalidInput(
-                    f"No step can be chosen: {excitation!r} is not smooth at any time scale. Give step= (s)."
-                )
+                raise InvalidInput(f"No step can be chosen, since no step resolves {excitation!r}. Give step= (s).")
     return step
 
 

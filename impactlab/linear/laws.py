@@ -133,7 +133,7 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
         same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
         if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
-                f"{type(excitation).__name__}.lines must return two finite arrays of one length, not empty, angular "
+                f"{type(excitation).__name__}.lines must return two finite, non-empty arrays of equal length, angular "
                 f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
             )
         result.append(Lines(slot, name, frequencies, amplitudes))

@@ -117,7 +117,7 @@ def chain(
         If the number of bodies is not positive or a sequence has the wrong length.
     """
     if isinstance(bodies, bool) or not isinstance(bodies, int) or bodies < 1:
-        raise InvalidInput(f"chain: bodies must be a whole number of at least 1, {bodies!r} was given.")
+        raise InvalidInput(f"chain: bodies must be a whole number of at least 1, not {bodies!r}.")
     names = [f"body_{index}" for index in range(bodies)]
     ends: list[Any] = [WALL, *names, WALL] if walls else list(names)
     pairs = list(pairwise(ends))
@@ -140,5 +140,5 @@ def _each(name: str, value: Any, count: int) -> list[Any]:
     if not isinstance(value, Sequence):
         return [value] * count
     if len(value) != count:
-        raise InvalidInput(f"chain: {name} must be one for all or a sequence of {count}, {len(value)} were given.")
+        raise InvalidInput(f"chain: {name} must be a single one for all or a sequence of {count}, not of {len(value)}.")
     return list(value)

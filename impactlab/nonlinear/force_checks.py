@@ -135,15 +135,15 @@ def _check(forces: Sequence[_Force], places: np.ndarray, everywhere: bool) -> No
     if differ.any():
         at = _place(differ)
         raise InvalidInput(
-            f"{forces[at[0]].says(values[at], place[at], rate[at])}, and {again[at]:.4g} N when asked again: a law "
-            "must be a function of its arguments. What is random belongs into an excitation."
+            f"{forces[at[0]].says(values[at], place[at], rate[at])}, and {again[at]:.4g} N when evaluated again: a law "
+            "must depend on its arguments only. Use an excitation for random forces."
         )
     wrong = ~(np.abs(values) < LARGEST) & (everywhere | (place == 0.0))
     if wrong.any():
         at = _place(wrong)
         raise InvalidInput(
-            f"{forces[at[0]].says(values[at], place[at], rate[at])}, which this scene reaches: a force must be finite "
-            "from 0 on."
+            f"{forces[at[0]].says(values[at], place[at], rate[at])}, which this network reaches: a force must be "
+            "finite from 0 on."
         )
 
 

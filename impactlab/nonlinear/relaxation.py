@@ -74,9 +74,7 @@ class Relaxation:
         settling, reason = 0.0, ""
         if unequal and exchange > settling:
             settling = exchange
-            reason = (
-                f"{model.bodies[coldest]!r} takes its energy from collisions alone, which takes about {exchange:.2g} s"
-            )
+            reason = f"{model.bodies[coldest]!r} gets its energy from collisions alone, in about {exchange:.2g} s"
         if uneven and hop > settling:
             settling = hop
             reason = f"{model.bodies[trapped]!r} changes between wells of different depth every {hop:.2g} s or so"
@@ -94,8 +92,8 @@ def spin_up_of(relaxation: Relaxation, usual: float, duration: float) -> float:
     if needed <= MOST_SPIN_UP * (usual + duration):
         return needed
     warn(
-        f"The automatic spin-up of {usual:.3g} s may be too short, since {relaxation.reason}: "
-        f"spin_up={needed:.2g} would do."
+        f"The automatic spin-up of {usual:.3g} s may be too short, since {relaxation.reason}. "
+        f"Give spin_up={needed:.2g} or more."
     )
     return usual
 
@@ -105,8 +103,8 @@ def warn_of_unknown_damping(model: Model, spin_up: float) -> None:
     unknown = np.flatnonzero(damped_by_laws_alone(model))
     if unknown.size:
         warn(
-            f"{model.bodies[unknown[0]]!r} is excited, and only contacts or couplings damp it, at a rate that is not "
-            f"known: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up=."
+            f"{model.bodies[unknown[0]]!r} is excited and damped by contacts or couplings only, at an unknown "
+            f"rate: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up= (s)."
         )
 
 

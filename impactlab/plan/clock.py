@@ -106,7 +106,7 @@ def fit_step(
         If an interval is not a whole number of steps.
     """
     if fixed and step > duration * (1.0 + 1e-9):
-        raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s.")
+        raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s; change one of them.")
     if not fixed:
         whole = intervals[0] if intervals else duration
         count = math.ceil(_steps(whole, multiple * step) * (1.0 - 1e-12))
@@ -126,9 +126,13 @@ def fit_step(
 def _steps(time: float, step: float) -> float:
     """Return how many steps a time takes, if a float can count them."""
     if step <= 0.0 or time / step >= MOST_STEPS:
-        raise InvalidInput(f"{time:g} s are too many steps of {step:g} s.")
+        raise InvalidInput(
+            f"A time of {time:g} s has too many steps of {step:g} s; give a shorter time or a larger step."
+        )
     if time / step < LEAST_STEPS:
-        raise InvalidInput(f"{time:g} s are too short a time where a step is {step:g} s.")
+        raise InvalidInput(
+            f"A time of {time:g} s is too short for steps of {step:g} s; give a longer time or a smaller step."
+        )
     return time / step
 
 

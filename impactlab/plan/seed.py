@@ -38,7 +38,7 @@ def seed_of(rng: Any) -> Seed:
         sequence = rng if isinstance(rng, np.random.SeedSequence) else np.random.SeedSequence(rng)
     except (TypeError, ValueError) as error:
         raise InvalidInput(
-            f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, {rng!r} was given."
+            f"rng must be None, a whole number of at least 0, a SeedSequence or a Generator, not {rng!r}."
         ) from error
     low, high = sequence.generate_state(2, np.uint64)
     return Seed(int(low), int(high))

@@ -113,13 +113,13 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
     if not isinstance(initial, Mapping) or set(initial) - {"displacement", "velocity"}:
         raise InvalidInput(
             'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
-            f"{initial!r} was given."
+            f"not {initial!r}."
         )
     state = np.zeros((2, len(model.bodies)))
     for row, quantity in enumerate(("displacement", "velocity")):
         values = initial.get(quantity, {})
         if not isinstance(values, Mapping):
-            raise InvalidInput(f"initial {quantity} must be {{name: value}}, {values!r} was given.")
+            raise InvalidInput(f"initial {quantity} must be {{name: value}}, not {values!r}.")
         for name, value in values.items():
             if name not in model.bodies:
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")

@@ -53,7 +53,7 @@ def draw_network(network: impactlab.Network, ax: Axes | None = None) -> Figure:
         If something else than a network is given.
     """
     if not isinstance(network, impactlab.Network):
-        raise InvalidInput(f"draw_network takes an il.Network, {network!r} was given.")
+        raise InvalidInput(f"draw_network takes an il.Network, not {network!r}.")
     with style():
         row = _in_a_row(network)
         shown = row[:BODIES]

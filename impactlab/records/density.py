@@ -132,7 +132,7 @@ class JointDensity(Record):
     def resolved(self, model: Model) -> Record:
         names = _known("JointDensity", (self.first, self.second), model)
         if self.first == self.second:
-            raise InvalidInput(f"JointDensity takes two different bodies, {self.first!r} was given twice.")
+            raise InvalidInput(f"JointDensity takes two different bodies, not {self.first!r} twice.")
         limits = _resolved_limits(self, names, self.limits, "displacement", model)
         return _with_limits(self.replace(limits=limits), self.limits)
 
@@ -215,7 +215,7 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
 
 def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
     if not isinstance(names, tuple | None):
-        raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), {names!r} was given.")
+        raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
     for name in names or ():
         if name not in model.bodies:
             raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
@@ -230,16 +230,16 @@ def _plain_limits(limits: Any) -> Any:
     if isinstance(limits, Mapping):
         items = [(name, *(pair if isinstance(pair, list | tuple) else (pair,))) for name, pair in limits.items()]
     if not isinstance(items, list | tuple):
-        raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
+        raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, not {limits!r}.")
     plain = tuple(tuple(item) if isinstance(item, list | tuple) else item for item in items)
     by_name = plain and all(isinstance(item, tuple) for item in plain)
     pairs: list[Any] = [item[1:] for item in plain] if by_name else [plain]
     for pair in pairs:
         if len(pair) != 2 or not all(isinstance(limit, int | float | np.number) for limit in pair):
-            raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, {limits!r} was given.")
+            raise InvalidInput(f"Limits are (low, high) or {{name: (low, high)}}, not {limits!r}.")
         low, high = (float(limit) for limit in pair)
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise InvalidInput(f"Limits must be two increasing finite numbers, ({low!r}, {high!r}) was given.")
+            raise InvalidInput(f"Limits must be two increasing finite numbers, not ({low!r}, {high!r}).")
     return plain
 
 

@@ -70,17 +70,17 @@ class PeakForces(Record):
             object.__setattr__(self, "limits", pairs)
         by_name = isinstance(self.limits, tuple) and all(isinstance(item, tuple) for item in self.limits)
         if not (self.limits is None or isinstance(self.limits, int | float) or by_name):
-            raise InvalidInput(f"PeakForces.limits is a number or {{name: number}} (m), {self.limits!r} was given.")
+            raise InvalidInput(f"PeakForces.limits is a number or {{name: number}} (m), not {self.limits!r}.")
         for time in self.return_times or ():
             if finite("PeakForces.return_times", time) <= 0.0:
-                raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, {time!r} was given.")
+                raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, not {time!r}.")
 
     every_step: ClassVar[bool] = True
 
     def resolved(self, model: Model) -> Record:
         known = tuple(model.network.contacts)
         if isinstance(self.contacts, str):
-            raise InvalidInput(f"PeakForces: contacts is a sequence of names, {self.contacts!r} was given.")
+            raise InvalidInput(f"PeakForces: contacts is a sequence of names, not {self.contacts!r}.")
         names = tuple(self.contacts or known)
         given = dict(self.limits) if isinstance(self.limits, tuple) else dict.fromkeys(names, self.limits)
         for name in (*names, *given):
@@ -95,9 +95,9 @@ class PeakForces(Record):
         for name in names:
             depth = depths[name] if given.get(name) is None else finite(f"PeakForces.limits of {name!r}", given[name])
             if not 0.0 < depth < math.inf:
-                state = "must be more than 0 m and finite" if given.get(name) is not None else "cannot be foreseen"
+                state = "must be more than 0 m and finite" if given.get(name) is not None else "cannot be estimated"
                 raise InvalidInput(
-                    f"PeakForces: the largest indentation of {name!r} {state}, it is {depth!r}; give "
+                    f"PeakForces: the largest indentation of {name!r} {state} (it is {depth!r}); give "
                     f"limits={{{name!r}: …}} (m)."
                 )
             limits.append((name, depth))

@@ -71,7 +71,7 @@ class Record(Component):
         records = [] if given is None else list(given) if several else [given]
         for item in records:
             if not isinstance(item, Record):
-                raise InvalidInput(f"record takes records such as il.Density(), {item!r} was given.")
+                raise InvalidInput(f"record takes records such as il.Density(), not {item!r}.")
         return records
 
     @property

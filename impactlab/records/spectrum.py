@@ -73,11 +73,11 @@ class Spectrum(Record):
 
     def resolved(self, model: Model) -> Record:
         if isinstance(self.labels, str):
-            raise InvalidInput(f"Spectrum: labels is a sequence of names, {self.labels!r} was given.")
+            raise InvalidInput(f"Spectrum: labels is a sequence of names, not {self.labels!r}.")
         known = Snapshot(model.bodies, tuple(model.network.contacts)).names(self.quantity)
         for name in self.labels or ():
             if name not in known:
-                raise InvalidInput(f"Spectrum: there is no {name!r}; {suggestion(name, known)}")
+                raise InvalidInput(f"Spectrum: there is no label {name!r}; {suggestion(name, known)}")
         names = tuple(self.labels or known)
         segment = self.segment or SEGMENT * relaxation_time(model)
         if not segment > 0.0:
@@ -107,8 +107,8 @@ class Spectrum(Record):
         count = min(round(self.segment / interval), longest) // 2 * 2
         if count < 8:
             raise InvalidInput(
-                f"Spectrum: a segment has {count} samples, {interval:g} s apart; it needs 8. Run for longer, or give a "
-                "longer segment= or a shorter interval= (s)."
+                f"Spectrum: a segment has {count} samples, {interval:g} s apart, but needs at least 8. Run for "
+                "longer, or give a longer segment= or a shorter interval= (s)."
             )
         return count
 

@@ -45,8 +45,8 @@ def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
     size, free = trajectory_size(plan), shutil.disk_usage(folder).free
     if size > free:
         raise InvalidInput(
-            f"The trajectories would take up to {size / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free in {folder}: use "
-            "a longer interval or fewer realizations."
+            f"The trajectories would take up to {size / 1e9:.3g} GB, but only {free / 1e9:.3g} GB are free in "
+            f"{folder}: use a longer interval or fewer realizations."
         )
     file = _File(plan, path)
     try:

@@ -150,8 +150,8 @@ class GaussianLaw:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
         if self.cosines:
             raise NoExactReference(
-                f"The rate at which {body!r} crosses levels is not known, because sums of cosines move it; under "
-                "white noise it would be."
+                f"The rate at which {body!r} crosses levels is not known, because it is driven by sums of cosines; "
+                "under white noise alone it is."
             )
         deviation = math.sqrt(self.variance(body, "displacement"))
         return Marginal(
@@ -165,8 +165,8 @@ class GaussianLaw:
         """Return the joint density of the displacements of two bodies (m-2)."""
         if self.cosines:
             raise NoExactReference(
-                f"The joint density of {first!r} and {second!r} is not known, because sums of cosines move them; "
-                "under white noise it would be Gaussian."
+                f"The joint density of {first!r} and {second!r} is not known, because they are driven by sums of "
+                "cosines; under white noise alone it is Gaussian."
             )
         places = [self._place(name, "displacement") for name in (first, second)]
         part = self.covariance[np.ix_(places, places)]
@@ -196,8 +196,8 @@ class GaussianLaw:
         """Return the two-sided spectral density over angular frequency (m2 s rad-1 or m2 s-1 rad-1)."""
         if self.cosines:
             raise NoExactReference(
-                f"The spectrum of {body!r} has no density, because sums of cosines move it: it consists of lines. "
-                "Under white noise it would have one."
+                f"The spectrum of {body!r} has no density: sums of cosines have line spectra. "
+                "Under white noise alone it has one."
             )
         response = self.system.receptance(self.bodies.index(body), frequencies)
         result = np.abs(response) ** 2 @ self.system.intensity
@@ -243,8 +243,8 @@ class GaussianLaw:
                 weights = spacing / math.pi * np.concatenate(values)
                 return spacing * (np.arange(len(weights)) + 0.5), weights
         raise NoExactReference(
-            f"The density of {body!r} is not computed, because a few cosines make most of its {quantity}: it is not "
-            "smooth. With more components, or white noise besides, it would be."
+            f"The density of {body!r} is not computed, because few cosines dominate its {quantity} and it is not "
+            "smooth. Use more components, or add white noise."
         )
 
 

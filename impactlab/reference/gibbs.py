@@ -199,7 +199,7 @@ class GibbsLaw:
         if 0 in outside:
             raise NoExactReference(
                 f"{self.potential.names}: the law cannot be normalised, because neither a spring nor a contact "
-                f"confines {'it' if len(self.bodies) == 1 else 'their distance'} on both sides; either would do."
+                f"confines {'it' if len(self.bodies) == 1 else 'their distance'} on both sides; add either."
             )
         return edges[outside[0] - 1 : len(edges) - outside[1] + 1]
 

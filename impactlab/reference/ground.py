@@ -79,7 +79,7 @@ def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, 
         if not np.isfinite(span).all():
             raise NoExactReference(
                 f"{item.names}: the law cannot be normalised, because neither springs nor contacts confine it "
-                "on both sides; either would do."
+                "on both sides; add either."
             )
     reached = [result[i] - result[j, ::-1] for i, j, _ in links]
     between_links = [np.clip(known[item], *ends) for (*_, item), ends in zip(links, reached, strict=True)]
@@ -197,7 +197,7 @@ def _newton(hessian: Any, damping: np.ndarray, gradient: np.ndarray) -> np.ndarr
 
 def _not_found(own: Sequence[Potential]) -> NoExactReference:
     return NoExactReference(
-        f"{own[0].names} and what is connected to it: no state of least energy is found, because forces do not grow "
+        f"{own[0].names} and what is connected to it: no state of minimum energy is found, because forces do not grow "
         "with the displacement, or contacts are too stiff for their preload."
     )
 

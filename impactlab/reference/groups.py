@@ -180,6 +180,6 @@ def spectral_density(network: Composition, name: str) -> float | None:
     density = float(excitation.call("intensity", 0.0))
     if not 0.0 <= density < math.inf:
         raise InvalidInput(
-            f"{type(excitation).__name__}.intensity of {name!r} must be finite and not negative: {density!r}."
+            f"{type(excitation).__name__}.intensity of {name!r} must be finite and not negative, not {density!r}."
         )
     return density

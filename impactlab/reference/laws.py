@@ -60,8 +60,8 @@ class Laws:
         law = self._law_of[self._sides(contact)[0]]
         if isinstance(law, GaussianLaw):
             raise NoExactReference(
-                f"Contact {contact!r} was left out, because it closes with a probability below {NEVER:g}; how it "
-                "closes is not known."
+                f"Contact {contact!r} was left out, because it closes with a probability below {NEVER:g}; the law of "
+                "its closing is not known."
             )
         return law
 

@@ -103,7 +103,7 @@ class Levels(Laws):
         """
         coordinate = self._coordinate(name, quantity)
         if not 0.0 < time < math.inf:
-            raise InvalidInput(f"return_level takes a positive time in s, {time!r} was given.")
+            raise InvalidInput(f"return_level takes a positive time in s, not {time!r}.")
         return coordinate.value_of(coordinate.law.return_level(time))
 
     def exceedance_bound(self, name: str, quantity: str, level: float, time: float = 0.0) -> float:
@@ -166,15 +166,15 @@ class Levels(Laws):
         forces = contact.law.evaluate(np.unique(np.maximum(marginal.places, 0.0)))
         if (np.diff(forces) < 0.0).any():
             raise NoExactReference(
-                f"The force of contact {name!r} falls with the indentation somewhere; its levels are known where it "
-                "never does."
+                f"The force of contact {name!r} decreases with the indentation somewhere; levels are known for forces "
+                "that never do."
             )
         return Coordinate(marginal, contact.law)
 
     def _exceedance(self, name: str, quantity: str, level: float, time: float) -> tuple[float, float]:
         """Return the probability to be above a level, and how often it is crossed upwards in a time."""
         if not 0.0 <= time < math.inf:
-            raise InvalidInput(f"The time must be finite and not negative, {time!r} s was given.")
+            raise InvalidInput(f"The time must be a finite number of at least 0 s, not {time!r}.")
         coordinate = self._coordinate(name, quantity)
         place = coordinate.place_of(_level(quantity, level))
         return coordinate.law.exceedance(place), coordinate.law.rate(place) * time
@@ -214,5 +214,5 @@ class Coordinate:
 def _level(quantity: str, level: float) -> float:
     level = finite("level", level)
     if quantity == "contact_force" and level < 0.0:
-        raise InvalidInput(f"A contact force is never negative; the level {level!r} N was given.")
+        raise InvalidInput(f"A level of a contact force must be at least 0 N, not {level!r}.")
     return level

@@ -66,11 +66,13 @@ class Marginal:
         if not len(often):
             shortest = math.sqrt(2.0 * math.pi) / (self.speed * values.max())
             raise InvalidInput(
-                f"No level is crossed upwards once in {time:g} s, but at most once in {shortest:.6g} s; "
-                "give a time that is longer."
+                f"Any level is crossed upwards less than once in {time:g} s, at most once in {shortest:.6g} s; "
+                "give a longer time."
             )
         if wanted < self.rarest * values.max():
-            raise NoExactReference(f"Levels that are crossed once in {time:g} s are too rare to be resolved.")
+            raise NoExactReference(
+                f"Levels that are crossed once in {time:g} s are too rare to be resolved; give a shorter time."
+            )
         low, high = self.places[often[-1] : often[-1] + 2]
         for _ in range(200):
             middle = 0.5 * (low + high)

@@ -93,7 +93,7 @@ class Potential:
             closed = indentation > 0.0
             total[closed] += _evaluate(gap.law, "potential", indentation[closed])
         if np.isnan(total).any():
-            raise NoExactReference(f"{self.names}: the potential is not a number at {place[np.isnan(total)][0]:g} m.")
+            raise NoExactReference(f"{self.names}: the potential is NaN at {place[np.isnan(total)][0]:g} m.")
         return np.asarray(total / self.temperature - self.slope * place - self.level)
 
     def force(self, coordinate: np.ndarray) -> np.ndarray:

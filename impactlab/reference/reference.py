@@ -81,7 +81,7 @@ class ExactReference(Levels, Densities):
         """
         laws = [self._law(name, "displacement") for name in (first, second)]
         if first == second:
-            raise InvalidInput(f"joint_density takes two different bodies, {first!r} was given twice.")
+            raise InvalidInput(f"joint_density takes two different bodies, not {first!r} twice.")
         x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
         if laws[0] is not laws[1]:
             marginals = [self.density(name, "displacement", at) for name, at in ((first, x), (second, y))]
@@ -206,5 +206,5 @@ def exact(network: Composition) -> ExactReference:
         If `network` is not a network, or a potential is not the integral of its force.
     """
     if not isinstance(network, Composition):
-        raise InvalidInput(f"exact takes an il.Network, {network!r} was given.")
+        raise InvalidInput(f"exact takes an il.Network, not {network!r}.")
     return ExactReference(network, *laws_of(network))

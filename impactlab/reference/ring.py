@@ -126,9 +126,7 @@ class RingLaw:
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Refuse: it is not computed for loops."""
-        raise NoExactReference(
-            f"The joint density of {first!r} and {second!r}, which a loop connects, is not computed."
-        )
+        raise NoExactReference(f"The joint density of {first!r} and {second!r}, which are in a loop, is not computed.")
 
     def _law(self, body: str) -> Distribution:
         return self._laws[self.bodies.index(body)]
@@ -280,5 +278,5 @@ def _seen(
 def _unresolved() -> NoExactReference:
     return NoExactReference(
         "The law of the bodies in a loop is not resolved: their springs or contacts differ too much in stiffness, or "
-        "press too hard. Without one of the contacts or couplings of the loop they would be a tree, which may differ."
+        "press too hard. Without one of the contacts or couplings of the loop they are a tree, which has another law."
     )

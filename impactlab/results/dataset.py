@@ -63,14 +63,14 @@ def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) 
         If there is none: the dataset was not made by impactlab, or lost its attributes.
     """
     if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):
-        raise InvalidInput(f"Give a dataset that simulate returned, or the path of a file of one; got {source!r}.")
+        raise InvalidInput(f"Give a dataset returned by simulate, or the path of its file, not {source!r}.")
     dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
     stored = dataset.attrs.get(CONFIGURATION)
     if isinstance(dataset, xr.Dataset) and CONFIGURATION in dataset and dataset[CONFIGURATION].ndim == 0:
         stored = dataset[CONFIGURATION].item()  # a point of a sweep
     if stored is None:
         raise InvalidInput(
-            f"There is no attribute {CONFIGURATION!r}: give a dataset that simulate returned, or a file of one."
+            f"There is no attribute {CONFIGURATION!r}: give a dataset returned by simulate, or its file."
         )
     return parsed(stored)
 
@@ -80,9 +80,9 @@ def parsed(stored: Any) -> dict[str, Any]:
     try:
         configuration = json.loads(str(stored))
     except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"The configuration that is stored cannot be read: {error}.") from error
+        raise InvalidInput(f"The stored configuration cannot be read: {error}.") from error
     if not isinstance(configuration, dict):
-        raise InvalidInput(f"The configuration that is stored is not a mapping: {reprlib.repr(configuration)}.")
+        raise InvalidInput(f"The stored configuration is not a mapping: {reprlib.repr(configuration)}.")
     return configuration
 
 
@@ -112,7 +112,7 @@ def save(dataset: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> str
         If the file cannot be written, for want of space, say.
     """
     if not isinstance(dataset, xr.Dataset | xr.DataTree):
-        raise InvalidInput(f"save takes a Dataset or a DataTree, {dataset!r} was given.")
+        raise InvalidInput(f"save takes a Dataset or a DataTree, not {dataset!r}.")
     path = Path(path)
     with LOCK, replacing(path) as temporary, told(str(path), temporary):
         if isinstance(dataset, xr.DataTree):
@@ -178,7 +178,7 @@ def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
 def path_of(out: str | os.PathLike[str]) -> Path:
     """Return the path of a file to be written, or refuse what is none."""
     if not isinstance(out, str | os.PathLike) or not os.fspath(out):
-        raise InvalidInput(f"out is the path of a file, {out!r} was given.")
+        raise InvalidInput(f"out is the path of a file, not {out!r}.")
     return Path(out)
 
 

@@ -256,7 +256,8 @@ class Block:
             if wrong.size:
                 time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
                 raise Diverged(
-                    f"The spectral density of a white noise is negative or not a number near t = {time:g} s."
+                    f"The spectral density of a white noise is negative or NaN near t = {time:g} s; correct its "
+                    "intensity."
                 )
             mean /= plan.noise.intensity
             phases = plan.method.integrator.phases

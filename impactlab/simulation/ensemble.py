@@ -69,7 +69,7 @@ def run(
             for future in futures:
                 future.cancel()
             if isinstance(error, concurrent.futures.BrokenExecutor):
-                raise ImpactLabError(f"A worker of the executor died, for want of memory perhaps: {error}") from error
+                raise ImpactLabError(f"A worker of the executor died, perhaps for lack of memory: {error}") from error
             raise
     results = [future.result() for future in futures]
     for sums, of_first in zip(kept, results[0].records, strict=True):

@@ -78,13 +78,13 @@ def check_memory(plan: Plan, workers: int, trajectories: int) -> None:
     trajectories *= 1 if plan.realizations.blocks == 1 else 2  # once more while they are joined
     if trajectories and run + trajectories > there:
         raise InvalidInput(
-            f"The trajectories would take {trajectories / 1e9:.3g} GB of memory, {there / 1e9:.3g} GB are available: "
-            "use a longer interval or fewer realizations, or write them to a file with out=."
+            f"The trajectories would take {trajectories / 1e9:.3g} GB of memory, but {there / 1e9:.3g} GB are "
+            "available: use a longer interval or fewer realizations, or write them to a file with out=."
         )
     if run > there:
         raise InvalidInput(
             f"{realizations} realizations of {bodies} bodies and {len(plan.system.contacts)} contacts would "
             f"take {run / 1e9:.3g} GB of memory ({run / realizations / bodies:.3g} bytes per body and "
-            f"realization), {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
-            "records of less."
+            f"realization), but {there / 1e9:.3g} GB are available: use fewer realizations, a smaller network, or "
+            "smaller records."
         )

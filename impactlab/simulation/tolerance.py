@@ -50,17 +50,16 @@ def checked(tolerance: Any, model: Model) -> dict[str, float]:
         no stationary value in this network.
     """
     if not isinstance(tolerance, Mapping) or not tolerance:
-        raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, {tolerance!r} was given.')
+        raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, not {tolerance!r}.')
     for name, value in tolerance.items():
         if name not in STATISTICS:
             raise InvalidInput(f"tolerance: there is no statistic {name!r}; {suggestion(name, STATISTICS)}")
         if not STATISTICS[name].stationary:
             raise InvalidInput(
-                f"tolerance: {name} grows with the time of observation; ask for another statistic, or give duration= "
-                "instead."
+                f"tolerance: {name} grows with the observation time; name another statistic, or give duration= instead."
             )
         if not 0.0 < finite(f"tolerance of {name}", value) <= 1.0:
-            raise InvalidInput(f"tolerance of {name} must be larger than 0 and at most 1, {value!r} was given.")
+            raise InvalidInput(f"tolerance of {name} must be larger than 0 and at most 1, not {value!r}.")
     _refuse_drifting(tuple(tolerance), model)
     return {name: float(value) for name, value in tolerance.items()}
 
@@ -73,10 +72,14 @@ def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
     growing = undamped(model)
     for body, name in enumerate(model.bodies):
         if growing[body]:
-            raise InvalidInput(f"tolerance: {name!r} is excited but nothing damps it, so it has no stationary state.")
+            raise InvalidInput(
+                f"tolerance: {name!r} is excited but not damped, so it has no stationary state; give duration=."
+            )
         held = model.stiffness[body] > 0.0 or model.nonlinear_bodies[body]
         if not held and any(STATISTICS[item].held for item in names):
-            raise InvalidInput(f"tolerance: nothing holds {name!r}, so its displacement has no stationary value.")
+            raise InvalidInput(
+                f"tolerance: nothing confines {name!r}, so its displacement has no stationary value; give duration=."
+            )
 
 
 def reach(
@@ -128,7 +131,7 @@ def reach(
         attempts += 1
         if max(fine.attrs["drift"], coarse.attrs["drift"]) > DRIFT:
             raise InvalidInput(
-                f"After a spin-up of {fine.attrs['spin_up']:g} s the network is not stationary, so a tolerance has no "
+                f"After a spin-up of {fine.attrs['spin_up']:g} s the motion is not stationary, so a tolerance has no "
                 "meaning yet. Give a longer spin_up= and duration=."
             )
         excess, scatter, biased = _judge(fine, coarse, tolerance)
@@ -143,7 +146,7 @@ def reach(
             times = f"{needed:.2g} s more" if math.isfinite(needed) else "more time than can be foreseen"
             raise InvalidInput(
                 f"The tolerance {tolerance} would take about {times}; after {attempts} attempt(s) the largest error is "
-                f"{excess:.3g} times what was asked for. Ask for less, or give max_seconds=."
+                f"{excess:.3g} times the tolerance. Give a larger tolerance=, or max_seconds=."
             )
         realizations = math.ceil(realizations * growth)
 

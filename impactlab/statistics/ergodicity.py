@@ -93,9 +93,9 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
     row, body = np.unravel_index(np.where(remembered, kept, 0.0).argmax(), kept.shape)
     name, share_of_value = plan.system.bodies[body], 100.0 * kept[row, body]
     warning = (
-        f"Realizations settle into different motions: {_ROWS[rows[row]]} of {name!r} differs for good "
+        f"Realizations settle into different motions: {_ROWS[rows[row]]} of {name!r} differs permanently "
         f"between them by {share_of_value:.3g} % (root mean square). The mean over realizations depends on how they "
-        "begin, and standard errors say by how much: give initial=, or a longer spin_up= if they change over."
+        "begin, and standard errors include this. Give initial=, or a longer spin_up= if they switch."
     )
     return Memory(np.where(remembered, share, 0.0).max(axis=0), warning)
 

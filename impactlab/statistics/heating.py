@@ -140,6 +140,6 @@ def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.nd
     body = wrong[np.argmax(np.abs(off[wrong]) / limit[wrong])]
     return (
         f"mean_square_velocity of {plan.system.bodies[body]!r} is {100.0 * off[body] / temperature[body]:+.2g} ± "
-        f"{100.0 * mass[body] * error[body] / temperature[body]:.1g} % off the temperature that all noise there has: "
+        f"{100.0 * mass[body] * error[body] / temperature[body]:.1g} % off the common temperature of all noise there: "
         "the step may be too large, or the spin-up too short."
     )

@@ -46,20 +46,20 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
     known = [statistic for statistic in STATISTICS.values() if statistic.by_realization in dataset]
     if not known:
         raise InvalidInput(
-            "jackknife needs the statistics of all realizations: simulate with record=il.PerRealization()."
+            "jackknife needs the statistics of each realization: simulate with record=il.PerRealization()."
         )
     count = dataset.sizes["realization"]
     swept = sorted(str(dim) for dim in set(dataset[known[0].by_realization].dims) - {"realization", "oscillator"})
     if swept:
         raise InvalidInput(f"jackknife takes one simulation: choose a point of the sweep, of {', '.join(swept)}.")
     if count < BATCHES:
-        raise InvalidInput(f"jackknife needs at least {BATCHES} realizations, there are {count}.")
+        raise InvalidInput(f"jackknife needs at least {BATCHES} realizations, not {count}.")
     of_all, without = (xr.Dataset(_means(dataset, known, left_out)) for left_out in (False, True))
     whole, part = function(of_all), function(without)
     if not isinstance(part, xr.DataArray) or "realization" not in part.dims or "realization" in whole.dims:
         raise InvalidInput(
-            "The function must return an array with one element for each label, and keep all dimensions that it does "
-            "not know: use names of dimensions, such as .sum('oscillator'), and no .values or .item()."
+            "The function must return an array with one element for each label, and keep all dimensions it does not "
+            "reduce by name: write .sum('oscillator'), and no .values or .item()."
         )
     pseudo = (count * whole - (count - 1) * part).transpose(..., "realization")
     regression = Regression(_balances(dataset, count)[None], np.ones(count))

@@ -124,8 +124,8 @@ def warn_of_still(plan: Plan, events: Events) -> None:
     if moved.size:
         stillest = int(np.argmin(number))
         warn(
-            f"{len(moved)} oscillator(s) that only contacts or couplings move were moved less than {CLOSINGS} times in "
-            f"all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
+            f"{len(moved)} oscillator(s) that only contacts or couplings move were moved fewer than {CLOSINGS} times "
+            f"in all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
             f"{number[stillest]:.2g} times. Run for longer, or use more realizations."
         )
 
@@ -137,7 +137,7 @@ def warn_of_rare(plan: Plan, closings: np.ndarray) -> None:
         rarest = rare[np.argmin(closings[rare])]
         needed = plan.clock.step * plan.clock.steps * CLOSINGS / closings[rarest]
         warn(
-            f"{len(rare)} contact(s) closed less than {CLOSINGS} times in all, too seldom for standard errors: "
+            f"{len(rare)} contact(s) closed fewer than {CLOSINGS} times in all, too seldom for standard errors: "
             f"{plan.system.contacts[rarest]!r} about {closings[rarest]:.2g} times. Run for {needed:.2g} s, or use more "
             "realizations."
         )

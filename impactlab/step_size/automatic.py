@@ -51,8 +51,8 @@ def choose_step(
     if given is not None:
         if given > largest:
             raise InvalidInput(
-                f"A step of {given:g} s is too large for {type(integrator).__name__} in this scene: the largest "
-                f"safe one is {largest:.3g} s, {integrator.recommended_step(model, *stiffness):.3g} s is recommended."
+                f"A step of {given:g} s is too large for {type(integrator).__name__} in this network: the largest "
+                f"stable one is {largest:.3g} s, {integrator.recommended_step(model, *stiffness):.3g} s is recommended."
             )
         return given
     step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))

@@ -257,5 +257,6 @@ def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: f
     if step > largest:
         warn(
             f"Without friction the energy may change by more than {100.0 * WANDERING:g} % in {duration:g} s at the "
-            f"automatic step of {step:.3g} s, since contacts open and close within steps; step={largest:.2g} would do."
+            f"automatic step of {step:.3g} s, since contacts open and close within steps; give step={largest:.2g} or "
+            "less."
         )

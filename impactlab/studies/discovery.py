@@ -101,11 +101,11 @@ def make_study(
     elif isinstance(study, Study):
         made = study
     else:
-        raise InvalidInput(f"A study is a name, a TOML file or an il.Study; {study!r} was given.")
+        raise InvalidInput(f"A study is a name, a TOML file or an il.Study, not {study!r}.")
     if quick:
         made = made.quick()
     if not isinstance(settings, Mapping | None):
-        raise InvalidInput(f"Settings are a mapping of names to values, {settings!r} was given.")
+        raise InvalidInput(f"Settings are a mapping of names to values, not {settings!r}.")
     return made.replace(**settings) if settings else made
 
 
@@ -141,7 +141,7 @@ def parse_setting(text: str, study: Study) -> tuple[str, Any]:
     """
     key, separator, value = (part.strip() for part in text.partition("="))
     if not separator:
-        raise InvalidInput(f"A setting is key=value, such as clearances=[0.05]; {text!r} was given.")
+        raise InvalidInput(f"A setting is key=value, such as clearances=[0.05], not {text!r}.")
     if key not in study.field_names():
         raise InvalidInput(f"The study {study.name!r} has no setting {key!r}; {suggestion(key, study.field_names())}")
     if isinstance(getattr(study, key), str) and not value.startswith(("'", '"')):
@@ -150,5 +150,5 @@ def parse_setting(text: str, study: Study) -> tuple[str, Any]:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError as error:
         raise InvalidInput(
-            f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true); {value!r} was given."
+            f"The value of {key!r} must be written as in TOML (2.5, [1.0, 2.0], true), not {value!r}."
         ) from error

@@ -44,7 +44,7 @@ class Folder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         if not isinstance(path, str | os.PathLike):
-            raise InvalidInput(f"A folder is given by its path, {path!r} was given.")
+            raise InvalidInput(f"A folder is given by its path, not {path!r}.")
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:
@@ -157,7 +157,7 @@ class Folder:
             )
         path = self.path / RESULT
         if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != manifest["files"][RESULT]:
-            raise InvalidInput(f"{path} is not the file that the run wrote; run the study again.")
+            raise InvalidInput(f"{path} has changed since the run wrote it; run the study again.")
         result = dataset.load(path)
         assert isinstance(result, xr.DataTree)
         return result
@@ -201,4 +201,4 @@ def plain(value: Any) -> Any:
         return plain(value.tolist())
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise InvalidInput(f"The options of a study's item must be plain data, {value!r} was given.")
+    raise InvalidInput(f"The options of a study's item must be plain data, not {value!r}.")

@@ -64,7 +64,7 @@ def simulations(study: Study) -> Simulations:
 def checked_workers(workers: int | None) -> None:
     """Refuse a number of threads that is not a whole number of at least 1, or None."""
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InvalidInput(f"workers must be a whole number of at least 1, {workers!r} was given.")
+        raise InvalidInput(f"workers must be a whole number of at least 1, not {workers!r}.")
 
 
 def run_simulations(

@@ -96,7 +96,7 @@ def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
     """Return an array of a study's configuration as a tuple, or refuse it."""
     wanted = f"{place} must be an array of {_ELEMENTS.get(element, element)}"
     if not isinstance(value, tuple):
-        raise InvalidInput(f"{wanted} such as [{value!r}], {value!r} was given.")
+        raise InvalidInput(f"{wanted} such as [{value!r}], not {value!r}.")
     if element == "float":
         return tuple(finite(f"{place}[{index}]", item) for index, item in enumerate(value))
     kind = {"int": int, "str": str}.get(element, object)

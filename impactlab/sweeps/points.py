@@ -81,11 +81,13 @@ def make_points(
 def values_of(name: Any, given: Any) -> list[Any]:
     """Return the values of one name, with plain numbers for those of NumPy; a bad name or none is refused."""
     if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN | set(variables()):
-        raise InvalidInput(f"A sweep cannot have a dimension {name!r}: use the name of an argument that is free.")
+        raise InvalidInput(
+            f"A sweep cannot have a dimension {name!r}, which is reserved or no identifier: rename the argument."
+        )
     if isinstance(given, xr.DataArray):
         given = given.values
     if isinstance(given, str | Mapping | set) or not hasattr(given, "__iter__"):
-        raise InvalidInput(f"The values of {name!r} must be a list, {given!r} was given.")
+        raise InvalidInput(f"The values of {name!r} must be a list, not {given!r}.")
     values = [item.item() if isinstance(item, np.generic) else item for item in given]
     if not values:
         raise InvalidInput(f"The sweep has no values of {name!r}; give at least one.")
@@ -128,7 +130,7 @@ def _plain(value: Any) -> Any:
 
 def _check_arguments(make_network: Any, names: tuple[str, ...]) -> None:
     if not callable(make_network):
-        raise InvalidInput(f"sweep takes a function that returns a network, {make_network!r} was given.")
+        raise InvalidInput(f"sweep takes a function that returns a network, not {make_network!r}.")
     try:
         inspect.signature(make_network).bind(**dict.fromkeys(names))
     except TypeError as error:
@@ -150,8 +152,8 @@ def _checked(made: Any, key: str) -> tuple[Network, Mapping[str, Any]]:
     network, changes = made if isinstance(made, tuple) and len(made) == 2 else (made, {})
     if not isinstance(network, impactlab.Network) or not isinstance(changes, Mapping):
         raise InvalidInput(
-            f"make_network must return an il.Network, or a pair of it and a mapping of options; at {key} it returned "
-            f"{made!r}."
+            f"make_network must return an il.Network, or a pair of it and a mapping of options, but at {key} it "
+            f"returned {made!r}."
         )
     return network, _checked_options(changes)
 

@@ -46,14 +46,14 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     if "sweep" in configuration:
         dataset = source if isinstance(source, xr.Dataset) else load(source)
         if not isinstance(dataset, xr.Dataset):
-            raise InvalidInput("A sweep is one dataset; this file has groups.")
+            raise InvalidInput("A sweep is stored as one dataset, but this file has groups.")
         sweep = configuration["sweep"]
         return _rerun_sweep(dataset, isinstance(sweep, Mapping) and sweep.get("reference") is True, executor)
     if "simulate" not in configuration:
         study = configuration.get("study")
         name = study.get("name") if isinstance(study, Mapping) else None
         advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
-        raise InvalidInput(f"The configuration that is stored describes no simulation.{advice}")
+        raise InvalidInput(f"The stored configuration describes no simulation.{advice}")
     return _repeat(configuration, executor)
 
 
@@ -73,7 +73,7 @@ def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network
     configuration = configuration_of(source)
     if "network" not in configuration:
         advice = " Select one point of the sweep." if "sweep" in configuration else ""
-        raise InvalidInput(f"The configuration that is stored describes no network.{advice}")
+        raise InvalidInput(f"The stored configuration describes no network.{advice}")
     return impactlab.Network.from_dict(configuration["network"])
 
 
@@ -118,7 +118,9 @@ def _is_word(value: Any) -> bool:
 def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
     """Simulate again what was done; a point that was refused keeps its status."""
     if CONFIGURATION not in dataset or "status" not in dataset:
-        raise InvalidInput(f"The sweep has lost its variables 'status' and {CONFIGURATION!r}; give it whole.")
+        raise InvalidInput(
+            f"The sweep has lost its variables 'status' and {CONFIGURATION!r}; pass the complete dataset."
+        )
     stored = dataset[CONFIGURATION]
     points, jobs = [], {}
     for place in np.ndindex(stored.shape):

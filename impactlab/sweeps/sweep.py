@@ -184,7 +184,7 @@ def make_sweep(
     Parameters and errors are those of `sweep`.
     """
     if not isinstance(over, Mapping) or not over:
-        raise InvalidInput(f'sweep takes values by name, such as {{"clearance": [0.01, 0.05]}}, {over!r} was given.')
+        raise InvalidInput(f'sweep takes values by name, such as {{"clearance": [0.01, 0.05]}}, not {over!r}.')
     values = {name: values_of(name, given) for name, given in over.items()}
     labels = {name: labels_of(name, items) for name, items in values.items()}
     points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)

@@ -64,7 +64,7 @@ class TwoSystemStudy(FolderStudy):
         for name in ("frequency_ratios", "clearances", "variants"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
-                raise il.InvalidInput(f"{name} must be an array of different values, {list(values)!r} was given.")
+                raise il.InvalidInput(f"{name} must be an array of different values, not {list(values)!r}.")
             object.__setattr__(self, name, tuple(sorted(values)))
         for variant in self.variants:
             if variant not in ("accurate", "paper"):
@@ -79,8 +79,8 @@ class TwoSystemStudy(FolderStudy):
             )
         if self.density_clearance not in self.clearances:
             raise il.InvalidInput(
-                f"density_clearance must be one of the clearances {list(self.clearances)}, "
-                f"{self.density_clearance!r} was given."
+                f"density_clearance must be one of the clearances {list(self.clearances)}, not "
+                f"{self.density_clearance!r}."
             )
 
     @property

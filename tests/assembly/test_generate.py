@@ -355,7 +355,7 @@ def hidden_module(indentation):
 
 def test_decorated_function_is_refused():
     """Its source is that of the function inside: the copy would leave the decorator out."""
-    with pytest.raises(il.InvalidInput, match=r"decorated is changed by a decorator"):
+    with pytest.raises(il.InvalidInput, match=r"decorated has a decorator"):
         text_of(law(calls_a_decorated_function))
 
 
@@ -367,7 +367,7 @@ def test_hidden_module_is_refused():
 def test_kernel_without_source_is_refused():
     scope = {}
     exec("def force(indentation): return indentation", scope)
-    with pytest.raises(il.InvalidInput, match=r"source text of the kernel force cannot be found"):
+    with pytest.raises(il.InvalidInput, match=r"source of the kernel force cannot be found"):
         text_of(law(scope["force"]))
 
 

@@ -150,7 +150,7 @@ def test_no_contacts_and_no_excitations():
 
 
 def test_a_kernel_that_takes_a_text_is_refused():
-    with pytest.raises(il.InvalidInput, match=r"Named.name, which a kernel takes, must be a number, 'steel'"):
+    with pytest.raises(il.InvalidInput, match=r"Named.name, which a kernel takes, must be a number, not 'steel'"):
         Model.of(il.chain(2, il.LinearOscillator(), Named()))
 
 

@@ -162,7 +162,7 @@ def test_wrong_potentials_are_refused(law, message):
     with pytest.raises(il.InvalidInput, match=message) as caught:
         touching(il.HertzContact(1e4), law)
     assert f"{type(law).__name__}.potential of contact 'c1'" in str(caught.value)
-    assert "without potential there is no exact law" in str(caught.value)
+    assert "or leave it out: only exact laws need it" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ METHODS = {
 }
 
 
-@pytest.mark.filterwarnings("ignore:.*off the temperature:impactlab.AccuracyWarning")  # that is the bias
+@pytest.mark.filterwarnings("ignore:.*off the common temperature:impactlab.AccuracyWarning")  # that is the bias
 @pytest.mark.parametrize(("integrator", "polynomial", "step"), METHODS.values(), ids=METHODS)
 def test_bias_of_a_linear_body_is_the_predicted_one(integrator, polynomial, step):
     expected = law_of_the_method(polynomial, step)
@@ -121,7 +121,7 @@ def test_flight_between_contacts_is_exact():
 
 
 def test_an_explicit_method_refuses_a_step_beyond_its_stability():
-    with pytest.raises(il.InvalidInput, match=r"largest safe one is 0\.06\d+ s"):
+    with pytest.raises(il.InvalidInput, match=r"largest stable one is 0\.06\d+ s"):
         il.simulate(NETWORK, 10.0, step=0.07, integrator=il.EulerMaruyama())
     undamped = il.Network({"a": il.LinearOscillator(stiffness=1.0)})
     with pytest.raises(il.InvalidInput, match=r"unstable at any step.*ExactFlow"):

@@ -191,7 +191,7 @@ def test_steps_are_those_of_simulate(base_case):
         assert used == pytest.approx(10.0 / np.ceil(10.0 / chosen))
         assert network.check(integrator=method).dataset.attrs["step"] == chosen
     assert data.attrs["step"] == data.recommended_step.sel(integrator="ExactFlow")
-    with pytest.raises(il.InvalidInput, match=r"largest safe one is"):
+    with pytest.raises(il.InvalidInput, match=r"largest stable one is"):
         network.check(1.01 * data.largest_step.sel(integrator="ExactFlow").item())
     own = ["EulerMaruyama", "ExactFlow", "RungeKutta4"]  # beside those that other tests have defined
     assert (data.refusal.sel(integrator=own) == "").all()

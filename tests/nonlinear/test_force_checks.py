@@ -110,9 +110,9 @@ REFUSED = {
     Infinite(): r"contact 'w', Infinite\(\), is inf N at an indentation of 0 m",
     Enormous(): r"contact 'w', Enormous\(\), is 1e\+300 N at an indentation of 0 m",
     Singular(): r"contact 'w', Singular\(\), is nan N at an indentation of 0 m",
-    Cap(0.01): r"contact 'w', Cap\(depth=0\.01\), is nan N at an indentation of 0\.01\d* m, which this scene reaches",
+    Cap(0.01): r"contact 'w', Cap\(depth=0\.01\), is nan N at an indentation of 0\.01\d* m, which this network reaches",
     Hindered(): r"Hindered\(\), is nan N at an indentation of 0 m and a rate of -\d\.\d* m/s",
-    Rough(): r"Rough\(\), is [\d.]+ N at an indentation of [\d.]+ m, and [\d.]+ N when asked again: a law must be",
+    Rough(): r"Rough\(\), is [\d.]+ N at an indentation of [\d.]+ m, and [\d.]+ N when evaluated again: a law must",
     Two(): r"Two\.force failed for Two\(\) at indentation = .*, rate = .*: TypeError: it returned \(.*\), not a number",
 }
 
@@ -174,7 +174,7 @@ def test_forces_of_couplings_and_bodies():
     pair = il.Network({"a": BODY, "b": BODY}, excitations={"a": il.WhiteNoise(1.0)})
     with pytest.raises(il.InvalidInput, match=r"coupling 's', BrokenCoupling\(\), is nan N at an extension of 0 m"):
         il.simulate(pair.replace(couplings={"s": il.Coupling("a", "b", BrokenCoupling())}), **options)
-    with pytest.raises(il.InvalidInput, match=r"coupling 's', RandomCoupling\(\), is .* when asked again"):
+    with pytest.raises(il.InvalidInput, match=r"coupling 's', RandomCoupling\(\), is .* when evaluated again"):
         il.simulate(pair.replace(couplings={"s": il.Coupling("a", "b", RandomCoupling())}), **options)
     with pytest.raises(il.InvalidInput, match=r"body 'b', BrokenBody\(.*\), is nan N at a displacement of 0 m"):
         il.simulate(pair.replace(oscillators={"b": BrokenBody(stiffness=1.0, damping=1.0)}), **options)
@@ -247,7 +247,7 @@ class Helped(il.ContactLaw):
 
 
 def test_a_helper_that_forgets_its_return():
-    with pytest.raises(il.InvalidInput, match=r"Helped\.force failed for .*it returned nothing; is there a return"):
+    with pytest.raises(il.InvalidInput, match=r"Helped\.force failed for .*it returned None; every branch must return"):
         il.simulate(wall(Helped()), **SHORT)
-    with pytest.raises(il.InvalidInput, match="it returned nothing"):
+    with pytest.raises(il.InvalidInput, match="it returned None"):
         Helped().evaluate([0.05, 0.2])

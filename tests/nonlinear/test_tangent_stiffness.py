@@ -158,5 +158,5 @@ def test_regular_lines():
 @pytest.mark.parametrize("excitation", [BadLines(), NaNLines()])
 def test_lines_that_are_no_two_finite_arrays_are_refused(excitation):
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0)}, excitations={"a": excitation})
-    with pytest.raises(il.InvalidInput, match=r"lines must return two finite arrays"):
+    with pytest.raises(il.InvalidInput, match=r"lines must return two finite, non-empty arrays"):
         lines_of(Model.of(network))

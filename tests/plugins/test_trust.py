@@ -153,7 +153,7 @@ def test_a_value_that_is_off_is_found_and_what_is_said_of_it_counts():
         rows = compared(scene, off, law)
         assert outcome(rows, []) == expected
     assert outcome(rows, ["the step may be too large: E[v²] is off by 3 %"]) == "warned rightly"
-    few = "1 contact(s) closed less than 30 times in all, too seldom for standard errors"
+    few = "1 contact(s) closed fewer than 30 times in all, too seldom for standard errors"
     for row in rows:
         assert row["scarce"] == ("contact" in row["statistic"])
     assert outcome(rows, [few]) == "silently wrong"  # it is about a contact

@@ -119,7 +119,7 @@ def test_limits_that_cannot_be_foreseen_are_asked_for():
             return amplitude if time > 300.0 else 0.0
 
     network = base(excitations={"one": None, "two": Late(1.0)})
-    with pytest.raises(il.InvalidInput, match=r"indentation of 'gap' cannot be foreseen, .* give limits=\{'gap': …\}"):
+    with pytest.raises(il.InvalidInput, match=r"indentation of 'gap' cannot be estimated .* give limits=\{'gap': …\}"):
         il.simulate(network, 1.0, realizations=1, record=il.PeakForces())
 
 
@@ -218,7 +218,7 @@ def test_what_would_not_fit_into_memory_is_refused(monkeypatch):
     monkeypatch.setattr("impactlab.simulation.memory.available", lambda: 1e8)
     options = {"realizations": 64, "rng": 1}
     assert "crossing_rate" in il.simulate(base(), 5.0, record=il.PeakForces(), **options)
-    with pytest.raises(il.InvalidInput, match=r"GB of memory .* or records of less"):
+    with pytest.raises(il.InvalidInput, match=r"GB of memory .* or smaller records"):
         il.simulate(base(), 5.0, record=il.PeakForces(bins=10**5), **options)
     with pytest.raises(il.InvalidInput, match="GB of memory"):
         il.simulate(linear(), 5e4, record=il.Spectrum(segment=5e4), **options)

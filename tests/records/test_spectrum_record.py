@@ -76,9 +76,9 @@ def test_segments_are_no_longer_than_the_run():
     ("record", "message"),
     [
         (lambda: il.Spectrum("energy"), r"Spectrum\.quantity"),
-        (lambda: il.Spectrum(labels=("b",)), r"there is no 'b'"),
+        (lambda: il.Spectrum(labels=("b",)), r"there is no label 'b'"),
         (lambda: il.Spectrum(labels="a"), r"a sequence of names"),
-        (lambda: il.Spectrum(segment=0.3), r"a segment has \d samples, .* it needs 8"),
+        (lambda: il.Spectrum(segment=0.3), r"a segment has \d samples, .* needs at least 8"),
     ],
 )
 def test_bad_input_is_refused(record, message):

@@ -111,7 +111,7 @@ def test_what_does_not_fit_on_the_disk_is_refused_with_its_size(path, monkeypatc
     monkeypatch.setattr(trajectory_file.shutil, "disk_usage", lambda folder: usage(0, 0, 1_000_000))
     monkeypatch.setattr("impactlab.simulation.simulate.run", lambda *_: pytest.fail("was run"))
     with pytest.raises(
-        il.InvalidInput, match=r"would take up to 0\.02 GB, but 0\.001 GB are free in .*longer interval"
+        il.InvalidInput, match=r"would take up to 0\.02 GB, but only 0\.001 GB are free in .*longer interval"
     ):
         il.simulate(base(), 500.0, record=il.Trajectory(5e-3), out=path, **RUN)
     assert os.listdir(path.parent) == []
@@ -119,7 +119,7 @@ def test_what_does_not_fit_on_the_disk_is_refused_with_its_size(path, monkeypatc
 
 def test_what_does_not_fit_into_memory_is_refused_with_its_size(path, monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 1e6)
-    with pytest.raises(il.InvalidInput, match=r"would take 0\.02 GB of memory, 0\.001 GB are available.*with out="):
+    with pytest.raises(il.InvalidInput, match=r"would take 0\.02 GB of memory, but 0\.001 GB are available.*with out="):
         il.simulate(base(), 500.0, record=il.Trajectory(5e-3), **RUN)
     il.simulate(base(), 50.0, record=il.Trajectory(5e-3), out=path, **RUN).close()
 
@@ -130,7 +130,7 @@ def test_a_network_that_does_not_fit_into_memory_says_what_it_needs(monkeypatch)
     body, noise = il.LinearOscillator(damping=1.0, stiffness=9.0), il.WhiteNoise(1.0)
     network = il.chain(100, body, il.HertzContact(1e4), excitation=noise)
     needs = r"640 realizations of 100 bodies and 99 contacts would take 0\.\d+ GB of memory \([.\de+]+ bytes per body"
-    with pytest.raises(il.InvalidInput, match=rf"{needs} and realization\), 0\.001 GB are available: use fewer"):
+    with pytest.raises(il.InvalidInput, match=rf"{needs} and realization\), but 0\.001 GB are available: use fewer"):
         il.simulate(network, 1.0, realizations=640, step=0.01, rng=1)
 
 

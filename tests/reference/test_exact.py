@@ -695,7 +695,7 @@ def test_refused_potentials():
     stop = {"stop": il.Contact("body", WALL, JaggedContact(), clearance=0.1)}
     assert "'body': the integral of exp(−H/T) does not converge" in refused({"body": SPRING}, stop, noise)
     stop = {"stop": il.Contact("body", WALL, UndefinedContact(), clearance=0.1)}
-    assert "'body': the potential is not a number" in refused({"body": SPRING}, stop, noise)
+    assert "'body': the potential is NaN" in refused({"body": SPRING}, stop, noise)
 
 
 def test_refused_temperatures():

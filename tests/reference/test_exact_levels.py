@@ -202,21 +202,21 @@ def test_bad_input():
         (("gap", "force", 1.0), "no quantity 'force'; allowed are 'displacement', 'contact_force'"),
         (("a", "contact_force", 1.0), "no contact 'a'"),
         (("gap", "displacement", 1.0), "no body 'gap'"),
-        (("gap", "contact_force", -1.0), "never negative"),
+        (("gap", "contact_force", -1.0), "must be at least 0 N"),
         (("a", "displacement", math.nan), "level must be a finite number"),
     ):
         with pytest.raises(il.InvalidInput, match=message):
             reference.crossing_rate(*arguments)
     with pytest.raises(il.InvalidInput, match="positive time"):
         reference.return_level("a", "displacement", 0.0)
-    with pytest.raises(il.InvalidInput, match=r"once in 1e-06 s, but at most once in [0-9.]+ s; give a time"):
+    with pytest.raises(il.InvalidInput, match=r"less than once in 1e-06 s, at most once in [0-9.]+ s; give a longer"):
         reference.return_level("gap", "contact_force", 1e-6)
-    with pytest.raises(il.InvalidInput, match="not negative, -1"):
+    with pytest.raises(il.InvalidInput, match="at least 0 s, not -1"):
         reference.exceedance_bound("a", "displacement", 1.0, -1.0)
     with pytest.raises(il.NoExactReference, match="too rare"):
         reference.return_level("a", "displacement", 1e300)
     notched, _ = pair(NotchedContact())
-    with pytest.raises(il.NoExactReference, match="force of contact 'gap' falls with the indentation"):
+    with pytest.raises(il.NoExactReference, match="force of contact 'gap' decreases with the indentation"):
         notched.return_level("gap", "contact_force", 10.0)
 
 

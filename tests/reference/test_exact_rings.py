@@ -211,7 +211,7 @@ def test_what_is_not_a_ring_alone_is_refused():
     assert "in a loop the law is computed for bodies with springs only" in refused(network.replace(oscillators=bodies))
     unlike = network.replace(oscillators={"a": body(4e6)})
     assert "their springs or contacts differ too much in stiffness" in refused(unlike)
-    with pytest.raises(il.NoExactReference, match="joint density of 'a' and 'b', which a loop connects"):
+    with pytest.raises(il.NoExactReference, match="joint density of 'a' and 'b', which are in a loop"):
         exact(network).joint_density("a", "b", 0.0, 0.0)
 
 

@@ -110,7 +110,7 @@ def test_convergence_is_in_each_direction(unequal):
     table = solved.convergence()
     assert list(table.direction.values) == ["gap", "center", "first", "second", "box", "step", "step twice"]
     assert (table.basis.values[:5] < [solved.basis[name] for name in COARSE]).all()
-    with pytest.warns(il.AccuracyWarning, match="The basis that was given leaves errors"):
+    with pytest.warns(il.AccuracyWarning, match="With the given basis errors exceed"):
         rough = il.fokker_planck(network, basis=COARSE | {"step": 0.3}, tolerance=1e-3).convergence()
     once, twice = (abs(rough.mean_square_velocity.sel(direction=name)).max() for name in ("step", "step twice"))
     assert twice > 3.0 * once  # of second order at least: 2^(p/2) + 1 times
@@ -324,7 +324,7 @@ def test_names_and_places_are_checked(equal):
 
 def test_a_basis_that_is_too_small_is_warned_of():
     basis = COARSE | {"center": 9, "step": 0.2}
-    with pytest.warns(il.AccuracyWarning, match="The basis that was given leaves errors above 0.0001: gap"):
+    with pytest.warns(il.AccuracyWarning, match="With the given basis errors exceed 0.0001: gap"):
         il.fokker_planck(pair(), basis=basis)
 
 

@@ -73,7 +73,7 @@ def test_a_start_in_contact_brings_its_energy():
 def test_an_undamped_excited_body_has_a_largest_step():
     wall = il.Contact("a", il.WALL, il.HertzContact(1e6))
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0)}, {"wall": wall}, {"a": il.WhiteNoise(1.0)})
-    with pytest.raises(il.InvalidInput, match="largest safe one"):
+    with pytest.raises(il.InvalidInput, match="largest stable one"):
         il.simulate(network, 50.0, realizations=64, step=2.0, rng=1)
 
 

@@ -220,16 +220,16 @@ CHANGES = {
     "seed": (lambda c: c["simulate"].update(seed=[1, 2**64]), r"seed must be two whole numbers"),
     "seed of text": (lambda c: c["simulate"].update(seed="ab"), r"seed must be two whole numbers"),
     "record": (lambda c: c["simulate"].update(record={"a": 1}), r"records must be a list"),
-    "a record": (lambda c: c["simulate"].update(record=[5]), r"A Record is given as data by a mapping, 5 was given"),
-    "integrator": (lambda c: c["simulate"].update(integrator=None), r"An? Integrator is given as data by a mapping"),
-    "duration": (lambda c: c["simulate"].update(duration="long"), r"duration must be a number, 'long'"),
+    "a record": (lambda c: c["simulate"].update(record=[5]), r"A Record is stored as a mapping, not 5"),
+    "integrator": (lambda c: c["simulate"].update(integrator=None), r"An? Integrator is stored as a mapping"),
+    "duration": (lambda c: c["simulate"].update(duration="long"), r"duration must be a number, not 'long'"),
     "realizations": (lambda c: c["simulate"].update(realizations=1.5), r"realizations must be a whole number"),
     "spin-up": (lambda c: c["simulate"].update(spin_up=[1]), r"spin_up must be a number"),
     "initial": (lambda c: c["simulate"].update(initial=5), r"initial must be"),
     "step": (lambda c: c["simulate"].update(step="x"), r"step must be a number"),
-    "network": (lambda c: c.update(network=5), r"A network is given as data by a mapping, 5"),
-    "bodies": (lambda c: c["network"].update(oscillators=[1]), r"oscillators are given as data by a mapping"),
-    "body": (lambda c: c["network"]["oscillators"].update(one=1), r"An? Oscillator is given as data by a mapping, 1"),
+    "network": (lambda c: c.update(network=5), r"A network is stored as a mapping, not 5"),
+    "bodies": (lambda c: c["network"].update(oscillators=[1]), r"oscillators are stored as a mapping"),
+    "body": (lambda c: c["network"]["oscillators"].update(one=1), r"An? Oscillator is stored as a mapping, not 1"),
     "cls": (lambda c: c["network"]["oscillators"]["one"].update(cls=1), r"has no field 'cls'"),
     "text": (lambda c: c.pop("text"), r"has changed since this result was made"),
 }
@@ -252,7 +252,7 @@ def test_rerun_obeys_nothing_else_in_a_file(change, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("text", ["{", "[1]", "5", "[" * 200_000])
 def test_a_configuration_that_is_none(text):
-    with pytest.raises(il.InvalidInput, match="The configuration that is stored"):
+    with pytest.raises(il.InvalidInput, match="The stored configuration"):
         il.rerun(run().assign_attrs(impactlab_configuration=text))
 
 

@@ -53,7 +53,7 @@ def test_memory_of_histograms_is_foreseen(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 1e9)
     many = {"duration": 1.0, "realizations": 2000, "rng": 1}
     for record in (il.JointDensity("one", "two", bins=400), il.Density(bins=100_000)):
-        with pytest.raises(il.InvalidInput, match=r"would take [2-4](\.\d+)? GB of memory .*or records of less"):
+        with pytest.raises(il.InvalidInput, match=r"would take [2-4](\.\d+)? GB of memory .*or smaller records"):
             il.simulate(base(), **many, record=record)
     with pytest.raises(il.InvalidInput, match=r"would take [\d.]+e\+0\d GB of memory"):
         il.simulate(base(), **many, record=il.JointDensity("one", "two", bins=10**6))
@@ -179,19 +179,19 @@ def network_of_noise(**fields):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"duration": 1e308}, r"1e\+308 s are too many steps of"),
-        ({"duration": 5e-324}, r"4\.94066e-324 s are too short a time where a step is"),
-        ({"duration": 1e-200, "spin_up": 0.0}, r"1e-200 s are too short a time"),
+        ({"duration": 1e308}, r"1e\+308 s has too many steps of"),
+        ({"duration": 5e-324}, r"4\.94066e-324 s is too short for steps of"),
+        ({"duration": 1e-200, "spin_up": 0.0}, r"1e-200 s is too short for steps"),
         ({"step": 5e-324}, r"too many steps"),
-        ({"duration": 10**400}, r"duration must be a finite number, 1000.*0000 was given"),
-        ({"record": 5}, r"record takes records such as il\.Density\(\), 5 was given"),
+        ({"duration": 10**400}, r"duration must be a finite number, not 1000.*0000"),
+        ({"record": 5}, r"record takes records such as il\.Density\(\), not 5"),
         ({"record": True}, r"record takes records such as"),
         ({"record": {"a": il.Density()}}, r"record takes records such as"),
         ({"record": il.Density(oscillators={"one"})}, r"oscillators is a sequence of names"),
         ({"rng": True}, r"rng must be None, a whole number .*, not True"),
-        ({"progress": "no"}, r"progress must be True, False, None or a function of the part done, 'no' was given"),
+        ({"progress": "no"}, r"progress must be True, False, None or a function of the completed fraction, not 'no'"),
         ({"progress": 5}, r"progress must be"),
-        ({"duration": None, "tolerance": {"contact_ratio": 5.0}}, r"larger than 0 and at most 1, 5\.0 was given"),
+        ({"duration": None, "tolerance": {"contact_ratio": 5.0}}, r"larger than 0 and at most 1, not 5\.0"),
     ],
     ids=str,
 )
@@ -207,11 +207,11 @@ def test_input_that_cannot_be_meant(options, message):
         (lambda: il.Density(limits=1.0), r"Limits are \(low, high\)"),
         (
             lambda: il.Network({"a": il.LinearOscillator(), "a\0": il.LinearOscillator()}),
-            r"no control characters, 'a\\x0",
+            r"not contain control characters, as does 'a\\x0",
         ),
-        (lambda: il.Network({"a\ud800": il.LinearOscillator()}), r"no control characters"),
-        (lambda: il.Network.from_dict(5), r"by a mapping, 5 was given"),
-        (lambda: il.run_study("two-system", out=5), r"A folder is given by its path, 5"),
+        (lambda: il.Network({"a\ud800": il.LinearOscillator()}), r"not contain control characters"),
+        (lambda: il.Network.from_dict(5), r"as a mapping, not 5"),
+        (lambda: il.run_study("two-system", out=5), r"A folder is given by its path, not 5"),
         (lambda: il.run_study("two-system", settings=[1]), r"Settings are a mapping"),
     ],
 )

@@ -78,7 +78,7 @@ def test_time_that_is_not_there_is_not_spent():
         (base(), {"mean_square_displacement": -1.0}, "larger than 0"),
         (base(), {"mean_square_displacement": np.nan}, "finite"),
         (base(), {"mean_square_displacment": 0.1}, "did you mean 'mean_square_displacement'"),
-        (base(), {"peak_contact_force": 0.1}, "grows with the time"),
+        (base(), {"peak_contact_force": 0.1}, "grows with the observation time"),
         (base(), {}, "tolerance must be like"),
         (base(), 0.01, "tolerance must be like"),
         (base().replace(excitations={"one": None, "two": None}), {"mean_square_velocity": 0.1}, "nothing is excited"),
@@ -86,12 +86,12 @@ def test_time_that_is_not_there_is_not_spent():
         (
             il.Network({"a": il.LinearOscillator(stiffness=1.0)}, {}, {"a": il.WhiteNoise(1.0)}),
             {"mean_square_velocity": 0.1},
-            "nothing damps it",
+            "not damped",
         ),
         (
             il.Network({"a": il.LinearOscillator(damping=1.0)}, {}, {"a": il.WhiteNoise(1.0)}),
             {"mean_square_displacement": 0.1},
-            "nothing holds",
+            "nothing confines",
         ),
     ],
 )

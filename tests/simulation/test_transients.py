@@ -285,7 +285,7 @@ def test_the_step_follows_the_size_and_the_speed_of_a_function():
     assert step(Impulse(length=0.01)) < 0.01
     assert step(Harmonic(0.0, frequency=1e6)) == 10.0
     assert step(il.WhiteNoise(1.0)) == 10.0
-    with pytest.raises(il.InvalidInput, match="not smooth at any time scale"):
+    with pytest.raises(il.InvalidInput, match="no step resolves"):
         step(Restless())
 
 

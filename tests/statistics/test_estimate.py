@@ -129,7 +129,7 @@ def test_contacts_per_sample_are_those_of_a_realization_or_a_batch():
 
 
 def test_contacts_that_closed_too_seldom_are_named():
-    message = r"1 contact\(s\) closed less than 30 times in all, .* 'gap' about \d\.\d times. Run for 0\.\d+ s"
+    message = r"1 contact\(s\) closed fewer than 30 times in all, .* 'gap' about \d\.\d times. Run for 0\.\d+ s"
     with pytest.warns(il.AccuracyWarning, match=message):
         il.simulate(base(), 0.1, realizations=64, rng=1)
 
@@ -314,7 +314,7 @@ def seldom_stopped(spread):
     return il.Network({"a": body}, {}, {"a": il.WhiteNoise(0.2 / np.pi)})
 
 
-@pytest.mark.filterwarnings("ignore:.*closed less than 30 times:impactlab.AccuracyWarning")
+@pytest.mark.filterwarnings("ignore:.*closed fewer than 30 times:impactlab.AccuracyWarning")
 @pytest.mark.parametrize(
     ("make", "spread"), [(seldom_touching, 3.0), (seldom_touching, 4.2), (seldom_stopped, 3.6), (seldom_stopped, 4.3)]
 )
@@ -330,7 +330,7 @@ def test_intervals_cover_what_a_force_that_acted_too_seldom_could_change(make, s
     assert min(float(ds[f"{name}_standard_error"][0]) for ds in runs for name in names) > 1e-4
 
 
-@pytest.mark.filterwarnings("ignore:.*closed less than 30 times:impactlab.AccuracyWarning")
+@pytest.mark.filterwarnings("ignore:.*closed fewer than 30 times:impactlab.AccuracyWarning")
 def test_errors_of_few_closings_know_that_there_may_be_harder_ones():
     network = seldom_touching(3.0)
     exact = il.exact(network).statistics()
@@ -349,7 +349,7 @@ def test_a_body_that_only_a_rare_force_moves_is_not_known(link):
     network = il.Network(
         {"a": unit_body(), "b": unit_body()}, contact, {"a": il.WhiteNoise(0.2 / np.pi)}, couplings=coupling
     )
-    with pytest.warns(il.AccuracyWarning, match=r"moved less than 30 times in all.* 'b' about 0 times"):
+    with pytest.warns(il.AccuracyWarning, match=r"moved fewer than 30 times in all.* 'b' about 0 times"):
         ds = il.simulate(network, 60.0, realizations=64, rng=2, step=0.0125)
     for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
         assert np.isnan(ds[f"{name}_standard_error"][1])

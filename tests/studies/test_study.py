@@ -96,9 +96,9 @@ def test_settings_override_the_file_and_the_quick_form(example, tmp_path):
         ({"clearances": ["wide"]}, r"clearances\[0\] must be a number"),
         ({"clearances": [float("nan")]}, "finite"),
         ({"clearances": [-1.0]}, "at least 0 m"),
-        ({"realizations": 1.5}, "whole number, 1.5 was given"),
+        ({"realizations": 1.5}, "whole number, not 1.5"),
         ({"reference": 1}, "true or false"),
-        ({"law": 3}, "must be a text"),
+        ({"law": 3}, "must be a string"),
     ],
 )
 def test_bad_settings(settings, message):

@@ -100,9 +100,9 @@ def test_an_executor_that_takes_nothing():
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0, damping=1.0)}, excitations={"a": il.WhiteNoise(1.0)})
-    with pytest.raises(il.InvalidInput, match=r"takes no more work .*shutdown.*; give one that is running"):
+    with pytest.raises(il.InvalidInput, match=r"accepts no more work .*shutdown.*; give one that is running"):
         il.simulate(network, 5.0, realizations=64, executor=pool)
-    with pytest.raises(il.InvalidInput, match="takes no more work"):
+    with pytest.raises(il.InvalidInput, match="accepts no more work"):
         il.sweep(lambda c: network, {"c": [1.0, 2.0]}, duration=5.0, realizations=64, executor=pool)
 
 
@@ -110,7 +110,7 @@ def test_a_worker_that_dies_is_said():
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0, damping=1.0)}, excitations={"a": il.WhiteNoise(1.0)})
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         pool.submit(os._exit, 1)
-        with pytest.raises(il.ImpactLabError, match=r"A worker of the executor died|takes no more work"):
+        with pytest.raises(il.ImpactLabError, match=r"A worker of the executor died|accepts no more work"):
             il.simulate(network, 5.0, realizations=64, executor=pool)
 
 

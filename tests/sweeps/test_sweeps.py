@@ -174,7 +174,7 @@ def test_a_sweep_that_is_refused_everywhere_says_why():
         ({}, "values by name"),
         ([0.1], "values by name"),
         ({"clearance": []}, "no values of 'clearance'"),
-        ({"clearance": 0.1}, r"must be a list, 0\.1 was given"),
+        ({"clearance": 0.1}, r"must be a list, not 0\.1"),
         ({"clearance": "abc"}, "must be a list"),
         ({"clearance": [0.1, 0.2, 0.1]}, r"value 0\.1 of 'clearance' more than once"),
         ({"clearance": [1, 1.0]}, "more than once"),

@@ -88,10 +88,10 @@ def fokker_planck(
     While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
     """
     if not isinstance(network, Composition):
-        raise InvalidInput(f"fokker_planck takes an il.Network, {network!r} was given.")
+        raise InvalidInput(f"fokker_planck takes an il.Network, not {network!r}.")
     given = _checked(basis)
     if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
-        raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1: {tolerance!r}.")
+        raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1, not {tolerance!r}.")
     from threadpoolctl import threadpool_limits
 
     pair = Pair.of(network)
@@ -125,15 +125,15 @@ class _Solver:
             poor = errors.insufficient(self.tolerance, free)
             if not poor:
                 if errors.insufficient(self.tolerance, Basis._fields):
-                    warn(f"The basis that was given leaves errors above {self.tolerance:g}: {errors.summary()}.")
+                    warn(f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
                 return FokkerPlanckReference(network, fine, density, errors)
             basis = fine.basis
             for name, excess in poor.items():
                 basis = finer(well, basis, name, excess)
             last, fine = fine, Propagator(self.pair, well, self._affordable(basis))
         raise NoExactReference(
-            f"The statistics are not accurate to {self.tolerance:g} with {fine.basis.unknowns:.3g} unknowns: "
-            f"{errors.summary()}. Ask for a larger tolerance, or give a basis."
+            f"The statistics do not reach an accuracy of {self.tolerance:g} with {fine.basis.unknowns:.3g} unknowns: "
+            f"{errors.summary()}. Give a larger tolerance=, or a basis=."
         )
 
     def _propagator(self, well: Well, given: Mapping[str, Any], part: float = 1.0) -> Propagator:
@@ -146,7 +146,7 @@ class _Solver:
         if basis.unknowns > most:
             raise NoExactReference(
                 f"The grid would need {basis.unknowns:.3g} points ({_BYTES * basis.unknowns / 1e9:.3g} GB), "
-                f"{most:.3g} are possible: {basis}. Ask for a larger tolerance, or give a basis."
+                f"but at most {most:.3g} are possible: {basis}. Give a larger tolerance=, or a basis=."
             )
         return basis
 
@@ -193,8 +193,8 @@ class _Solver:
             if len(snapshots) > _TOGETHER:
                 snapshots = [density]
         raise NoExactReference(
-            f"The density does not become stationary with {propagator.basis}: it is not resolved, or bodies exchange "
-            "energy too slowly."
+            f"The density does not become stationary with {propagator.basis}: it is not resolved, or the bodies "
+            "exchange energy too slowly."
         )
 
 
@@ -206,7 +206,7 @@ def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
             raise InvalidInput(f"basis has no {name!r}; {suggestion(name, Basis._fields)}")
         right, allowed = _ALLOWED.get(name, (lambda count: count >= 9 and count % 2 == 1, "an odd number from 9 on"))
         if not (isinstance(value, int | float) and math.isfinite(value) and right(value)):
-            raise InvalidInput(f"basis[{name!r}] must be {allowed}: {value!r}.")
+            raise InvalidInput(f"basis[{name!r}] must be {allowed}, not {value!r}.")
     return given
 
 

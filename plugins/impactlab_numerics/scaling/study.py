@@ -53,7 +53,7 @@ class ScalingStudy(FolderStudy):
         for name in ("sizes", "clearances"):
             values = getattr(self, name)
             if not values or list(values) != sorted(set(values)):
-                raise il.InvalidInput(f"{name} must be rising numbers, {list(values)!r} was given.")
+                raise il.InvalidInput(f"{name} must be rising numbers, not {list(values)!r}.")
         if self.sizes[0] != 2:
             raise il.InvalidInput(
                 f"sizes must begin with 2, the pair with which others are compared, not {self.sizes[0]}."

@@ -51,7 +51,7 @@ class StabilityStudy(FolderStudy):
         for name in (*AXES, "factors", "paper_frequency_ratios", "paper_stiffness"):
             values = getattr(self, name)
             if list(values) != sorted(set(values)):
-                raise il.InvalidInput(f"{name} must be rising numbers, {list(values)!r} was given.")
+                raise il.InvalidInput(f"{name} must be rising numbers, not {list(values)!r}.")
         il.ShinozukaNoise(1.0, band=self.paper_band)  # checks the band
 
     def quick(self) -> Self:

@@ -35,7 +35,7 @@ MANY = 32
 REFERENCE_BODY_STEPS = 20.0 * BODY_STEPS
 """Steps of a body that a reference may take."""
 
-SCARCE = ("too few", "too seldom", "closed less than")
+SCARCE = ("too few", "too seldom", "closed fewer than")
 """Words of warnings that say that there are few data, which they do whether or not a value is off."""
 
 STARTS_COUNT = "depends on how"

@@ -51,12 +51,12 @@ class WorkPrecisionStudy(FolderStudy):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.chain_bodies == 1:
-            raise il.InvalidInput("chain_bodies must be at least 2, or 0 for no chain; 1 was given.")
+            raise il.InvalidInput("chain_bodies must be at least 2, or 0 for no chain, not 1.")
         for name in ("baoab_steps", "euler_maruyama_steps", "exact_flow_steps"):
             if not getattr(self, name):
                 raise il.InvalidInput(f"{name} must hold at least one step (s).")
         if list(self.accuracies) != sorted(set(self.accuracies), reverse=True) or not self.accuracies:
-            raise il.InvalidInput(f"accuracies must be falling numbers, {list(self.accuracies)!r} was given.")
+            raise il.InvalidInput(f"accuracies must be falling numbers, not {list(self.accuracies)!r}.")
 
     def quick(self) -> Self:
         """The smoke form: few steps, short runs, three bodies in the chain."""
