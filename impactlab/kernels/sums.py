@@ -174,7 +174,7 @@ def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: i
 
 @kernel
 def count_closings(indentation, v, target):  # type: ignore[no-untyped-def]
-    """Add the closings since the step before, whose indentations and rates are in `target.before`."""
+    """Add the closings since the step before, whose indentations and rates are in `target.closings.before`."""
     before, sums = target.closings.before, target.contacts
     for contact in range(sums.shape[1]):
         first, second = target.ends[contact, 0], target.ends[contact, 1]

@@ -17,7 +17,7 @@ from impactlab.kernels.jit import kernel
 def baoab(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
-    """BAOAB splitting; parameters as of `pair_loops.baoab`, with n bodies and n - 1 contacts."""
+    """BAOAB splitting; parameters as of `pairs.baoab`, with n bodies and n - 1 contacts."""
     count, half, last = x.shape[0], 0.5 * step, counts.shape[0] - 1.0
     decay = np.exp(-c * step)
     scale = noise * np.sqrt(1.0 - decay * decay)
@@ -52,7 +52,7 @@ def baoab(  # type: ignore[no-untyped-def]
 def euler_maruyama(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
-    """Euler-Maruyama method; parameters as of `pair_loops.baoab`, with n bodies and n - 1 contacts."""
+    """Euler-Maruyama method; parameters as of `pairs.baoab`, with n bodies and n - 1 contacts."""
     count, last = x.shape[0], counts.shape[0] - 1.0
     scale = noise * np.sqrt(2.0 * c * step)
     for _ in range(samples):
@@ -81,7 +81,7 @@ def euler_maruyama(  # type: ignore[no-untyped-def]
 def runge_kutta(  # type: ignore[no-untyped-def]
     series, first, samples, stride, step, k, c, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
-    """Classical Runge-Kutta method; parameters as of `pair_loops.runge_kutta`."""
+    """Classical Runge-Kutta method; parameters as of `pairs.runge_kutta`."""
     count, last, now = x.shape[0], counts.shape[0] - 1.0, first
     stage_x, stage_v, slope_x, slope_v = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for _ in range(samples):

@@ -29,9 +29,6 @@ from impactlab_numerics.laws.oscillators import (
 from impactlab_numerics.trust.drawing import RELAXATIONS, Costly, Law, Scene, Sketch, between, number, one_of
 from impactlab_numerics.trust.networks import Draw
 
-SEEDS = range(10_000, 10_050)
-"""Numbers of the scenes."""
-
 
 def _depth(sketch: Sketch, *sides: Any, most: float = 6.0) -> tuple[float, float]:
     """Return a stiffness, and the depth at which it stores T."""

@@ -125,17 +125,6 @@ def wrong_rows(found: Found, outcomes: Iterable[str] = (*SILENT, *NEEDLESS)) -> 
     ]
 
 
-def text_of(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows as a table of plain text."""
-    if not rows:
-        return "(none)"
-    names = list(rows[0])
-    cells = [names, *([str(row[name]) for name in names] for row in rows)]
-    widths = [max(len(line[column]) for line in cells) for column in range(len(names))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-                     for line in cells)  # fmt: skip
-
-
 def tables(study: TrustStudy, tree: xr.DataTree) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield the outcomes by class, and the networks that are silently wrong, or warned of without need."""
     found = found_of(tree)
