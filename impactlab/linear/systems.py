@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from impactlab.linear.transitions import van_loan
+
 ZERO = 1e-12
 """Part of the largest stiffness or rate below which another counts as 0."""
 
@@ -160,7 +162,7 @@ def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.nd
     from scipy.linalg import expm
 
     step, count = 1.0 / np.abs(drift).max(), len(drift)
-    block = expm(step * np.block([[-drift, np.diag(growth)], [np.zeros_like(drift), drift.T]]))
+    block = expm(step * van_loan(drift, np.diag(growth)))
     transition = block[count:, count:].T
     return transition, transition @ block[:count, count:]
 

@@ -73,8 +73,8 @@ def system_transition(
     A, Q : (2 n, 2 n) ndarray
         Of all displacements, then all velocities.
     """
-    growth = np.diag(np.concatenate([np.zeros_like(mass), 2.0 * np.pi * intensity / mass**2]))
-    a, q = _gaussian(_system_drift(mass, damping, stiffness)[None], growth[None], step, rate)
+    drift, growth = drift_matrix(mass, damping, stiffness), diffusion_matrix(mass, intensity)
+    a, q = _gaussian(drift[None], growth[None], step, rate)
     return a[0], q[0]
 
 
@@ -82,8 +82,7 @@ def _gaussian(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -
     """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
     size = drift.shape[-1]
     halvings = _halvings(rate, step)
-    block = np.block([[-drift, growth], [np.zeros_like(drift), drift.transpose(0, 2, 1)]])
-    exponential = _taylor(block * (step / 2.0**halvings))
+    exponential = _taylor(van_loan(drift, growth) * (step / 2.0**halvings))
     a = exponential[:, size:, size:].transpose(0, 2, 1)
     q = a @ exponential[:, :size, size:]
     for _ in range(halvings):
@@ -154,7 +153,7 @@ def system_response(
     Unit forces, and those that grow from -1 to 1 during the step.
     """
     acceleration = np.concatenate([np.zeros((len(mass), len(mass))), np.diag(1.0 / mass)])
-    return _response(_system_drift(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
+    return _response(drift_matrix(mass, damping, stiffness)[None], acceleration[None], step, rate)[:, 0]
 
 
 def _response(drift: np.ndarray, acceleration: np.ndarray, step: float, rate: float) -> np.ndarray:
@@ -185,10 +184,21 @@ def _drift(bodies: np.ndarray) -> np.ndarray:
     return drift
 
 
-def _system_drift(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Matrix of (x, v)' of connected bodies, (2 n, 2 n)."""
+def drift_matrix(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Return the matrix L of ``(x, v)' = L (x, v)`` of bodies that springs and dampers connect, (2 n, 2 n)."""
     none, inverse = np.zeros_like(stiffness), 1.0 / mass[:, None]
     return np.block([[none, np.eye(len(mass))], [-inverse * stiffness, -inverse * damping]])
+
+
+def diffusion_matrix(mass: np.ndarray, intensity: np.ndarray) -> np.ndarray:
+    """Return what white noise adds to the covariance of (x, v) per time, (2 n, 2 n)."""
+    growth = 2.0 * np.pi * intensity / mass**2
+    return np.diag(np.concatenate([np.zeros_like(growth), growth]))
+
+
+def van_loan(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
+    """Return Van Loan's block matrix, whose exponential has the transition and the covariance of a motion."""
+    return np.block([[-drift, growth], [np.zeros_like(drift), np.swapaxes(drift, -1, -2)]])
 
 
 def _rate(bodies: np.ndarray) -> float:

@@ -15,6 +15,7 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.explicit import ExplicitIntegrator
 from impactlab.integrators.kicks import kick_share
 from impactlab.linear.systems import LinearSystem, stationary
+from impactlab.linear.transitions import diffusion_matrix, drift_matrix
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 
@@ -57,18 +58,6 @@ class LinearizedNetwork:
         squares, shapes = eigh(self.held + self.added, np.diag(self.model.mass))
         return np.sqrt(np.maximum(squares, 0.0)), shapes
 
-    def drift(self) -> np.ndarray:
-        """Return the matrix L of ``(x, v)' = L (x, v)``, (2 body, 2 body)."""
-        count, inverse = len(self.model.mass), 1.0 / self.model.mass
-        stiffness, damping = self.held + self.added, self.braked + self.damping
-        motion = [np.zeros((count, count)), np.eye(count)]
-        return np.block([motion, [-inverse[:, None] * stiffness, -inverse[:, None] * damping]])
-
-    def diffusion(self) -> np.ndarray:
-        """Return the growth of the covariance of (x, v) by white noise per time, (2 body, 2 body)."""
-        growth = 2.0 * np.pi * self.model.intensities() / self.model.mass**2
-        return np.diag(np.concatenate([np.zeros_like(growth), growth]))
-
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
         model = self.model
@@ -89,12 +78,14 @@ class LinearizedNetwork:
 
     def _covariance_of_polynomial(self, polynomial: Any, step: float) -> np.ndarray:
         """Covariance of ``z → R(hL) z + h (R(w) − 1)/w (hL) f``, noise f held constant over a step."""
-        scaled = step * self.drift()
+        model = self.model
+        scaled = step * drift_matrix(model.mass, self.braked + self.damping, self.held + self.added)
         growth, forcing = np.zeros_like(scaled), np.zeros_like(scaled)
         for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
             forcing = growth
             growth = growth @ scaled + coefficient * np.eye(len(scaled))
-        return stationary(growth, step * forcing @ self.diffusion() @ forcing.T)
+        diffusion = diffusion_matrix(model.mass, model.intensities())
+        return stationary(growth, step * forcing @ diffusion @ forcing.T)
 
     def _covariance_of_kicks(self, integrator: ExactFlow, step: float) -> np.ndarray:
         """Covariance of flow and shifted kick, by Simpson's rule over kick and middle of the flow."""

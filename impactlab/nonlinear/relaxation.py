@@ -204,9 +204,13 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         variance = warmth * flexible[model.ends].sum(axis=1)
         velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
-        often = np.exp(-0.5 * np.maximum(model.clearance, 0.0) ** 2 / variance)
-        rate = velocity / (2.0 * np.pi * np.sqrt(variance)) * often
+        rate = _rice(velocity, variance, np.maximum(model.clearance, 0.0))
     return np.where(pushed[model.ends].any(axis=1) | ~np.isfinite(variance), np.inf, rate)
+
+
+def _rice(velocity: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Return how often a Gaussian motion crosses levels upwards (s-1); `velocity` is the root mean square of its own."""
+    return np.asarray(velocity / (2.0 * np.pi * np.sqrt(variance)) * np.exp(-0.5 * level**2 / variance))
 
 
 def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
@@ -220,7 +224,7 @@ def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray)
         velocity = np.sqrt((warmth / mass).sum(axis=1)[:contacts])
         variance = (warmth[:contacts] * flexible).sum(axis=1)
         apart = np.maximum(model.clearance, 0.0)
-        bound = velocity / (2.0 * np.pi * np.sqrt(variance)) * np.exp(-0.5 * apart**2 / variance)
+        bound = _rice(velocity, variance, apart)
         free = velocity / (apart + stiffening.penetration) / math.sqrt(2.0 * math.pi)  # these fly to and fro
         springs = np.sqrt(stiffening.couplings * (1.0 / mass[contacts:]).sum(axis=1)) / (2.0 * np.pi)
     result = exchanged * np.concatenate([np.where(np.isfinite(variance), bound, free), springs])

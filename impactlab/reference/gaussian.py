@@ -13,6 +13,7 @@ from scipy.special import j0, ndtr
 
 from impactlab.errors import NoExactReference
 from impactlab.linear.systems import LinearSystem
+from impactlab.linear.transitions import drift_matrix
 from impactlab.reference.marginal import Marginal
 
 _REACH = 10.0  # standard deviations beyond which the density of a sum of cosines is 0
@@ -180,7 +181,8 @@ class GaussianLaw:
         place, count = self._place(body, quantity), len(self.bodies)
         result = np.zeros(len(lags))
         if self.system.intensity.any():
-            drift, step = _drift(self.system), max(1, _CHUNK // (2 * count) ** 2)
+            drift = drift_matrix(self.system.mass, self.system.damping, self.system.stiffness)
+            step = max(1, _CHUNK // (2 * count) ** 2)
             for first in range(0, len(lags), step):
                 part = slice(first, first + step)
                 flows = expm(np.abs(lags[part])[:, None, None] * drift)
@@ -246,11 +248,3 @@ class GaussianLaw:
             f"The density of {body!r} is not computed, because few cosines dominate its {quantity} and it is not "
             "smooth. Use more components, or add white noise."
         )
-
-
-def _drift(system: LinearSystem) -> np.ndarray:
-    """Return the matrix L of ``(x, v)' = L (x, v)``."""
-    count, inverse = len(system.mass), 1.0 / system.mass[:, None]
-    return np.block(
-        [[np.zeros((count, count)), np.eye(count)], [-inverse * system.stiffness, -inverse * system.damping]]
-    )
