@@ -209,7 +209,7 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
 
 
 def _rice(velocity: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return how often a Gaussian motion crosses levels upwards (s-1); `velocity` is the root mean square of its own."""
+    """Return how often a Gaussian motion with some root mean square velocity crosses levels upwards (s-1)."""
     return np.asarray(velocity / (2.0 * np.pi * np.sqrt(variance)) * np.exp(-0.5 * level**2 / variance))
 
 
