@@ -1,4 +1,4 @@
-"""Records of probability densities: histograms of groups of realizations."""
+"""Records of probability densities: histograms of subsamples of realizations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import QUANTITIES
-from impactlab.statistics.groups import OF_BAND, group_count, groups_of, mean_of_groups
+from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 
 DEVIATIONS = 5.5
 """Standard deviations on either side that densities show where no limits are given."""
@@ -32,7 +32,7 @@ _PER = {"displacement": "m-1", "velocity": "s m-1"}
 class Density(Record):
     """Probability density of a displacement or velocity, averaged over bins.
 
-    Standard errors come from groups of realizations (batches, if there are few), as
+    Standard errors come from subsamples of realizations (batches, if there are few), as
     for the statistics. A band of as many of them on both sides as the band factor says holds the density in
     all bins with a probability of 95 %.
 
@@ -76,7 +76,7 @@ class Density(Record):
         return _stride(self.oscillators, model, step)
 
     def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * len(self.limits) * group_count(plan) * (self.bins + 2)
+        return 8 * len(self.limits) * subsample_count(plan) * (self.bins + 2)
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Counts(self, plan, realizations, ratio)
@@ -91,7 +91,8 @@ class Density(Record):
         for row, (name, low, high) in enumerate(self.limits):
             slot = plan.system.bodies.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
-            share, spread_, factor[slot] = mean_of_groups(counts[:, row], samples[:, row], plan.realizations.trusted)
+            trusted = plan.realizations.trusted
+            share, spread_, factor[slot] = mean_of_subsamples(counts[:, row], samples[:, row], trusted)
             _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), q)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
@@ -140,7 +141,7 @@ class JointDensity(Record):
         return _stride((self.first, self.second), model, step)
 
     def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * group_count(plan) * (self.bins + 2) ** 2
+        return 8 * subsample_count(plan) * (self.bins + 2) ** 2
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
         return _Pairs(self, plan, realizations, ratio)
@@ -149,7 +150,7 @@ class JointDensity(Record):
         counts = results[0]["counts"]
         samples, shape = counts.sum(axis=(1, 2))[:, None], counts.shape[1:]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
-        share, scatter, factor = mean_of_groups(
+        share, scatter, factor = mean_of_subsamples(
             counts.reshape(len(counts), -1), samples, plan.realizations.trusted, inner.ravel()
         )
         joint, error = share.reshape(shape), scatter.reshape(shape)[1:-1, 1:-1]
@@ -170,19 +171,19 @@ class JointDensity(Record):
 
 
 class _Counts(Keeper):
-    """Histograms per group of realizations."""
+    """Histograms per subsample of realizations."""
 
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
-        self.groups, self.record = groups_of(plan, realizations), record
+        self.subsamples, self.record = subsamples_of(plan, realizations), record
         self.rows = [plan.snapshot.row(record.quantity, name) for name, _, _ in record.limits]
-        self.counts = np.zeros((len(record.limits), group_count(plan), record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((len(record.limits), subsample_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
         for row, counts, (_, low, high) in zip(self.rows, self.counts, self.record.limits, strict=True):
             inverse_width = self.record.bins / (high - low)
-            count_samples(snapshots, first, self.ratio, row, low, inverse_width, self.groups[batch], counts)
+            count_samples(snapshots, first, self.ratio, row, low, inverse_width, self.subsamples[batch], counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts.transpose(1, 0, 2)}
@@ -191,16 +192,16 @@ class _Counts(Keeper):
 class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
-        self.groups, self.record = groups_of(plan, realizations), record
+        self.subsamples, self.record = subsamples_of(plan, realizations), record
         self.rows = np.array([plan.snapshot.row("displacement", name) for name, _, _ in record.limits])
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
-        self.counts = np.zeros((group_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
+        self.counts = np.zeros((subsample_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        groups = self.groups[batch]
-        count_pairs(snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, groups, self.counts)
+        subsamples = self.subsamples[batch]
+        count_pairs(snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, subsamples, self.counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts}

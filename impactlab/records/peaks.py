@@ -17,7 +17,7 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.statistics.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
+from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 REACH = 20.0
 """Thermal energies that the largest indentation stores, where it is not given."""
@@ -135,7 +135,7 @@ class PeakForces(Record):
         if not count:
             return {}
         flux, inward, push, samples = (
-            grouped([result[key] for result in results]) for key in ("flux", "inward", "push", "samples")
+            in_subsamples([result[key] for result in results]) for key in ("flux", "inward", "push", "samples")
         )
         peaks = np.concatenate([result["peaks"] for result in results])
         times = np.array(self.return_times or (window, 10.0 * window, 100.0 * window))
@@ -147,7 +147,8 @@ class PeakForces(Record):
             own, total = flux[:, row], inward[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
             force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
-            mean, scatter, factor[slot] = mean_of_groups(own, samples[:, None], plan.realizations.trusted, slice(None))
+            trusted = plan.realizations.trusted
+            mean, scatter, factor[slot] = mean_of_subsamples(own, samples[:, None], trusted, slice(None))
             rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
             relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
             if plan.realizations.trusted:
@@ -231,13 +232,13 @@ def _return_level(
     solve = np.linalg.pinv(weights[:, None] * terms) * weights
     logarithm = np.polynomial.Polynomial([*(solve @ distance[near]), 0.0])
     logarithm.coef[3] = twist * logarithm.coef[2]
-    # what each group adds to the logarithms of the rates
+    # what each subsample adds to the logarithms of the rates
     parts = flux[:, near] / flux[:, near].sum(axis=0) - samples[:, None] / samples.sum()
-    groups = len(samples)
+    subsamples = len(samples)
 
     def scatter(at: float) -> float:
         moved = parts @ ([1.0, at, at**2 * (1.0 + twist * at)] @ solve)
-        return math.hypot(EXACT, math.sqrt(float((moved**2).sum()) * groups / (groups - 1.0)))
+        return math.hypot(EXACT, math.sqrt(float((moved**2).sum()) * subsamples / (subsamples - 1.0)))
 
     highest = place[int(np.argmax(logarithm(place)))]
     roots = logarithm.roots()

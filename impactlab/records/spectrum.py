@@ -15,7 +15,7 @@ from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import QUANTITIES, Snapshot
-from impactlab.statistics.groups import OF_BAND, grouped, mean_of_groups, samples_per_realization
+from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 SEGMENT = 20.0
 """Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
@@ -37,10 +37,10 @@ class Spectrum(Record):
 
     It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all frequencies, negative ones
     too, is the variance. Segments with Hann's window overlap by half (Welch 1967); what they resolve is
-    4π over their length. Standard errors come from groups of realizations, as for densities, with a factor for a band
-    around the whole curve. Samples contain what is faster than half their rate as well, folded back: it is estimated
-    from what there is at that rate, for spectra that fall like powers, and subtracted; a tenth of it is a part of
-    the error.
+    4π over their length. Standard errors come from subsamples of realizations, as for densities, with a factor for a
+    band around the whole curve. Samples contain what is faster than half their rate as well, folded back: it is
+    estimated from what there is at that rate, for spectra that fall like powers, and subtracted; a tenth of it is a
+    part of the error.
 
     Parameters
     ----------
@@ -121,7 +121,8 @@ class Spectrum(Record):
         dimension = QUANTITIES[q].dimension
         if not known:
             return {}
-        power, mean, segments = (grouped([item[key] for item in results]) for key in ("power", "mean", "segments"))
+        keys = "power", "mean", "segments"
+        power, mean, segments = (in_subsamples([item[key] for item in results]) for key in keys)
         count = self.samples_per_segment(plan, interval)
         window = _window(count)
         frequencies = 2.0 * math.pi * np.arange(count // 2 + 1) / (count * interval)
@@ -132,8 +133,8 @@ class Spectrum(Record):
         assert self.labels is not None
         for row, name in enumerate(self.labels):
             slot = known.index(name)
-            of_groups = mean_of_groups(power[:, row], segments[:, None], plan.realizations.trusted, slice(None))
-            value, scatter, factor[slot] = of_groups
+            estimated = mean_of_subsamples(power[:, row], segments[:, None], plan.realizations.trusted, slice(None))
+            value, scatter, factor[slot] = estimated
             constant = mean[:, row].sum() / (segments.sum() * count)
             density[slot] = scale * (value - constant**2 * of_mean)
             folded = _folded(density[slot], _POWER[q])

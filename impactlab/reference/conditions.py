@@ -10,10 +10,19 @@ from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
-from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
 from impactlab.reference.linear_laws import Apart, LinearPart
 from impactlab.reference.potential import Gap, Potential
 from impactlab.reference.ring import RingLaw
+from impactlab.reference.subsystems import (
+    UNHEATED,
+    Subsystem,
+    differ,
+    is_linear,
+    named,
+    refusal,
+    spectral_density,
+    subsystems_of,
+)
 from impactlab.reference.tree import TreeLaw
 
 Law = GibbsLaw | TreeLaw | RingLaw | GaussianLaw
@@ -29,45 +38,45 @@ def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
     NoExactReference
         With all reasons, if one of the parts has no law that is known here.
     """
-    laws: list[Law | Group] = []
+    laws: list[Law | Subsystem] = []
     reasons: list[str] = []
     untouched: frozenset[str] = frozenset()
-    for group in groups_of(network):
-        if group.is_linear:
-            part = LinearPart(group)
+    for subsystem in subsystems_of(network):
+        if subsystem.is_linear:
+            part = LinearPart(subsystem)
             why = part.reasons
             laws += [] if why else [part.law]
-        elif why := list(_gibbs_reasons(group)):
-            apart = Apart.of(group)
+        elif why := list(_gibbs_reasons(subsystem)):
+            apart = Apart.of(subsystem)
             if apart is not None and not apart.mattering:
                 laws += apart.laws
-                untouched |= group.contacts.keys()
+                untouched |= subsystem.contacts.keys()
                 why = []
             elif apart is not None:
                 why.append(apart.advice)
         else:
-            laws.append(group)
+            laws.append(subsystem)
         reasons += why
     if reasons:
         raise refusal(reasons)
-    return tuple(_gibbs_law(item) if isinstance(item, Group) else item for item in laws), untouched
+    return tuple(_gibbs_law(item) if isinstance(item, Subsystem) else item for item in laws), untouched
 
 
-def _gibbs_reasons(group: Group) -> Iterator[str]:
-    """Say why the density of a group is not known to be ``exp(−H/T)``."""
-    for name in group.bodies:
-        yield from _body_reasons(group, name)
-    for name, contact in group.contacts.items():
+def _gibbs_reasons(subsystem: Subsystem) -> Iterator[str]:
+    """Say why the density of a subsystem is not known to be ``exp(−H/T)``."""
+    for name in subsystem.bodies:
+        yield from _body_reasons(subsystem, name)
+    for name, contact in subsystem.contacts.items():
         yield from _contact_reasons(name, contact)
-    for name, coupling in group.couplings.items():
+    for name, coupling in subsystem.couplings.items():
         yield from _coupling_reasons(name, coupling)
-    yield from _group_reasons(group)
+    yield from _subsystem_reasons(subsystem)
 
 
-def _body_reasons(group: Group, name: str) -> Iterator[str]:
-    network = group.network
+def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
+    network = subsystem.network
     oscillator, density = network.oscillators[name], spectral_density(network, name)
-    known = next(iter(group.temperatures.values()), None)
+    known = next(iter(subsystem.temperatures.values()), None)
     if density is None:
         excitation = type(network.excitations[name]).__name__
         cure = f"il.WhiteNoise({oscillator.damping * known / math.pi:.6g})" if known else "il.WhiteNoise"
@@ -113,103 +122,103 @@ def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
         yield f"coupling {name!r} has damping without noise: its temperature is 0; with damping=0 it would do."
 
 
-def _group_reasons(group: Group) -> Iterator[str]:
-    network, bodies = group.network, group.bodies
-    temperatures = group.temperatures
+def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:
+    network, bodies = subsystem.network, subsystem.bodies
+    temperatures = subsystem.temperatures
     if temperatures and differ(*temperatures.values()):
-        yield _unequal(group)
+        yield _unequal(subsystem)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
         yield f"{named(bodies)}: {UNHEATED}"
-    if len(group.pairs) >= len(bodies) and not group.is_ring:
+    if len(subsystem.pairs) >= len(bodies) and not subsystem.is_ring:
         yield (
-            f"{named(group.loop)} are connected in loops; the law is computed for trees, such as these bodies "
+            f"{named(subsystem.loop)} are connected in loops; the law is computed for trees, such as these bodies "
             "would be with fewer contacts and couplings between them, and for a ring alone, without branches and walls."
         )
-    if len(bodies) == 2 and group.is_simple and not any(group.stiffness[name,] for name in bodies):
+    if len(bodies) == 2 and subsystem.is_simple and not any(subsystem.stiffness[name,] for name in bodies):
         yield (
             f"{named(bodies)} have no springs: nothing confines their center, the law cannot be normalised; a spring "
             "on one of them would do."
         )
 
 
-def _unequal(group: Group) -> str:
+def _unequal(subsystem: Subsystem) -> str:
     """Say which temperatures differ, and which noises would make them equal."""
-    temperatures = group.temperatures
+    temperatures = subsystem.temperatures
     target = next(iter(temperatures.values()))
     others = [name for name, value in temperatures.items() if differ(value, target)]
     names = temperatures if len(temperatures) < 8 else [next(iter(temperatures)), *others[:3]]
     shown = ", ".join(f"{name!r} {temperatures[name]:g} J" for name in names)
-    needed = {name: group.network.oscillators[name].damping * target / math.pi for name in others[:3]}
+    needed = {name: subsystem.network.oscillators[name].damping * target / math.pi for name in others[:3]}
     cure = " and ".join(f"S = {value:.6g} N2 s rad-1 on {name!r}" for name, value in needed.items())
     rest = f" and so on for {len(others) - 3} more" if len(others) > 3 else ""
     return f"the temperatures π S / damping of connected bodies differ: {shown}; with {cure}{rest} they would be equal."
 
 
-def _gibbs_law(group: Group) -> GibbsLaw | TreeLaw | RingLaw:
-    """Return the law of a group for which there are no reasons against it."""
-    temperature = next(iter(group.temperatures.values()))
-    make = pair_law if group.is_simple else ring_law if group.is_ring else tree_law
-    law = make(group, temperature)
-    if len(group.temperatures) < len(group.bodies):
-        _refuse_unheated(group, law, set(group.temperatures))
+def _gibbs_law(subsystem: Subsystem) -> GibbsLaw | TreeLaw | RingLaw:
+    """Return the law of a subsystem for which there are no reasons against it."""
+    temperature = next(iter(subsystem.temperatures.values()))
+    make = pair_law if subsystem.is_simple else ring_law if subsystem.is_ring else tree_law
+    law = make(subsystem, temperature)
+    if len(subsystem.temperatures) < len(subsystem.bodies):
+        _refuse_unheated(subsystem, law, set(subsystem.temperatures))
     return law
 
 
-def pair_law(group: Group, temperature: float) -> GibbsLaw:
+def pair_law(subsystem: Subsystem, temperature: float) -> GibbsLaw:
     """Return the law of a body or of a pair of linear bodies, by one integral."""
-    bodies, names = group.bodies, named(group.bodies)
-    gaps = tuple(Gap.of(contact, bodies[0]) for contact in group.contacts.values())
+    bodies, names = subsystem.bodies, named(subsystem.bodies)
+    gaps = tuple(Gap.of(contact, bodies[0]) for contact in subsystem.contacts.values())
     if len(bodies) == 1:
-        return GibbsLaw(bodies, _own(group, bodies[0], temperature))
-    held = [group.stiffness[name,] for name in bodies]
+        return GibbsLaw(bodies, _own(subsystem, bodies[0], temperature))
+    held = [subsystem.stiffness[name,] for name in bodies]
     total = sum(held)
     weights = (held[1] / total, -held[0] / total)
-    between = group.stiffness.get(tuple(sorted(bodies)), 0.0)
+    between = subsystem.stiffness.get(tuple(sorted(bodies)), 0.0)
     potential = Potential(names, temperature, held[0] * weights[0] + between, gaps)
     return GibbsLaw(bodies, potential, weights, math.sqrt(temperature / total))
 
 
-def tree_law(group: Group, temperature: float) -> TreeLaw:
+def tree_law(subsystem: Subsystem, temperature: float) -> TreeLaw:
     """Return the law of bodies in a tree, by transfer integrals."""
-    place = {name: index for index, name in enumerate(group.bodies)}
+    place = {name: index for index, name in enumerate(subsystem.bodies)}
     links = []
-    for pair in group.pairs:
+    for pair in subsystem.pairs:
         first, second = sorted(pair, key=place.__getitem__)
-        links.append((place[first], place[second], _between(group, (first, second), temperature)))
-    return TreeLaw(group.bodies, [_own(group, name, temperature) for name in group.bodies], links)
+        links.append((place[first], place[second], _between(subsystem, (first, second), temperature)))
+    return TreeLaw(subsystem.bodies, [_own(subsystem, name, temperature) for name in subsystem.bodies], links)
 
 
-def ring_law(group: Group, temperature: float) -> RingLaw:
+def ring_law(subsystem: Subsystem, temperature: float) -> RingLaw:
     """Return the law of bodies in a ring."""
-    ring = group.ring
-    links = [_between(group, pair, temperature) for pair in zip(ring, [*ring[1:], ring[0]], strict=True)]
-    return RingLaw(tuple(ring), [_own(group, name, temperature) for name in ring], links)
+    ring = subsystem.ring
+    links = [_between(subsystem, pair, temperature) for pair in zip(ring, [*ring[1:], ring[0]], strict=True)]
+    return RingLaw(tuple(ring), [_own(subsystem, name, temperature) for name in ring], links)
 
 
-def _between(group: Group, pair: tuple[str, str], temperature: float) -> Potential:
+def _between(subsystem: Subsystem, pair: tuple[str, str], temperature: float) -> Potential:
     """Return the potential of the difference of two bodies."""
     sides = tuple(sorted(pair))
-    gaps = tuple(Gap.of(contact, pair[0]) for contact in group.touching.get(sides, ()))
-    return Potential(named(pair), temperature, group.stiffness.get(sides, 0.0), gaps)
+    gaps = tuple(Gap.of(contact, pair[0]) for contact in subsystem.touching.get(sides, ()))
+    return Potential(named(pair), temperature, subsystem.stiffness.get(sides, 0.0), gaps)
 
 
-def _own(group: Group, name: str, temperature: float) -> Potential:
+def _own(subsystem: Subsystem, name: str, temperature: float) -> Potential:
     """Return the potential of a body alone, with its walls."""
-    oscillator = group.network.oscillators[name]
-    gaps = tuple(Gap.of(contact, name) for contact in group.touching.get((name,), ()))
+    oscillator = subsystem.network.oscillators[name]
+    gaps = tuple(Gap.of(contact, name) for contact in subsystem.touching.get((name,), ()))
     residual = oscillator if oscillator.has_kernel("residual") else None
-    return Potential(repr(name), temperature, group.stiffness[name,], gaps, residual)
+    return Potential(repr(name), temperature, subsystem.stiffness[name,], gaps, residual)
 
 
-def _refuse_unheated(group: Group, law: GibbsLaw | TreeLaw | RingLaw, heated: set[str]) -> None:
+def _refuse_unheated(subsystem: Subsystem, law: GibbsLaw | TreeLaw | RingLaw, heated: set[str]) -> None:
     """Refuse bodies without noise and damping that no force connects to one that has both."""
-    pulling = [pair for pair in group.pairs if group.stiffness.get(pair) or _pushes(group, law, pair)]
+    pulling = [pair for pair in subsystem.pairs if subsystem.stiffness.get(pair) or _pushes(subsystem, law, pair)]
     while reached := {name for pair in pulling if heated.intersection(pair) for name in pair} - heated:
         heated |= reached
-    cold = [name for name in group.bodies if name not in heated]
+    cold = [name for name in subsystem.bodies if name not in heated]
     if cold:
         raise refusal([f"{name!r} has neither noise nor damping, and nothing heats it; {_FORCED}" for name in cold])
 
 
-def _pushes(group: Group, law: GibbsLaw | TreeLaw | RingLaw, pair: tuple[str, ...]) -> bool:
-    return any(law.contact(contact)[2] for contact in group.touching.get(pair, ()))
+def _pushes(subsystem: Subsystem, law: GibbsLaw | TreeLaw | RingLaw, pair: tuple[str, ...]) -> bool:
+    return any(law.contact(contact)[2] for contact in subsystem.touching.get(pair, ()))

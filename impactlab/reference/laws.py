@@ -16,9 +16,9 @@ from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.conditions import Law
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
-from impactlab.reference.groups import named
 from impactlab.reference.linear_laws import NEVER
 from impactlab.reference.ring import RingLaw
+from impactlab.reference.subsystems import named
 from impactlab.reference.tree import TreeLaw
 
 QUANTITIES = ("displacement", "velocity")

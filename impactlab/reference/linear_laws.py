@@ -15,7 +15,16 @@ from impactlab.errors import NoExactReference
 from impactlab.linear.laws import lines_of, responses
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
-from impactlab.reference.groups import UNHEATED, Group, differ, groups_of, is_linear, named, refusal, spectral_density
+from impactlab.reference.subsystems import (
+    UNHEATED,
+    Subsystem,
+    differ,
+    is_linear,
+    named,
+    refusal,
+    spectral_density,
+    subsystems_of,
+)
 
 NEVER = 1e-12
 """Bound of the probability that a contact is closed, and of the contacts in a relaxation time, below which it cannot
@@ -30,16 +39,17 @@ def linear_law_of(network: Composition, body: str) -> GaussianLaw:
     NoExactReference
         With all reasons, if something else matters.
     """
-    group = next(item for item in groups_of(network) if body in item.bodies)
-    if group.is_linear:
-        part = LinearPart(group)
+    subsystem = next(item for item in subsystems_of(network) if body in item.bodies)
+    if subsystem.is_linear:
+        part = LinearPart(subsystem)
         if part.reasons:
             raise refusal(part.reasons)
         return part.law
-    apart = Apart.of(group)
+    apart = Apart.of(subsystem)
     if apart is None or apart.mattering:
-        what = [f"the residual force of {name!r}" for name in group.bent] + [repr(name) for name in group.contacts]
-        what += [repr(name) for name, item in group.couplings.items() if not is_linear(item)]
+        what = [f"the residual force of {name!r}" for name in subsystem.bent]
+        what += [repr(name) for name in subsystem.contacts]
+        what += [repr(name) for name, item in subsystem.couplings.items() if not is_linear(item)]
         raise NoExactReference(
             f"The motion of {body!r} is not linear, because of {' and '.join(what[:4])}; correlations in time are "
             "known for linear motion only."
@@ -51,11 +61,11 @@ def linear_law_of(network: Composition, body: str) -> GaussianLaw:
 class LinearPart:
     """Bodies that linear couplings connect."""
 
-    group: Group
+    subsystem: Subsystem
 
     @cached_property
     def _model(self) -> Model:
-        return Model.of(self.group.without_contacts())
+        return Model.of(self.subsystem.without_contacts())
 
     @cached_property
     def _system(self) -> LinearSystem:
@@ -78,10 +88,10 @@ class LinearPart:
             CosineResponse(item.frequencies, item.amplitudes, receptance)
             for item, (_, receptance) in zip(lines_of(model), responses(model, together), strict=True)
         ]
-        temperatures = list(self.group.temperatures.values())
+        temperatures = list(self.subsystem.temperatures.values())
         balanced = ((system.intensity > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
         thermal = temperatures and balanced and not differ(*temperatures)
-        return GaussianLaw(self.group.bodies, system, temperatures[0] if thermal else None, cosines)
+        return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines)
 
     @cached_property
     def slowest(self) -> float:
@@ -89,8 +99,8 @@ class LinearPart:
         return 1.0 / float(self._system.rates.min())
 
     def _varying(self) -> Iterator[str]:
-        network = self.group.network
-        for name in self.group.bodies:
+        network = self.subsystem.network
+        for name in self.subsystem.bodies:
             excitation = network.excitations.get(name)
             if excitation and excitation.kind != "lines" and spectral_density(network, name) is None:
                 yield (
@@ -99,7 +109,7 @@ class LinearPart:
                 )
 
     def _unstable(self) -> Iterator[str]:
-        system, model, names = self._system, self._model, self.group.bodies
+        system, model, names = self._system, self._model, self.subsystem.bodies
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         one = len(names) == 1
         if not driven and not system.damping.any():
@@ -121,7 +131,7 @@ class LinearPart:
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """The bodies of a group without its contacts.
+    """The bodies of a subsystem without its contacts.
 
     Attributes
     ----------
@@ -135,18 +145,18 @@ class Apart:
     mattering: dict[str, float]
 
     @classmethod
-    def of(cls, group: Group) -> Apart | None:
+    def of(cls, subsystem: Subsystem) -> Apart | None:
         """Take the contacts away; None if what is left has no Gaussian law."""
-        left = groups_of(group.without_contacts())
-        if not group.contacts or not all(item.is_linear for item in left):
+        left = subsystems_of(subsystem.without_contacts())
+        if not subsystem.contacts or not all(item.is_linear for item in left):
             return None
         parts = list(map(LinearPart, left))
         if any(part.reasons for part in parts):
             return None
-        part_of = {name: part for part in parts for name in part.group.bodies}
+        part_of = {name: part for part in parts for name in part.subsystem.bodies}
         slowest = max(part.slowest for part in parts)
         mattering = {}
-        for name, contact in group.contacts.items():
+        for name, contact in subsystem.contacts.items():
             bodies = [side for side in (contact.first, contact.second) if isinstance(side, str)]
             together = part_of[bodies[0]] is part_of[bodies[-1]]
             moving = [bodies] if together else [[body] for body in bodies]

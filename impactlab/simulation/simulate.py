@@ -46,8 +46,8 @@ from impactlab.simulation.tolerance import DRIFT, checked, reach, without_realiz
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.statistics.ergodicity import begun_elsewhere
 from impactlab.statistics.estimate import Estimates, estimate
-from impactlab.statistics.groups import samples_per_realization
 from impactlab.statistics.heating import unequal_partition
+from impactlab.statistics.subsamples import samples_per_realization
 
 LONG = 3600.0
 """Time that a run may take without a warning before it begins (s)."""

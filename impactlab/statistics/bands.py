@@ -24,14 +24,14 @@ def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
     """Return the factor to the standard errors of a curve in which a band holds all of it with 95 %.
 
     It is the quantile of the largest ``|Σ_g ξ_g r_gb| / (Σ_g r_gb²)^½`` over the bins b, ξ being normal numbers:
-    what the scatter of the groups g says of how bins depend on each other (multiplier bootstrap; Chernozhukov,
+    what the scatter of the subsamples g says of how bins depend on each other (multiplier bootstrap; Chernozhukov,
     Chetverikov and Kato, Ann. Statist. 41, 2013, 2786). That normal quantile becomes one of
-    Student's law, since errors from few groups scatter.
+    Student's law, since errors from few subsamples scatter.
 
     Parameters
     ----------
-    residuals : (group, bin) ndarray
-        Differences of each group from the mean.
+    residuals : (subsample, bin) ndarray
+        Differences of each subsample from the mean.
     counted : (bin,) ndarray of bool
         Which bins the band is for.
 
@@ -53,6 +53,6 @@ def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
 
 
 @functools.cache
-def _multipliers(groups: int) -> np.ndarray:
-    """Normal numbers, the same ones for every curve, (draw, group)."""
-    return np.random.Generator(np.random.Philox(0)).standard_normal((DRAWS, groups))
+def _multipliers(subsamples: int) -> np.ndarray:
+    """Normal numbers, the same ones for every curve, (draw, subsample)."""
+    return np.random.Generator(np.random.Philox(0)).standard_normal((DRAWS, subsamples))

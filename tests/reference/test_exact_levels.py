@@ -8,7 +8,7 @@ from scenes import base, linear
 from scipy.special import erfc
 
 import impactlab as il
-from impactlab.reference import conditions, groups
+from impactlab.reference import conditions, subsystems
 from impactlab.reference.reference import ExactReference, exact
 
 
@@ -65,8 +65,8 @@ def pair(law, clearance=0.1, swapped=False):
         {"gap": il.Contact(*sides, law, clearance=clearance)},
         dict.fromkeys("ab", il.WhiteNoise(0.5 / math.pi)),
     )
-    (group,) = groups.groups_of(network)
-    return exact(network), ExactReference(network, (conditions.tree_law(group, 1.0),))
+    (subsystem,) = subsystems.subsystems_of(network)
+    return exact(network), ExactReference(network, (conditions.tree_law(subsystem, 1.0),))
 
 
 LAWS = [il.HertzContact(2e4), il.LinearContact(1e8), il.PowerLawContact(50.0, exponent=0.5)]

@@ -8,7 +8,7 @@ import pytest
 
 import impactlab as il
 from impactlab.components.sides import WALL
-from impactlab.reference import conditions, groups, piecewise
+from impactlab.reference import conditions, piecewise, subsystems
 from impactlab.reference.reference import exact
 
 
@@ -59,9 +59,9 @@ def spring(one, other, stiffness):
 
 def tree_law(network):
     """The law by transfer integrals, also where there is a simpler one."""
-    (group,) = groups.groups_of(network)
-    (temperature,) = set(group.temperatures.values())
-    return conditions.tree_law(group, temperature)
+    (subsystem,) = subsystems.subsystems_of(network)
+    (temperature,) = set(subsystem.temperatures.values())
+    return conditions.tree_law(subsystem, temperature)
 
 
 SOFT, STIFF = body(1.0, 0.5), body(900.0, 2.0)

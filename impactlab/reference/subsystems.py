@@ -20,7 +20,7 @@ _REFUSAL = "There is no exact stationary law that is known here:"
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Subsystem:
     """Bodies that contacts and couplings connect."""
 
     network: Composition
@@ -116,7 +116,7 @@ class Group:
         )
 
 
-def groups_of(network: Composition) -> list[Group]:
+def subsystems_of(network: Composition) -> list[Subsystem]:
     """Return the bodies, in order, the contacts and the couplings of every connected component.
 
     Couplings of strength 0 connect nothing and are left out.
@@ -140,7 +140,7 @@ def groups_of(network: Composition) -> list[Group]:
         members[led(sides(contact)[0])][1][name] = contact
     for name, coupling in acting.items():
         members[led(sides(coupling)[0])][2][name] = coupling
-    return [Group(network, tuple(names), contacts, couplings) for names, contacts, couplings in members.values()]
+    return [Subsystem(network, tuple(names), contacts, couplings) for names, contacts, couplings in members.values()]
 
 
 def is_linear(coupling: Coupling) -> bool:

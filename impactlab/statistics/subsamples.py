@@ -1,4 +1,4 @@
-"""Sums over groups of realizations, or of batches of them: mean, standard error and band."""
+"""Sums over subsamples of realizations, or of batches of them: mean, standard error and band."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
 from impactlab.statistics.bands import KNOWN, band_factor
 
-GROUPS = 256
-"""Largest number of groups from which errors are estimated."""
+MOST = 256
+"""Largest number of subsamples from which errors are estimated."""
 
 OF_BAND = {
     "units": "1",
@@ -21,16 +21,16 @@ OF_BAND = {
 """Attributes of a band factor."""
 
 
-def group_count(plan: Plan) -> int:
-    """Return the number of groups of a run."""
-    return min(plan.realizations.number * len(plan.clock.boundaries), GROUPS)
+def subsample_count(plan: Plan) -> int:
+    """Return the number of subsamples of a run."""
+    return min(plan.realizations.number * len(plan.clock.boundaries), MOST)
 
 
-def groups_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
-    """Group of every realization in every batch, (batch, lane)."""
+def subsamples_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
+    """Subsample of every realization in every batch, (batch, lane)."""
     batches = len(plan.clock.boundaries)
     units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
-    return np.ascontiguousarray(units * group_count(plan) // (plan.realizations.number * batches))
+    return np.ascontiguousarray(units * subsample_count(plan) // (plan.realizations.number * batches))
 
 
 def samples_per_realization(plan: Plan) -> int:
@@ -38,37 +38,37 @@ def samples_per_realization(plan: Plan) -> int:
     return 1 if plan.realizations.number >= BATCHES else len(plan.clock.boundaries)
 
 
-def grouped(blocks: list[np.ndarray]) -> np.ndarray:
-    """Add independent samples of all blocks, (lane, sample, …) each, to at most `GROUPS` groups, (group, …).
+def in_subsamples(blocks: list[np.ndarray]) -> np.ndarray:
+    """Add independent samples of all blocks, (lane, sample, …) each, to at most `MOST` subsamples, (subsample, …).
 
     Realizations are added in their order, so that the sums do not depend on the blocks.
     """
     each = np.concatenate(blocks)
     each = each.reshape(-1, *each.shape[2:])
-    starts = -(-np.arange(min(len(each), GROUPS)) * len(each) // GROUPS) if len(each) > GROUPS else np.arange(len(each))
+    starts = -(-np.arange(min(len(each), MOST)) * len(each) // MOST) if len(each) > MOST else np.arange(len(each))
     result: np.ndarray = np.add.reduceat(each, starts, axis=0)
     return result
 
 
-def mean_of_groups(
+def mean_of_subsamples(
     sums: np.ndarray, samples: np.ndarray, trusted: bool, inner: np.ndarray | slice = slice(1, -1)
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the mean of every bin, its standard error, and the factor of a band around the inner ones.
 
     Parameters
     ----------
-    sums : (group, bin) ndarray
-    samples : (group, 1) ndarray
+    sums : (subsample, bin) ndarray
+    samples : (subsample, 1) ndarray
         How many samples the sums are of.
     trusted : bool
-        Whether there are enough groups; otherwise the errors are NaN.
+        Whether there are enough subsamples; otherwise the errors are NaN.
     inner : slice or (bin,) ndarray of bool
         Bins that a band is for.
     """
-    groups, total = len(sums), samples.sum()
+    subsamples, total = len(sums), samples.sum()
     mean = sums.sum(axis=0) / total
     if not trusted:
         return mean, np.full_like(mean, np.nan), math.nan
     residuals = sums - mean * samples
-    error = np.sqrt((residuals**2).sum(axis=0) * groups / (groups - 1.0)) / total
+    error = np.sqrt((residuals**2).sum(axis=0) * subsamples / (subsamples - 1.0)) / total
     return mean, error, band_factor(residuals[:, inner], (mean >= KNOWN * error)[inner])
