@@ -25,18 +25,15 @@ QUANTITIES = ("displacement", "velocity")
 _SHOWN = 6
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Laws:
-    """Laws of the parts of a network; `ExactReference` says more."""
+    """Laws of the parts of a network, found by the names of bodies and contacts."""
 
     network: Composition
     laws: tuple[Law, ...]
-    untouched: frozenset[str] = frozenset()
+    untouched: frozenset[str]
 
-    def __repr__(self) -> str:
-        return f"ExactReference:\n{self._described()}"
-
-    def _described(self) -> str:
+    def described(self) -> str:
         """Say what law each part has, of many the first ones."""
         lines = [f"  {named(law.bodies).replace(chr(39), '')}: {law}" for law in self.laws[:_SHOWN]]
         lines += [f"  … and {len(self.laws) - _SHOWN} more"] if len(self.laws) > _SHOWN else []
@@ -46,18 +43,20 @@ class Laws:
         return "\n".join(lines)
 
     @cached_property
-    def _law_of(self) -> dict[str, Law]:
+    def of_body(self) -> dict[str, Law]:
+        """The law of which each body is a part."""
         return {name: law for law in self.laws for name in law.bodies}
 
-    def _law(self, oscillator: str, quantity: str) -> Law:
+    def law(self, oscillator: str, quantity: str) -> Law:
+        """Return the law of which a body is a part; refuse names that are unknown."""
         known_name("body", oscillator, self.network.oscillators)
         known_name("quantity", quantity, QUANTITIES)
-        return self._law_of[oscillator]
+        return self.of_body[oscillator]
 
-    def _gap_law(self, contact: str) -> GibbsLaw | TreeLaw | RingLaw:
+    def gap_law(self, contact: str) -> GibbsLaw | TreeLaw | RingLaw:
         """Return the law of which a contact is a part."""
         known_name("contact", contact, self.network.contacts)
-        law = self._law_of[self._sides(contact)[0]]
+        law = self.of_body[self._sides(contact)[0]]
         if isinstance(law, GaussianLaw):
             raise NoExactReference(
                 f"Contact {contact!r} was left out, because it closes with a probability below {NEVER:g}; the law of "
@@ -65,9 +64,9 @@ class Laws:
             )
         return law
 
-    def _speed(self, oscillator: str) -> float:
+    def speed(self, oscillator: str) -> float:
         """Return the standard deviation of a velocity."""
-        law = self._law_of[oscillator]
+        law = self.of_body[oscillator]
         if isinstance(law, GaussianLaw):
             return math.sqrt(law.variance(oscillator, "velocity"))
         return math.sqrt(law.temperature / self.network.oscillators[oscillator].mass)
@@ -76,9 +75,9 @@ class Laws:
         item = self.network.contacts[contact]
         return [side for side in (item.first, item.second) if isinstance(side, str)]
 
-    def _relative_speed(self, contact: str) -> float:
+    def relative_speed(self, contact: str) -> float:
         """Return the standard deviation of the rate of an indentation."""
-        return math.sqrt(sum(self._speed(name) ** 2 for name in self._sides(contact)))
+        return math.sqrt(sum(self.speed(name) ** 2 for name in self._sides(contact)))
 
 
 def known_name(kind: str, name: str, known: Iterable[str]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +12,11 @@ from scipy.special import ndtr
 
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
-from impactlab.reference.conditions import laws_of
+from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities
 from impactlab.reference.gaussian import GaussianLaw
-from impactlab.reference.laws import finite_array
-from impactlab.reference.levels import Levels
+from impactlab.reference.laws import Laws, finite_array
+from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
 from impactlab.results.dataset import provenance
 from impactlab.results.schema import Moments, OfBodies, statistics
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-class ExactReference(Levels, Densities):
+@dataclass(frozen=True, eq=False, repr=False)
+class ExactReference(Densities):
     """Exact stationary law of a network; `exact` makes it.
 
     Parameters
@@ -36,6 +38,13 @@ class ExactReference(Levels, Densities):
     untouched : frozenset of str
         Contacts that are left out, because less than 10⁻¹² of all time they are closed.
     """
+
+    network: Composition
+    laws: tuple[Law, ...]
+    untouched: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        return f"ExactReference:\n{self._laws.described()}"
 
     def statistics(self) -> xr.Dataset:
         """Return the exact values of the default statistics.
@@ -50,14 +59,16 @@ class ExactReference(Levels, Densities):
             The attribute ``laws`` says which laws these are.
         """
         oscillators, contacts = self.network.oscillators, self.network.contacts
-        mean, variance = np.array([self._law_of[name].moments(name) for name in oscillators]).T
-        kinetic = np.array([self._speed(name) for name in oscillators]) ** 2
+        mean, variance = np.array([self._laws.of_body[name].moments(name) for name in oscillators]).T
+        kinetic = np.array([self._laws.speed(name) for name in oscillators]) ** 2
         linear = np.array([(body.mass, body.damping, body.stiffness) for body in oscillators.values()]).T
         bodies = OfBodies.of_law(linear, mean, variance + mean**2, variance, kinetic)
         moments = Moments.of_law(bodies, *np.array([self._contact(name) for name in contacts]).reshape(-1, 3).T)
         dataset = statistics(list(oscillators), list(contacts), moments.values())
         configuration = {"network": self.network.to_dict()}
-        return dataset.assign_attrs(provenance("exact stationary statistics", configuration), laws=self._described())
+        return dataset.assign_attrs(
+            provenance("exact stationary statistics", configuration), laws=self._laws.described()
+        )
 
     def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray:
         """Return the joint probability density of the displacements of two bodies.
@@ -79,7 +90,7 @@ class ExactReference(Levels, Densities):
         InvalidInput
             If a name is unknown or given twice, or a number is not finite.
         """
-        laws = [self._law(name, "displacement") for name in (first, second)]
+        laws = [self._laws.law(name, "displacement") for name in (first, second)]
         if first == second:
             raise InvalidInput(f"joint_density takes two different bodies, not {first!r} twice.")
         x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
@@ -145,30 +156,168 @@ class ExactReference(Levels, Densities):
         law, frequencies = self._linear_law(oscillator, quantity), finite_array("frequencies", frequencies)
         return law.spectrum(oscillator, quantity, frequencies.ravel()).reshape(frequencies.shape)
 
+    def onset_velocity_density(self, contact: str, grid: Any) -> np.ndarray:
+        """Return the probability density of the relative velocity with which a contact closes.
+
+        It is Rayleigh's, ``v/s² exp(−v²/2s²)`` with ``s² = T/μ``, whatever the contact.
+
+        Parameters
+        ----------
+        contact : str
+            Name of the contact.
+        grid : array_like
+            Where (m s-1).
+
+        Returns
+        -------
+        ndarray
+            Density (s m-1), of the shape of `grid`; 0 for velocities that part the bodies.
+
+        Raises
+        ------
+        InvalidInput
+            If the name is unknown or a number is not finite.
+        NoExactReference
+            If the contact is one of those that are left out.
+        """
+        self._laws.gap_law(contact)
+        scale, grid = self._laws.relative_speed(contact), finite_array("grid", grid)
+        forwards = np.maximum(grid, 0.0) / scale
+        return np.asarray(forwards / scale * np.exp(-0.5 * forwards**2))
+
+    def crossing_rate(self, name: str, quantity: str, level: float) -> float:
+        """Return how often a level is crossed upwards, by Rice's formula.
+
+        Parameters
+        ----------
+        name : str
+            Name of a body or a contact.
+        quantity : {"displacement", "contact_force"}
+            Of a body or of a contact. (Under white noise a velocity crosses each of its levels
+            infinitely often.)
+        level : float
+            The level (m or N).
+
+        Returns
+        -------
+        float
+            Crossings per second. Levels at which the density is less than 10⁻²⁰ of its top are not
+            resolved.
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown, or the level is not finite or a negative force.
+        NoExactReference
+            If cosines move the body, the contact is one of those that are left out, or its
+            force falls with the indentation somewhere.
+        """
+        return self._coordinate(name, quantity).crossing_rate(level)
+
+    def return_level(self, name: str, quantity: str, time: float) -> float:
+        """Return the highest level that is crossed upwards once in a time, on average.
+
+        Parameters
+        ----------
+        name, quantity : str
+            As in :meth:`crossing_rate`.
+        time : float
+            The time (s).
+
+        Returns
+        -------
+        float
+            The level (m or N).
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown, the time is not positive, or no level is crossed so often.
+        NoExactReference
+            As in :meth:`crossing_rate`.
+        """
+        return self._coordinate(name, quantity).return_level(time)
+
+    def exceedance_bound(self, name: str, quantity: str, level: float, time: float = 0.0) -> float:
+        """Return an upper bound of the probability that a level is exceeded within a time.
+
+        It is ``P(now above) + rate · time``, which always holds, and exact for the time 0.
+
+        Parameters
+        ----------
+        name, quantity, level
+            As in :meth:`crossing_rate`.
+        time : float
+            The time (s).
+
+        Returns
+        -------
+        float
+            At most 1.
+
+        Raises
+        ------
+        InvalidInput, NoExactReference
+            As in :meth:`crossing_rate`, and if the time is negative.
+        """
+        now, crossings = self._coordinate(name, quantity).exceedance(level, time)
+        return min(1.0, now + crossings)
+
+    def exceedance_estimate(self, name: str, quantity: str, level: float, time: float) -> float:
+        """Return an estimate of the same probability for crossings that are independent of each other.
+
+        It is ``1 − P(not now above) exp(−rate · time)``, never more than :meth:`exceedance_bound`.
+        It is right for levels that are rarely crossed; where motion is weakly damped crossings
+        come in clusters, and it is too large.
+
+        Parameters
+        ----------
+        name, quantity, level, time
+            As in :meth:`exceedance_bound`.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InvalidInput, NoExactReference
+            As in :meth:`exceedance_bound`.
+        """
+        now, crossings = self._coordinate(name, quantity).exceedance(level, time)
+        return now - (1.0 - now) * math.expm1(-crossings)
+
+    @cached_property
+    def _laws(self) -> Laws:
+        return Laws(self.network, self.laws, self.untouched)
+
+    def _coordinate(self, name: str, quantity: str) -> Coordinate:
+        return Coordinate.of(self._laws, name, quantity)
+
     def _curves(self, oscillator: str, quantity: str) -> Curves:
-        law = self._law(oscillator, quantity)
+        law = self._laws.law(oscillator, quantity)
         if isinstance(law, GaussianLaw):
             return Curves(
                 partial(law.density_of, oscillator, quantity), partial(law.probability_of, oscillator, quantity)
             )
         if quantity == "displacement":
             return Curves(partial(law.density, oscillator), partial(law.probability, oscillator))
-        scale = self._speed(oscillator)
+        scale = self._laws.speed(oscillator)
         return Curves(
             lambda v: np.asarray(np.exp(-0.5 * (v / scale) ** 2) / (math.sqrt(2.0 * math.pi) * scale)),
             lambda v: np.asarray(ndtr(v / scale)),
         )
 
     def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
-        law = self._law(oscillator, quantity)
+        law = self._laws.law(oscillator, quantity)
         return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
 
     def _contact(self, name: str) -> tuple[float, float, float]:
         """Return the part of the time in contact, the rate of contacts (s-1) and the mean force (N)."""
         if name in self.untouched:
             return 0.0, 0.0, 0.0
-        closed, density, force = self._gap_law(name).contact(self.network.contacts[name])
-        return closed, self._relative_speed(name) / math.sqrt(2.0 * math.pi) * density, force
+        closed, density, force = self._laws.gap_law(name).contact(self.network.contacts[name])
+        return closed, self._laws.relative_speed(name) / math.sqrt(2.0 * math.pi) * density, force
 
 
 def exact(network: Composition) -> ExactReference:
