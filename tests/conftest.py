@@ -1,6 +1,7 @@
 """What several tests share."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,9 @@ import pytest
 from hypothesis import settings
 
 import impactlab as il
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by a shell that runs tests in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
 settings.load_profile("impactlab")

@@ -205,18 +205,29 @@ def test_a_traceback_only_when_asked_for(capsys, monkeypatch):
     assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.fixture
+def started():
+    """Start a run beside the test, which does not outlive it."""
+    with contextlib.ExitStack() as stack:
+
+        def start(*arguments):
+            command = [sys.executable, "-m", "impactlab", *arguments]
+            run = stack.enter_context(subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True))
+            stack.callback(run.kill)
+            return run
+
+        yield start
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, INTERRUPTED), (signal.SIGTERM, INCOMPLETE)])
-def test_signals_stop_a_run(number, code, tmp_path):
-    endless = ["--set", "duration=1e7", "--set", "clearances=[0.02]"]
-    command = [sys.executable, "-m", "impactlab", "run", "example", *endless, "-v", "--out", "here"]
-    with subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True) as run:
-        assert run.stderr is not None
-        assert "[1/1]" in run.stderr.readline()
-        time.sleep(1.5)  # compiled code is running by now
-        run.send_signal(number)
-        assert run.wait(30) == code  # the run would take hours
-        assert "impactlab resume here" in run.stderr.read()
+def test_signals_stop_a_run(number, code, tmp_path, started):
+    run = started("run", "example", "--set", "duration=1e6", "--set", "clearances=[0.02]", "-v", "--out", "here")
+    assert "[1/1]" in run.stderr.readline()
+    time.sleep(1.5)  # compiled code is running by now
+    run.send_signal(number)
+    assert run.wait(30) == code  # the run would take many minutes
+    assert "impactlab resume here" in run.stderr.read()
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["manifest.json"]
 
 

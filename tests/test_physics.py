@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.oscillators import QuinticOscillator
 from scenes import base, deviations, linear
 from scipy.integrate import solve_ivp
 
@@ -28,20 +29,6 @@ class CubicContact(il.ContactLaw):
     @staticmethod
     def potential(indentation, stiffness):
         return 0.25 * stiffness * indentation**4
-
-
-class QuinticOscillator(il.Oscillator):
-    """A user's own oscillator, soft in the middle."""
-
-    quintic: float = il.parameter(units="N m-5", minimum=0.0)
-
-    @staticmethod
-    def residual(displacement, quintic):
-        return quintic * displacement**5
-
-    @staticmethod
-    def residual_potential(displacement, quintic):
-        return quintic * displacement**6 / 6.0
 
 
 class Modulated(il.Excitation):

@@ -19,7 +19,6 @@ _SIGNS = np.where(np.arange(ORDER) % 2, -1.0, 1.0)  # of the Legendre polynomial
 _MOST_PANELS = 20_000
 _MOST_PROBED = 8  # times
 _CHUNK = 2_000  # panels that are looked at together
-_EXTRA_HALVINGS = 0  # of all panels in the end, to see that this changes nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +138,6 @@ def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str)
         if sum(map(len, panels)) + len(pending) > _MOST_PANELS:
             raise NoExactReference(f"{what}: the integral of exp(−H/T) does not converge; its potential is not smooth.")
     every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
-    for _ in range(_EXTRA_HALVINGS):
-        every = _halves(every)
-        every = every[every[:, 0] < every[:, 1]]
-        coefficients = _sampled(function, every)[1]
     order = np.argsort(every[:, 0])
     return Piecewise(np.append(every[order, 0], edges[-1]), coefficients[:, order])
 

@@ -211,8 +211,8 @@ def test_python_without_compiler_gives_the_same_bits(run_python):
 
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
+    """An empty one in the place of the cache; a text is built once in a process, so that each test has its own."""
     monkeypatch.setattr("impactlab.assembly.build.cache_folder", lambda: tmp_path)
-    monkeypatch.setattr("impactlab.assembly.build._modules", {})
     return tmp_path
 
 

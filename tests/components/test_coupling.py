@@ -5,6 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.couplings import CubicCoupling
+from laws import DampedCubicCoupling, TwoLines
 from scenes import base, deviations
 from scipy.integrate import dblquad, solve_ivp
 from scipy.linalg import block_diag
@@ -19,27 +21,6 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.results.schema import balances
 
 MOMENTS = ["mean_square_displacement", "mean_square_velocity"]
-
-
-class RateCoupling(il.CouplingLaw):
-    """Another, with friction, which kicks."""
-
-    cubic: float = il.parameter(units="N m-3", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(extension, rate, cubic, damping):
-        return cubic * extension**3 + damping * rate
-
-
-class CubicCoupling(il.CouplingLaw):
-    """A user's own: stiff where it is long."""
-
-    cubic: float = il.parameter(units="N m-3", minimum=0.0)
-
-    @staticmethod
-    def force(extension, cubic):
-        return cubic * extension**3
 
 
 def linearized(network):
@@ -187,11 +168,7 @@ def test_relaxation_time_is_that_of_the_slowest_mode():
 def test_variances_under_cosines():
     """Against the amplitude of each body's steady response, found by a linear solve in real numbers."""
 
-    class TwoLines(il.Excitation):
-        def lines(self):
-            return [3.0, 11.0], [2.0, 5.0]
-
-    network = trio(damping=0.4, excitations={"a": TwoLines(), "b": None, "c": None})
+    network = trio(damping=0.4, excitations={"a": TwoLines(3.0, second=11.0), "b": None, "c": None})
     mass, damping = np.diag([1.0, 2.0, 0.7]), np.diag([0.8, 0.5, 1.1]) + 0.4 * DAMPER
     expected = np.zeros((2, 3))
     for omega, amplitude in ((3.0, 2.0), (11.0, 5.0)):
@@ -320,7 +297,7 @@ def test_paths_converge_to_those_of_another_solver(method):
     """With contacts, a damped and a user's coupling, and a wall; the order is that of the method."""
     network = trio(damping=0.4, excitations=dict.fromkeys("abc")).replace(
         contacts={"gap": il.Contact("a", "c", il.PowerLawContact(500.0, exponent=3.0), clearance=0.05)},
-        couplings={"own": il.Coupling("b", il.WALL, RateCoupling(40.0, damping=0.3))},
+        couplings={"own": il.Coupling("b", il.WALL, DampedCubicCoupling(40.0, damping=0.3))},
     )
     compiled = network.compile()
     start = {"velocity": {"a": 1.5}}

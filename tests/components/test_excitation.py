@@ -2,21 +2,14 @@
 
 import numpy as np
 import pytest
+from laws import Cosine
 
 import impactlab as il
 
 
-class Harmonic(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(1.0, units="rad s-1")
-
-    def force(time, amplitude, frequency):
-        return amplitude * np.cos(frequency * time)
-
-
 def test_kinds():
-    kinds = {cls.__name__: cls.kind for cls in (il.Excitation, il.WhiteNoise, il.ShinozukaNoise, Harmonic)}
-    assert kinds == {"Excitation": None, "WhiteNoise": "intensity", "ShinozukaNoise": "lines", "Harmonic": "force"}
+    kinds = {cls.__name__: cls.kind for cls in (il.Excitation, il.WhiteNoise, il.ShinozukaNoise, Cosine)}
+    assert kinds == {"Excitation": None, "WhiteNoise": "intensity", "ShinozukaNoise": "lines", "Cosine": "force"}
 
 
 def test_one_sided_density_is_four_pi_times_the_two_sided():

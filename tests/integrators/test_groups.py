@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.excitations import ConstantForce
+from laws import TwoLines
 from scenes import base, deviations
 from scipy.linalg import expm
 from trio import DAMPER, MASS, OWN, STIFFNESS, drift_by_hand, law_by_hand, spring, trio
@@ -86,11 +88,7 @@ def test_paths_without_noise_are_exact_at_any_step(step):
 
 
 def test_a_constant_given_force_on_one_body_moves_all_exactly():
-    class Push(il.Excitation):
-        def force(time):
-            return 3.0 + 0.0 * time
-
-    network = trio(0.4, excitations={"a": None, "b": Push(), "c": None})
+    network = trio(0.4, excitations={"a": None, "b": ConstantForce(3.0), "c": None})
     initial = {"displacement": {}, "velocity": {}}
     options = {"record": [il.Trajectory(interval=0.5)], "integrator": il.ExactFlow(measured=False)}
     result = il.simulate(network, 2.0, spin_up=0.0, step=0.5, initial=initial, **options, rng=1)
@@ -104,11 +102,7 @@ def test_a_constant_given_force_on_one_body_moves_all_exactly():
 def test_cosines_on_one_body_move_all(part):
     """Amplitudes and phases of all bodies are those of the response matrix; also beside a contact that stays open."""
 
-    class TwoLines(il.Excitation):
-        def lines(self):
-            return np.array([1.0, 11.0]), np.array([2.0, 5.0])
-
-    network = trio(0.4, excitations={"a": None, "b": TwoLines(), "c": None})
+    network = trio(0.4, excitations={"a": None, "b": TwoLines(1.0, second=11.0), "c": None})
     if part == "contact":
         network = network.replace(contacts={"gap": il.Contact("a", il.WALL, il.HertzContact(1.0), clearance=99.0)})
     assert len(flowing(network)) == 4

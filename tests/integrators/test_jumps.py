@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from laws import LossyContact
 from scenes import base, changed, deviations, linear, plan_of
 
 import impactlab as il
@@ -15,17 +16,6 @@ from impactlab.simulation.memory import sizes
 
 SIGMA = float(np.sqrt(il.exact(base(clearance=5.0)).statistics()["variance_displacement"].sum()))
 """Standard deviation of the gap of the base case without contacts (m)."""
-
-
-class DampedContact(il.ContactLaw):
-    """A force that depends on the rate, so that kicks take two passes."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping):
-        return stiffness * indentation + damping * rate * indentation
 
 
 def planned(network, duration=60.0, realizations=64, **options):
@@ -47,7 +37,7 @@ def three():
     }
     contacts = {
         "ab": il.Contact("a", "b", il.HertzContact(1e4), clearance=0.3),
-        "wall": il.Contact(il.WALL, "b", DampedContact(2e3, damping=50.0), clearance=0.3),
+        "wall": il.Contact(il.WALL, "b", LossyContact(2e3, damping=50.0), clearance=0.3),
         "bc": il.Contact("b", "c", il.LinearContact(3e3), clearance=0.32),
     }
     noise = {"a": il.WhiteNoise(1.0), "b": il.WhiteNoise(2.0), "c": il.WhiteNoise(0.3)}

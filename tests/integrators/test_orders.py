@@ -1,10 +1,9 @@
 """The order of every integrator, measured path by path against DOP853."""
 
-import math
-
 import numpy as np
 import pytest
 from impactlab_numerics.laws.oscillators import CubicDragOscillator
+from laws import Cosine, LossyContact
 from scenes import phases
 from scipy.integrate import solve_ivp
 
@@ -19,26 +18,6 @@ def concrete(cls=il.Integrator):
     """Return every integrator of the package that can be used."""
     own = [cls] if cls.order is not None and cls.__module__.startswith("impactlab.") else []
     return own + [item for child in cls.__subclasses__() for item in concrete(child)]
-
-
-class HuntCrossley(il.ContactLaw):
-    """Hunt and Crossley's contact: a spring with a damper that grows with the indentation."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-2", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping):
-        return stiffness * indentation + damping * indentation * rate
-
-
-class Push(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1")
-
-    @staticmethod
-    def force(time, amplitude, frequency):
-        return amplitude * math.cos(frequency * time)
 
 
 DUFFING = il.Network(
@@ -135,14 +114,14 @@ def test_order_with_forces_that_depend_on_velocity(integrator):
 
 def test_exact_flow_is_of_second_order_with_a_dissipative_contact():
     steps = EXPECTED["ExactFlow"][2]
-    order, errors = measured_order(pair(HuntCrossley(100.0, damping=50.0)), il.ExactFlow(), steps, STARTS)
+    order, errors = measured_order(pair(LossyContact(100.0, damping=50.0)), il.ExactFlow(), steps, STARTS)
     assert order == pytest.approx(2.0, abs=0.25), errors
 
 
 @pytest.mark.parametrize("integrator", concrete())
 def test_order_with_a_given_force(integrator):
     expected, _, steps = EXPECTED[integrator.__name__]
-    network = DUFFING.replace(excitations={"a": Push(2.0, frequency=5.0), "b": Push(-1.0, frequency=3.0)})
+    network = DUFFING.replace(excitations={"a": Cosine(2.0, frequency=5.0), "b": Cosine(-1.0, frequency=3.0)})
     order, errors = measured_order(network, integrator(), steps)
     assert order == pytest.approx(expected, abs=0.15), errors
 

@@ -7,18 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from impactlab_numerics.laws.contacts import KelvinVoigtContact
+from laws import Cosine
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.special import beta
 
 import impactlab as il
-
-
-class GivenCosine(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1")
-
-    def force(time, amplitude, frequency):
-        return amplitude * math.cos(frequency * time)
 
 
 def right_hand_side(network, t, y):
@@ -43,7 +36,7 @@ def right_hand_side(network, t, y):
             force[contact.first] -= pressure
             force[contact.second] += pressure
     for name, excitation in network.excitations.items():
-        if isinstance(excitation, GivenCosine):
+        if isinstance(excitation, Cosine):
             force[name] += excitation.amplitude * math.cos(excitation.frequency * t)
     return [*(v[name] for name in names), *(force[name] / network.oscillators[name].mass for name in names)]
 
@@ -60,7 +53,7 @@ def networks(draw):
     law = st.builds(il.HertzContact, positive) | st.builds(KelvinVoigtContact, stiffness=positive, damping=positive)
     ends = st.tuples(*[st.sampled_from([*names, il.WALL])] * 2).filter(lambda pair: pair[0] != pair[1])
     contacts = draw(st.lists(st.tuples(ends, law, st.floats(-2.0, 1.0)), max_size=6))
-    cosine = st.builds(GivenCosine, amplitude=positive, frequency=positive)
+    cosine = st.builds(Cosine, amplitude=positive, frequency=positive)
     excitation = cosine | st.builds(il.WhiteNoise, positive)
     return il.Network(
         {name: draw(oscillator) for name in names},

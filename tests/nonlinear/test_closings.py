@@ -4,34 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
+from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, JumpContact
+from laws import Cosine
 
 import impactlab as il
 from impactlab.kernels.sums import closings
-
-
-class Harmonic(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1", above=0.0)
-
-    @staticmethod
-    def force(time, amplitude, frequency):
-        return amplitude * math.cos(frequency * time)
-
-
-class Prestressed(il.ContactLaw):
-    """Begins with a jump."""
-
-    stiffness: float = il.parameter(units="N m-1")
-    jump: float = il.parameter(units="N")
-
-    @staticmethod
-    def force(indentation, stiffness, jump):
-        return jump + stiffness * indentation
-
-    @staticmethod
-    def potential(indentation, stiffness, jump):
-        return jump * indentation + 0.5 * stiffness * indentation**2
 
 
 def wall(law, *, clearance=0.5, damping=0.2, excitation=None):
@@ -84,7 +61,7 @@ def test_bodies_on_a_heavy_shaken_base(base):
 def test_a_periodic_motion_touches_a_whole_number_of_times_in_a_period(frequency, number):
     body = il.LinearOscillator(mass=1.0, damping=0.1, stiffness=1.0)
     contact = il.Contact("m", il.WALL, il.LinearContact(20.0), clearance=0.5)
-    network = il.Network({"m": body}, {"stop": contact}, {"m": Harmonic(1.0, frequency=frequency)})
+    network = il.Network({"m": body}, {"stop": contact}, {"m": Cosine(1.0, frequency=frequency)})
     period = 2 * np.pi / frequency
     ds = il.simulate(network, 40 * period, spin_up=60 * period, initial={}, rng=1)
     assert ds.contact_rate.item() * period == pytest.approx(number, abs=1e-9)
@@ -156,7 +133,7 @@ def test_bodies_that_are_pressed_together(rates, clearances):
     [
         il.PowerLawContact(10.0, exponent=0.3),
         il.PowerLawContact(10.0, exponent=0.1),
-        Prestressed(10.0, jump=2.0),
+        JumpContact(2.0, stiffness=10.0),
     ],
     ids=["power 0.3", "power 0.1", "jump"],
 )
@@ -225,7 +202,7 @@ def test_a_rate_is_never_negative():
 def test_the_first_step_counts():
     """A body that closes and stays: once, whenever it begins."""
     network = wall(
-        ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=1e-6, excitation=Harmonic(1.0, frequency=1e-3)
+        ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=1e-6, excitation=Cosine(1.0, frequency=1e-3)
     )
     ds = il.simulate(network, 1.0, initial={"velocity": {"a": 1.0}}, rng=1)
     assert ds.contact_rate.item() == 1.0

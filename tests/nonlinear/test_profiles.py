@@ -4,65 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.contacts import BilinearContact, SaturatingContact
+from impactlab_numerics.laws.couplings import DeadBandCoupling
+from impactlab_numerics.laws.oscillators import SoftOscillator, StopOscillator
+from laws import TwoWells
 
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.nonlinear.profiles import Profiles, of_force, of_powers
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.step_size.kinks import kink_step
-
-
-class Stop(il.Oscillator):
-    extra: float = il.parameter(units="N m-1")
-    gap: float = il.parameter(units="m")
-
-    @staticmethod
-    def residual(displacement, extra, gap):
-        return math.copysign(extra * max(abs(displacement) - gap, 0.0), displacement)
-
-    @staticmethod
-    def residual_potential(displacement, extra, gap):
-        return 0.5 * extra * max(abs(displacement) - gap, 0.0) ** 2
-
-
-class Catch(il.Oscillator):
-    """A force that changes its sign within a short way."""
-
-    strength: float = il.parameter(units="N")
-    width: float = il.parameter(units="m")
-
-    @staticmethod
-    def residual(displacement, strength, width):
-        return strength * math.tanh(displacement / width)
-
-    @staticmethod
-    def residual_potential(displacement, strength, width):
-        place = abs(displacement) / width
-        return strength * width * (place + math.log1p(math.exp(-2.0 * place)) - math.log(2.0))
-
-
-class Wells(il.Oscillator):
-    @staticmethod
-    def residual(displacement):
-        return -4.0 * displacement + 2.0 * displacement**3
-
-    @staticmethod
-    def residual_potential(displacement):
-        return -2.0 * displacement**2 + 0.5 * displacement**4
-
-
-class Bilinear(il.ContactLaw):
-    soft: float = il.parameter(units="N m-1")
-    stiff: float = il.parameter(units="N m-1")
-    depth: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(indentation, soft, stiff, depth):
-        return soft * indentation + stiff * max(indentation - depth, 0.0)
-
-    @staticmethod
-    def potential(indentation, soft, stiff, depth):
-        return 0.5 * soft * indentation**2 + 0.5 * stiff * max(indentation - depth, 0.0) ** 2
 
 
 class Jump(il.ContactLaw):
@@ -82,19 +33,6 @@ class Jump(il.ContactLaw):
         return first * indentation + 0.5 * stiffness * indentation**2 + second * max(indentation - depth, 0.0)
 
 
-class Saturating(il.ContactLaw):
-    most: float = il.parameter(units="N")
-    depth: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(indentation, most, depth):
-        return most * (1.0 - math.exp(-indentation / depth))
-
-    @staticmethod
-    def potential(indentation, most, depth):
-        return most * (indentation + depth * (math.exp(-indentation / depth) - 1.0))
-
-
 class Hertz(il.ContactLaw):
     """`HertzContact`, unknown to the package."""
 
@@ -103,15 +41,6 @@ class Hertz(il.ContactLaw):
     @staticmethod
     def force(indentation, stiffness):
         return stiffness * indentation * math.sqrt(indentation)
-
-
-class DeadBand(il.CouplingLaw):
-    stiffness: float = il.parameter(units="N m-1")
-    gap: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(extension, stiffness, gap):
-        return math.copysign(stiffness * max(abs(extension) - gap, 0.0), extension)
 
 
 def alone(kind, *values, damping=0.2, **fields):
@@ -168,7 +97,8 @@ def test_a_power_has_the_same_stiffness_and_step_whether_or_not_it_is_known():
 
 
 def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met():
-    found = [stiffening(alone(Stop, 1000.0, gap=gap, stiffness=1.0))[1].bodies[0] for gap in (0.0, 1.5, 2.5, 4.0, 7.0)]
+    bodies = [alone(StopOscillator, 1000.0, distance=gap, stiffness=1.0) for gap in (0.0, 1.5, 2.5, 4.0, 7.0)]
+    found = [stiffening(body)[1].bodies[0] for body in bodies]
     assert found[0] == pytest.approx(1000.0, rel=0.05)
     assert (np.diff(found) < 0.0).all()
     assert 60.0 < found[3] < 100.0  # steps are stable there
@@ -178,16 +108,16 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
 @pytest.mark.parametrize(
     "network",
     [
-        pytest.param(alone(Stop, 10.0, gap=1.5, stiffness=1.0), id="stop"),
-        pytest.param(alone(Stop, 100.0, gap=2.5, stiffness=1.0), id="stop far out"),
-        pytest.param(alone(Catch, 1.0, width=0.02, stiffness=1.0), id="catch"),
-        pytest.param(alone(Wells), id="double well"),
-        pytest.param(at_wall(Bilinear(2.0, stiff=1000.0, depth=1.5)), id="bilinear"),
+        pytest.param(alone(StopOscillator, 10.0, distance=1.5, stiffness=1.0), id="stop"),
+        pytest.param(alone(StopOscillator, 100.0, distance=2.5, stiffness=1.0), id="stop far out"),
+        pytest.param(alone(SoftOscillator, 1.0, width=0.02, stiffness=1.0), id="catch"),
+        pytest.param(alone(TwoWells, 4.0, wall=2.0), id="double well"),
+        pytest.param(at_wall(BilinearContact(2.0, second=1000.0, distance=1.5)), id="bilinear"),
         pytest.param(at_wall(Jump(10.0, stiffness=1.0)), id="jump"),
         pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed"),
         pytest.param(at_wall(Jump(0.0, stiffness=2.0, second=5.0, depth=0.5)), id="jump inside"),
-        pytest.param(at_wall(Saturating(20.0, depth=0.001)), id="saturating"),
-        pytest.param(at_wall(Saturating(1.2, depth=0.2), 2.3, damping=0.17), id="rarely met, saturating"),
+        pytest.param(at_wall(SaturatingContact(20.0, depth=0.001)), id="saturating"),
+        pytest.param(at_wall(SaturatingContact(1.2, depth=0.2), 2.3, damping=0.17), id="rarely met, saturating"),
         pytest.param(at_wall(il.PowerLawContact(20.0, exponent=0.1)), id="power of 0.1"),
     ],
 )
@@ -206,7 +136,7 @@ def test_laws_of_any_shape_are_right_at_the_automatic_step(network):
 def test_a_dead_band_is_right_at_the_automatic_step():
     gap, stiffness = 1.5, 400.0
     network = alone(il.LinearOscillator, stiffness=1.0).replace(
-        couplings={"c": il.Coupling("a", il.WALL, DeadBand(stiffness, gap=gap))}
+        couplings={"c": il.Coupling("a", il.WALL, DeadBandCoupling(stiffness, play=gap))}
     )
     found = il.simulate(network, 1000.0, realizations=512, rng=1)
     x = np.linspace(-4.0, 4.0, 80001)
@@ -247,7 +177,7 @@ def test_a_row_without_friction_inside_has_the_temperature_of_its_ends():
 
 
 @pytest.mark.parametrize(
-    "network", [row(5), at_wall(Jump(10.0, stiffness=1.0)), alone(Stop, 100.0, gap=1.5, stiffness=1.0)]
+    "network", [row(5), at_wall(Jump(10.0, stiffness=1.0)), alone(StopOscillator, 100.0, distance=1.5, stiffness=1.0)]
 )
 def test_a_check_and_a_simulation_take_the_same_step(network):
     step = network.check().dataset.attrs["step"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
 from impactlab_numerics.laws.oscillators import ViscousOscillator
+from laws import DoubleWell
 
 import impactlab as il
 from impactlab.assembly.model import Model
@@ -25,21 +26,6 @@ class Cycle(il.Oscillator):
     @staticmethod
     def residual(displacement, velocity, drive, limit):
         return (limit * (displacement * displacement + velocity * velocity) - drive) * velocity
-
-
-class Wells(il.Oscillator):
-    """Two wells at ±1 m, tilted by a constant force."""
-
-    depth: float = il.parameter(units="J")
-    tilt: float = il.parameter(0.0, units="N")
-
-    @staticmethod
-    def residual(displacement, depth, tilt):
-        return 4.0 * depth * (displacement * displacement * displacement - displacement) + tilt
-
-    @staticmethod
-    def residual_potential(displacement, depth, tilt):
-        return depth * (displacement**4 - 2.0 * displacement**2) + tilt * displacement
 
 
 def alone(body, intensity):
@@ -159,13 +145,13 @@ def test_a_crowded_row_without_damping_does_not_start_cold():
 
 def test_the_time_between_changes_of_wells_is_that_of_kramers():
     """γ = 0.5, T = 0.08, barrier 0.25 J: the rate out of a well is 0.0082 ± 0.0005 (256 trajectories)."""
-    time = relaxation_of(alone(Wells(depth=0.25, damping=0.5), 0.08 * 0.5 / np.pi)).slowest
+    time = relaxation_of(alone(DoubleWell(depth=0.25, damping=0.5), 0.08 * 0.5 / np.pi)).slowest
     assert 0.7 < time * 0.0082 < 1.4
 
 
 @pytest.mark.parametrize(("tilt", "warned"), [(0.0, False), (0.3, True)])
 def test_wells_of_different_depth_need_time(tilt, warned):
-    network = alone(Wells(depth=8.0, tilt=tilt, damping=1.0), 1.0 / np.pi)
+    network = alone(DoubleWell(depth=8.0, tilt=tilt, damping=1.0), 1.0 / np.pi)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         il.simulate(network, 20.0, realizations=64, step=0.02, rng=1)
@@ -175,7 +161,7 @@ def test_wells_of_different_depth_need_time(tilt, warned):
 
 def test_a_realization_that_never_changes_wells_has_no_error_bars():
     """One of 4000 s said E[x] = −0.9727 ± 0.0004 m, where it is 0."""
-    network = alone(Wells(depth=8.0, damping=1.0), 1.0 / np.pi)
+    network = alone(DoubleWell(depth=8.0, damping=1.0), 1.0 / np.pi)
     with pytest.warns(il.AccuracyWarning, match=r"run for at least \de\+06 s|run for at least \d\.\d+e\+06 s"):
         ds = il.simulate(network, 2000.0, step=0.02, rng=1)
     assert np.isnan(ds.mean_displacement_standard_error).all()

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.contacts import ConicalContact, ExponentialWall
 from scenes import base
 
 import impactlab as il
@@ -12,14 +13,6 @@ from impactlab.integrators.base import frequencies
 from impactlab.linear.cosines import regular_lines
 from impactlab.linear.laws import linear_variances, lines_of, relaxation_time, spread
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
-
-
-class QuadraticLaw(il.ContactLaw):
-    stiffness: float = il.parameter(units="N m-2", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, stiffness):
-        return stiffness * indentation * indentation
 
 
 class BadLines(il.Excitation):
@@ -51,7 +44,7 @@ def test_linear_variances_of_white_noise():
 
 
 @pytest.mark.parametrize(
-    ("law", "exponent"), [(il.LinearContact(300.0), 1.0), (il.HertzContact(1e4), 1.5), (QuadraticLaw(5e5), 2.0)]
+    ("law", "exponent"), [(il.LinearContact(300.0), 1.0), (il.HertzContact(1e4), 1.5), (ConicalContact(5e5), 2.0)]
 )
 def test_thermal_penetration_of_power_laws(law, exponent):
     network = base().replace(contacts={"gap": il.Contact("one", "two", law, clearance=0.05)})
@@ -64,18 +57,10 @@ def test_thermal_penetration_of_power_laws(law, exponent):
     assert found.contacts[0] == pytest.approx(exponent * eta * depth ** (exponent - 1.0), rel=1e-5)
 
 
-class GrowingLaw(il.ContactLaw):
-    """Overflows in Python far out, where the search for the penetration begins."""
-
-    length: float = il.parameter(units="m", above=0.0)
-
-    @staticmethod
-    def force(indentation, length):
-        return math.exp(indentation / length) - 1.0
-
-
 def test_penetration_of_a_law_that_overflows():
-    network = base().replace(contacts={"gap": il.Contact("one", "two", GrowingLaw(0.01), clearance=0.05)})
+    """In Python far out, where the search for the penetration begins."""
+    law = ExponentialWall(1.0, depth=0.01)
+    network = base().replace(contacts={"gap": il.Contact("one", "two", law, clearance=0.05)})
     depth = stiffening(network).penetration[0]
     stored = 0.01 * (math.exp(depth / 0.01) - 1.0) - depth
     assert stored == pytest.approx(2.5, rel=1e-6)  # T

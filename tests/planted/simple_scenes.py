@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.integrate
 import scipy.linalg
+from impactlab_numerics.laws.contacts import KelvinVoigtContact
 from impactlab_numerics.laws.excitations import Harmonic
 from scenes import base
 
@@ -163,24 +164,13 @@ class Driven(Scene):
         }
 
 
-class ViscousContact(il.ContactLaw):
-    """A spring and a damper."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping):
-        return stiffness * indentation + damping * rate
-
-
 class Pressed(Scene):
     """A body that is pressed on a wall with a damper and never leaves it: linear, with a force that depends on v."""
 
     name = "pressed"
 
     def network(self) -> il.Network:
-        contact = il.Contact("a", il.WALL, ViscousContact(60.0, damping=6.0), clearance=-8.0)
+        contact = il.Contact("a", il.WALL, KelvinVoigtContact(60.0, damping=6.0), clearance=-8.0)
         return il.Network(
             {"a": il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)},
             {"wall": contact},

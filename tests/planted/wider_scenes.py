@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import scipy.integrate
 import scipy.linalg
-from impactlab_numerics.laws.excitations import Harmonic
+from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, KelvinVoigtContact
+from impactlab_numerics.laws.excitations import GustNoise, Harmonic
 
 import impactlab as il
 from planted.detectors import Distances, Scene, of_statistics
@@ -42,19 +43,6 @@ def of_path(solution: Any, duration: float) -> dict[str, float]:
     return {name: float(scipy.integrate.simpson(value, x=times) / duration) for name, value in values.items()}
 
 
-class SpringAndDashpot(il.ContactLaw):
-    """A spring and a dashpot, which never pull if they are clamped."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-    clamped: bool = il.parameter(False)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping, clamped):
-        force = stiffness * indentation + damping * rate
-        return max(force, 0.0) if clamped else force
-
-
 class Dashpot(Scene):
     """A body that is pressed on a spring and a strong dashpot and never leaves them: linear, damping ratio 2."""
 
@@ -69,7 +57,7 @@ class Dashpot(Scene):
 
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)
-        contact = il.Contact("a", il.WALL, SpringAndDashpot(60.0, damping=50.0), clearance=-8.0)
+        contact = il.Contact("a", il.WALL, KelvinVoigtContact(60.0, damping=50.0), clearance=-8.0)
         network = il.Network({"a": body}, {"wall": contact}, {"a": il.WhiteNoise(1.0)})
         return il.simulate(network, 40.0, realizations=1024, rng=1)
 
@@ -98,7 +86,7 @@ class Clamp(Scene):
         return of_path(found.sol, self.duration)
 
     def evidence(self) -> Any:
-        law = SpringAndDashpot(self.stiffness, damping=self.damping, clamped=True)
+        law = ClampedKelvinVoigtContact(self.stiffness, damping=self.damping)
         network = il.Network({"a": il.LinearOscillator(mass=self.mass)},
                              {"wall": il.Contact("a", il.WALL, law, clearance=self.gap)})  # fmt: skip
         return il.simulate(network, self.duration, initial={"velocity": {"a": self.speed}}, rng=1)
@@ -158,19 +146,6 @@ class Decay(Scene):
         return of_facts(found, law)
 
 
-class Gust(il.Excitation):
-    """White noise in a gust: density ``level exp(−((t − middle)/width)²)``."""
-
-    level: float = il.parameter(units="N2 s rad-1", minimum=0.0)
-    middle: float = il.parameter(units="s")
-    width: float = il.parameter(units="s", above=0.0)
-
-    @staticmethod
-    def intensity(time, level, middle, width):
-        distance = (time - middle) / width
-        return level * math.exp(-distance * distance)
-
-
 class Gusty(Scene):
     """A linear body from rest in a short gust: second moments by their differential equations."""
 
@@ -192,7 +167,7 @@ class Gusty(Scene):
 
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
-        network = il.Network({"a": body}, None, {"a": Gust(1.0, middle=self.middle, width=self.width)})
+        network = il.Network({"a": body}, None, {"a": GustNoise(0.0, peak=1.0, middle=self.middle, width=self.width)})
         return il.simulate(network, self.duration, initial={}, realizations=4096, rng=1)
 
     def distances(self, found: Any, law: Any) -> Distances:

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from impactlab_numerics.laws.contacts import ConicalContact, ExponentialWall
+from impactlab_numerics.laws.excitations import FadingNoise
+from laws import Cosine, DoubleWell, SofteningContact
 from scipy.integrate import quad
 from scipy.special import erfc, erfcx, gamma
 
@@ -16,32 +19,6 @@ import impactlab as il
 from impactlab.components.sides import WALL
 from impactlab.reference.reference import exact
 from impactlab.results.schema import stationary
-
-
-class ConicalContact(il.ContactLaw):
-    stiffness: float = il.parameter(units="N m-2", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, stiffness):
-        return stiffness * indentation * indentation
-
-    @staticmethod
-    def potential(indentation, stiffness):
-        return stiffness * indentation**3 / 3.0
-
-
-class ExponentialContact(il.ContactLaw):
-    """Overflows in Python for large indentations."""
-
-    length: float = il.parameter(units="m", above=0.0)
-
-    @staticmethod
-    def force(indentation, length):
-        return (math.exp(indentation / length) - 1.0) / length
-
-    @staticmethod
-    def potential(indentation, length):
-        return math.exp(indentation / length) - 1.0 - indentation / length
 
 
 class ForceOnlyContact(il.ContactLaw):
@@ -58,23 +35,6 @@ class DashpotContact(il.ContactLaw):
     @staticmethod
     def potential(indentation):
         return 0.5 * indentation**2
-
-
-class BilinearContact(il.ContactLaw):
-    """A force with a kink where no contact opens or closes."""
-
-    stiffness: float = il.parameter(units="N m-1")
-    depth: float = il.parameter(units="m")
-    softening: float = il.parameter(0.1)
-
-    @staticmethod
-    def force(indentation, stiffness, depth, softening):
-        return stiffness * (min(indentation, depth) + softening * max(indentation - depth, 0.0))
-
-    @staticmethod
-    def potential(indentation, stiffness, depth, softening):
-        first, rest = min(indentation, depth), max(indentation - depth, 0.0)
-        return stiffness * (0.5 * first**2 + depth * rest + 0.5 * softening * rest**2)
 
 
 class JaggedContact(il.ContactLaw):
@@ -97,19 +57,6 @@ class UndefinedContact(il.ContactLaw):
         return math.nan if indentation > 0.5 else 0.5 * indentation**2
 
 
-class DoubleWell(il.Oscillator):
-    depth: float = il.parameter(units="J", above=0.0)
-    tilt: float = il.parameter(0.0, units="N")
-
-    @staticmethod
-    def residual(displacement, depth, tilt):
-        return 4.0 * depth * displacement * (displacement**2 - 1.0) + tilt
-
-    @staticmethod
-    def residual_potential(displacement, depth, tilt):
-        return depth * (displacement**2 - 1.0) ** 2 - depth + tilt * displacement
-
-
 class QuadraticDrag(il.Oscillator):
     @staticmethod
     def residual(displacement, velocity):
@@ -126,24 +73,12 @@ class ResidualOnly(il.Oscillator):
         return displacement**3
 
 
-class FadingNoise(il.Excitation):
-    @staticmethod
-    def intensity(time):
-        return math.exp(-time)
-
-
 class ConstantNoise(il.Excitation):
     level: float = il.parameter(units="N2 s rad-1")
 
     @staticmethod
     def intensity(level):
         return level
-
-
-class Cosine(il.Excitation):
-    @staticmethod
-    def force(time):
-        return math.cos(time)
 
 
 def heat(oscillator, temperature):
@@ -614,7 +549,7 @@ def test_user_written_laws():
 
     total = quad(closed, 0.0, 2.0, args=(0,))[0] + math.sqrt(math.pi / 2.0 / k) * erfc(-0.1 * math.sqrt(0.5 * k))
     assert force[0] == pytest.approx(100.0 * quad(closed, 0.0, 2.0, args=(2,))[0] / total, rel=1e-9)
-    stop = {"stop": il.Contact("body", WALL, ExponentialContact(1e-3), clearance=0.1)}
+    stop = {"stop": il.Contact("body", WALL, ExponentialWall(1e3, depth=1e-3), clearance=0.1)}
     mean, force = numbers(single(SPRING, stop, 1.0), "mean_displacement", "mean_contact_force")
     assert SPRING.stiffness * mean[0] == pytest.approx(-force[0], rel=1e-11)
     network = il.Network({"body": SPRING}, {}, {"body": ConstantNoise(0.3)})
@@ -624,7 +559,7 @@ def test_user_written_laws():
 @pytest.mark.parametrize("depth", [1e-4, 1.0 / 3.0])
 def test_law_with_a_kink(depth):
     """Against quad, split at the kink that the library is not told of."""
-    law = BilinearContact(stiffness=40.0, depth=depth)
+    law = SofteningContact(stiffness=40.0, depth=depth)
     stop = {"stop": il.Contact("body", WALL, law, clearance=0.1)}
     (ratio, force) = numbers(single(SPRING, stop, 1.0), "contact_ratio", "mean_contact_force")
 
@@ -658,8 +593,8 @@ def test_refused_excitations():
     assert "'body' is excited by ShinozukaNoise; the law is known for constant white noise only" in refused(
         body, stop, {"body": il.ShinozukaNoise(1.0, components=100)}
     )
-    assert "'body' is excited by Cosine" in refused(body, {}, {"body": Cosine()})
-    assert "'body' is excited by FadingNoise" in refused(body, {}, {"body": FadingNoise()})
+    assert "'body' is excited by Cosine" in refused(body, {}, {"body": Cosine(1.0, frequency=1.0)})
+    assert "'body' is excited by FadingNoise" in refused(body, {}, {"body": FadingNoise(1.0, decay=1.0)})
     assert "'body' has damping without noise: its temperature is 0; with white noise it" in refused(body, stop)
     assert "'body': damping without noise" in refused(body)
     assert "'body' has noise without damping and gains energy" in refused(

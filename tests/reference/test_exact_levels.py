@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from laws import DoubleWell
 from scenes import base, linear
 from scipy.special import erfc
 
@@ -119,16 +120,7 @@ def test_force_levels_are_integrals_over_the_gap():
 def test_the_highest_of_two_peaks_counts():
     """A body that rests in one of two wells: rare levels lie above the upper one."""
 
-    class Wells(il.Oscillator):
-        @staticmethod
-        def residual(displacement):
-            return 40.0 * displacement * (displacement**2 - 1.0)
-
-        @staticmethod
-        def residual_potential(displacement):
-            return 10.0 * ((displacement**2 - 1.0) ** 2 - 1.0)
-
-    reference = exact(il.Network({"a": Wells(damping=1.0)}, {}, {"a": il.WhiteNoise(1.0 / math.pi)}))
+    reference = exact(il.Network({"a": DoubleWell(10.0, damping=1.0)}, {}, {"a": il.WhiteNoise(1.0 / math.pi)}))
     level = reference.return_level("a", "displacement", 10.0)
     assert level > 1.0
     assert reference.crossing_rate("a", "displacement", level) == pytest.approx(0.1, rel=1e-9)

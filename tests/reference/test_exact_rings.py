@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.contacts import ExponentialWall
 from scenes import deviations
 
 import impactlab as il
@@ -50,18 +51,6 @@ class Steep(il.Oscillator):
         return math.cosh(displacement / length) - 1.0
 
 
-class SteepContact(il.ContactLaw):
-    length: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(indentation, length):
-        return (math.exp(indentation / length) - 1.0) / length
-
-    @staticmethod
-    def potential(indentation, length):
-        return math.exp(indentation / length) - 1.0 - indentation / length
-
-
 MIXED = ring(
     [body(30.0), body(90.0, 2.0), body(10.0), il.DuffingOscillator(damping=0.5, stiffness=20.0, cubic=200.0)],
     [HERTZ, LINEAR, il.PowerLawContact(900.0, exponent=2.2), NULL],
@@ -78,7 +67,7 @@ MIXED = ring(
         (
             ring(
                 [Steep(1e-1, damping=0.5, stiffness=3.0), body(90.0), body(9.0)],
-                [SteepContact(1e-2), HERTZ, NULL],
+                [ExponentialWall(1e2, depth=1e-2), HERTZ, NULL],
                 [0.1] * 3,
             ),
             "ca",

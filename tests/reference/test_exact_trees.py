@@ -5,39 +5,12 @@ import math
 
 import numpy as np
 import pytest
+from laws import DoubleWell, SofteningContact, TwoWells
 
 import impactlab as il
 from impactlab.components.sides import WALL
 from impactlab.reference import conditions, piecewise, subsystems
 from impactlab.reference.reference import exact
-
-
-class BilinearContact(il.ContactLaw):
-    """A force with a kink where no contact opens or closes."""
-
-    stiffness: float = il.parameter(units="N m-1")
-    depth: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(indentation, stiffness, depth):
-        return stiffness * (min(indentation, depth) + 0.1 * max(indentation - depth, 0.0))
-
-    @staticmethod
-    def potential(indentation, stiffness, depth):
-        first, rest = min(indentation, depth), max(indentation - depth, 0.0)
-        return stiffness * (0.5 * first**2 + depth * rest + 0.05 * rest**2)
-
-
-class DoubleWell(il.Oscillator):
-    depth: float = il.parameter(units="J", above=0.0)
-
-    @staticmethod
-    def residual(displacement, depth):
-        return 4.0 * depth * displacement * (displacement**2 - 1.0)
-
-    @staticmethod
-    def residual_potential(displacement, depth):
-        return depth * (displacement**2 - 1.0) ** 2 - depth
 
 
 def body(stiffness, mass=1.0, cubic=None):
@@ -71,7 +44,7 @@ PAIRS = {
     "preload": ((STIFF, SOFT), {"gap": il.Contact("b", "a", HERTZ, clearance=-2.0)}),
     "rare": ((SOFT, SOFT), {"gap": il.Contact("a", "b", il.LinearContact(1e8), clearance=7.0)}),
     "hard": ((SOFT, STIFF), {"gap": il.Contact("a", "b", il.HertzContact(1e12), clearance=1.0)}),
-    "kink": ((SOFT, SOFT), {"gap": il.Contact("a", "b", BilinearContact(stiffness=40.0, depth=1e-3), clearance=0.1)}),
+    "kink": ((SOFT, SOFT), {"gap": il.Contact("a", "b", SofteningContact(stiffness=40.0, depth=1e-3), clearance=0.1)}),
     "cage": (
         (SOFT, il.LinearOscillator(mass=0.2)),
         {
@@ -229,16 +202,6 @@ CHAIN = il.chain(
 
 
 @pytest.mark.campaign
-def test_halved_panels_change_nothing(monkeypatch):
-    coarse = exact(CHAIN).statistics()
-    monkeypatch.setattr(piecewise, "_EXTRA_HALVINGS", 1)
-    fine = exact(CHAIN).statistics()
-    assert not coarse.equals(fine)  # something was refined
-    for name in coarse.data_vars:
-        np.testing.assert_allclose(fine[name], coarse[name], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.campaign
 def test_long_chains_of_equal_bodies_are_computed_once(monkeypatch):
     """The middle of a chain costs nothing: more than twice the length takes the same integrals."""
     counts, original = [], piecewise.shifted_integrals
@@ -303,21 +266,6 @@ def test_refusals():
         "differ: 'body_0' 6.28319 J, 'body_7' 18.8496 J; with S = 1 N2 s rad-1 on 'body_7' they would be equal."
         in message
     )
-
-
-class TwoWells(il.Oscillator):
-    """A body with two wells, in which its spring alone would not hold it."""
-
-    well: float = il.parameter(units="N m-1")
-    wall: float = il.parameter(units="N m-3")
-
-    @staticmethod
-    def residual(displacement, well, wall):
-        return -well * displacement + wall * displacement**3
-
-    @staticmethod
-    def residual_potential(displacement, well, wall):
-        return -0.5 * well * displacement**2 + 0.25 * wall * displacement**4
 
 
 @pytest.mark.parametrize("clearance", [-0.4, 0.3])

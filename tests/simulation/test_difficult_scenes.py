@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
 from scenes import base, deviations, plan_of
 from scipy.integrate import solve_ivp
 
@@ -32,16 +33,8 @@ def test_an_undamped_body_is_heated_by_contacts_alone():
 
 @pytest.mark.parametrize("undamped", [True, False])
 def test_no_error_bars_from_batches_of_unknown_memory(undamped):
-    class Lossy(il.ContactLaw):
-        stiffness: float = il.parameter(units="N m-1")
-        loss: float = il.parameter(units="N s m-1")
-
-        @staticmethod
-        def force(indentation, rate, stiffness, loss):
-            return max(stiffness * indentation + loss * rate, 0.0)
-
     body = il.LinearOscillator(stiffness=10.0, damping=0.0 if undamped else 2.0)
-    wall = il.Contact("a", il.WALL, Lossy(100.0, loss=5.0))
+    wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(100.0, damping=5.0))
     network = il.Network({"a": body}, {"wall": wall}, {"a": il.WhiteNoise(1.0)})
     options = {"spin_up": 20.0, "record": il.Density(bins=10, limits=(-2.0, 2.0)), "rng": 1}
     if undamped:

@@ -12,21 +12,16 @@ import time
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.contacts import HuntCrossleyContact
+from impactlab_numerics.laws.excitations import Harmonic
+from laws import DampedCubicCoupling, RunawayContact
 from scenes import base, linear
 
 import impactlab as il
 from impactlab.machine import tuned
-from impactlab.simulation.block import Block
+from impactlab.simulation import block
 
 RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
-
-
-class RunawayContact(il.ContactLaw):
-    """Pulls instead of pushing, ever harder."""
-
-    @staticmethod
-    def force(indentation):
-        return -1e6 * indentation
 
 
 class UndefinedOscillator(il.Oscillator):
@@ -85,34 +80,6 @@ def test_a_realization_is_the_same_alone_and_among_many(integrator, step, noise)
                 np.testing.assert_array_equal(few[name], many[name][:count], err_msg=name)
 
 
-class CubicSpring(il.CouplingLaw):
-    """Reads the rate as well."""
-
-    strength: float = il.parameter(units="N m-3")
-
-    @staticmethod
-    def force(extension, rate, strength):
-        return strength * extension**3 + 0.1 * rate
-
-
-class DampedContact(il.ContactLaw):
-    """Never pulls."""
-
-    stiffness: float = il.parameter(units="N m-1")
-
-    @staticmethod
-    def force(indentation, rate, stiffness):
-        return max(stiffness * indentation * (1.0 + 0.3 * rate), 0.0)
-
-
-class Sine(il.Excitation):
-    """A given force."""
-
-    @staticmethod
-    def force(time):
-        return 2.0 * math.sin(3.0 * time)
-
-
 def everything():
     """Twelve bodies in a row with more contacts across, of several kinds, and all that a loop can hold."""
     soft = il.LinearOscillator.from_frequency(6.28, 0.1)
@@ -120,18 +87,18 @@ def everything():
     names = "abcdefghijkl"
     hertz = il.HertzContact(1e4)
     pairs = [*itertools.pairwise(names), ("a", "l"), ("c", "a"), (il.WALL, "d"), ("f", "a")]
-    laws = [hertz] * 12 + [il.LinearContact(1e3), il.HertzContact(2e4), hertz, DampedContact(1e3)]
+    laws = [hertz] * 12 + [il.LinearContact(1e3), il.HertzContact(2e4), hertz, HuntCrossleyContact(1e4, loss=0.3)]
     contacts = {
         str(k): il.Contact(*pair, law, clearance=0.02) for k, (pair, law) in enumerate(zip(pairs, laws, strict=False))
     }
     couplings = {
-        "cubic": il.Coupling("a", "e", CubicSpring(3.0)),
-        "more": il.Coupling("b", "e", CubicSpring(4.0)),
+        "cubic": il.Coupling("a", "e", DampedCubicCoupling(3.0, damping=0.1)),
+        "more": il.Coupling("b", "e", DampedCubicCoupling(4.0, damping=0.1)),
         "stiff": il.Coupling("g", "h", il.LinearCoupling(5000.0, damping=1.0)),
         "soft": il.Coupling("g", "i", il.LinearCoupling(2.0)),
     }
     excitations = {name: il.WhiteNoise(2.0) for name in "acdegk"}
-    excitations |= {"b": Sine(), "l": il.ShinozukaNoise(1.0, band=(0.0, 8.0), components=100)}
+    excitations |= {"b": Harmonic(2.0, frequency=3.0), "l": il.ShinozukaNoise(1.0, band=(0.0, 8.0), components=100)}
     return il.Network({name: cubic if name in "dej" else soft for name in names}, contacts, excitations, couplings)
 
 
@@ -399,13 +366,13 @@ def test_interrupt_is_answered_while_compiling(call, tmp_path):
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
     """In a crowd no draw has all contacts open; the bodies start at rest after the first."""
-    draws, draw = [], Block._draw
+    draws, draw = [], block.fill_normals
 
-    def counted(self, lanes, attempt):
+    def counted(streams, realizations, attempt, normals):
         draws.append(attempt)
-        return draw(self, lanes, attempt)
+        draw(streams, realizations, attempt, normals)
 
-    monkeypatch.setattr(Block, "_draw", counted)
+    monkeypatch.setattr(block, "fill_normals", counted)
     body = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.5)
     network = il.chain(200, body, il.LinearContact(10.0), clearance=0.01, excitation=il.WhiteNoise(1.0))
     result = il.simulate(network, duration=0.5, spin_up=0.0, realizations=2, rng=1, record=il.Trajectory(interval=0.5))

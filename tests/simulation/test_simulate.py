@@ -7,6 +7,7 @@ import textwrap
 import numpy as np
 import pytest
 from impactlab_numerics.laws.excitations import Harmonic
+from laws import LossyContact
 from scenes import base, deviations, linear
 from scipy.linalg import expm
 
@@ -124,15 +125,7 @@ def test_steps_and_durations_are_kept():
 def test_a_dissipative_pair_cools():
     """A dashpot in the contact takes energy: both bodies are colder, and the balances still close."""
 
-    class LossyLaw(il.ContactLaw):
-        stiffness: float = il.parameter(units="N m-1")
-        damping: float = il.parameter(units="N s m-2")
-
-        @staticmethod
-        def force(indentation, rate, stiffness, damping):
-            return stiffness * indentation + damping * indentation * rate
-
-    contact = il.Contact("one", "two", LossyLaw(1000.0, damping=100.0), clearance=0.05)
+    contact = il.Contact("one", "two", LossyContact(1000.0, damping=100.0), clearance=0.05)
     elastic = base().replace(contacts={"gap": il.Contact("one", "two", il.LinearContact(1000.0), clearance=0.05)})
     cold = il.simulate(base().replace(contacts={"gap": contact}), 60.0, realizations=512, rng=1)
     warm = il.exact(elastic).statistics()

@@ -6,6 +6,9 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
+from impactlab_numerics.laws.contacts import BilinearContact, ClampedKelvinVoigtContact
+from impactlab_numerics.laws.excitations import ConstantForce, ModulatedNoise
+from laws import Cosine
 
 import impactlab as il
 from impactlab.assembly.model import Model
@@ -32,44 +35,6 @@ HEAT = il.WhiteNoise(0.2 / np.pi)
 START = {"displacement": {"a": 1.0}}
 
 
-class Dashpot(il.ContactLaw):
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    dashpot: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, dashpot):
-        return max(stiffness * indentation + dashpot * rate, 0.0)
-
-
-class Stop(il.ContactLaw):
-    """A spring with a much stiffer one behind it."""
-
-    soft: float = il.parameter(units="N m-1", minimum=0.0)
-    hard: float = il.parameter(units="N m-1", minimum=0.0)
-    play: float = il.parameter(units="m", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, soft, hard, play):
-        return soft * indentation + hard * max(indentation - play, 0.0)
-
-
-class Push(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(1.3, units="rad s-1")
-
-    @staticmethod
-    def force(time, amplitude, frequency):
-        return amplitude * math.cos(frequency * time)
-
-
-class Swell(il.Excitation):
-    density: float = il.parameter(units="N2 s rad-1", minimum=0.0)
-
-    @staticmethod
-    def intensity(time, density):
-        return density * (1.0 + math.cos(time))
-
-
 def at_wall(law, body=BODY, excitation=HEAT):
     contacts = {"wall": il.Contact("a", il.WALL, law, clearance=0.2)}
     return il.Network({"a": body}, contacts, {"a": excitation})
@@ -89,10 +54,10 @@ def is_certified(network):
         (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 4.0)), True),
         (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 6.0)), False),
         (at_wall(il.PowerLawContact(100.0, exponent=0.3)), False),
-        (at_wall(Stop(30.0, hard=1000.0, play=0.1)), False),
-        (at_wall(Dashpot(100.0, dashpot=1.0)), False),
-        (at_wall(il.HertzContact(100.0), excitation=Push(1.0)), False),
-        (at_wall(il.HertzContact(100.0), excitation=Swell(1.0)), False),
+        (at_wall(BilinearContact(30.0, second=1000.0, distance=0.1)), False),
+        (at_wall(ClampedKelvinVoigtContact(100.0, damping=1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=Cosine(1.0, frequency=1.3)), False),
+        (at_wall(il.HertzContact(100.0), excitation=ModulatedNoise(1.0, frequency=1.0)), False),
         (at_wall(il.HertzContact(100.0), excitation=il.ShinozukaNoise(0.1, band=(0.0, 1.0), components=100)), False),
     ],
     ids=repr,
@@ -107,7 +72,7 @@ def test_certified_networks_are_not_measured():
 
 
 def test_a_measured_step_does_not_depend_on_the_seed():
-    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
     one, other = (il.simulate(network, 20.0, realizations=64, rng=seed) for seed in (1, 2))
     assert one.attrs["step"] == other.attrs["step"]
     assert one.mean_square_velocity_step_bias.identical(other.mean_square_velocity_step_bias)
@@ -136,7 +101,9 @@ def test_a_step_that_is_finer_than_needed_becomes_larger():
             assert (np.abs(larger[name] - by_rules[name]) < 4.0 * errors).all(), name
 
 
-@pytest.mark.parametrize(("law", "further"), [(il.HertzContact(100.0), True), (Stop(30.0, hard=1e4, play=2.0), False)])
+@pytest.mark.parametrize(
+    ("law", "further"), [(il.HertzContact(100.0), True), (BilinearContact(30.0, second=1e4, distance=2.0), False)]
+)
 def test_steps_stay_stable_where_a_law_is_hardly_ever_stiff(law, further):
     """Of known powers the stiffness at ten temperatures is known; a stop is met seldom, and throws bodies out then."""
     model, method = Model.of(at_wall(law)), il.ExactFlow()
@@ -192,7 +159,8 @@ def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
 def test_a_bounce_has_the_restitution_of_its_dashpot(start):
     """One event of a path: restarted in stretches, at states of the coarse one, it was up to 0.9 % off and not told."""
     ratio, stiffness = 0.2, 1e6
-    law, angle = Dashpot(stiffness, dashpot=2.0 * ratio * math.sqrt(stiffness)), math.sqrt(1.0 - ratio**2)
+    law = ClampedKelvinVoigtContact(stiffness, damping=2.0 * ratio * math.sqrt(stiffness))
+    angle = math.sqrt(1.0 - ratio**2)
     network = il.Network({"ball": il.LinearOscillator()}, {"floor": il.Contact("ball", il.WALL, law)})
     begin = {"displacement": {"ball": start}, "velocity": {"ball": 1.0}}
     result = il.simulate(network, 1.0, initial=begin, record=il.Trajectory(1.0))
@@ -205,7 +173,7 @@ def test_a_path_from_rest_is_right_to_its_end():
     """A force of 1 Hz on a stop, of which a part of a step at the beginning changes E[x²] over 256 s by a third."""
     body = il.LinearOscillator.from_frequency(3.0, 0.05)
     contact = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.02)
-    network = il.Network({"a": body}, {"w": contact}, {"a": Push(1.0, frequency=2.0 * math.pi)})
+    network = il.Network({"a": body}, {"w": contact}, {"a": Cosine(1.0, frequency=2.0 * math.pi)})
     result = il.simulate(network, 256.0, initial={})
     fine = il.simulate(network, 256.0, initial={}, integrator=il.RungeKutta4(), step=2.0**-12)
     for name in ("mean_square_displacement", "mean_square_velocity", "contact_rate"):
@@ -213,7 +181,7 @@ def test_a_path_from_rest_is_right_to_its_end():
 
 
 def test_it_is_made_again(tmp_path):
-    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, 20.0, realizations=64, rng=1)
     il.save(result, tmp_path / "a.nc")
     again = il.rerun(tmp_path / "a.nc")
@@ -221,10 +189,10 @@ def test_it_is_made_again(tmp_path):
         np.testing.assert_array_equal(again[name], result[name])
 
 
-@pytest.mark.parametrize(("dashpot", "step"), [(20.0, 0.1), (40.0, 0.05), (100.0, 0.05)])
-def test_what_is_measured_is_what_is_true(dashpot, step):
+@pytest.mark.parametrize(("damping", "step"), [(20.0, 0.1), (40.0, 0.05), (100.0, 0.05)])
+def test_what_is_measured_is_what_is_true(damping, step):
     """Sign and size of the bias of a step that is too large, within a factor of three."""
-    network = at_wall(Dashpot(100.0, dashpot=dashpot))
+    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=damping))
     options = {"duration": 200.0, "realizations": 512, "spin_up": 50.0}
     with pytest.warns(il.AccuracyWarning, match=r"The step of .* makes .* too (large|small), as measured"):
         coarse = il.simulate(network, **options, step=step, rng=1)
@@ -267,7 +235,7 @@ def test_the_allowance_is_the_root_mean_square_of_a_bias_that_was_measured():
 
 def test_standard_errors_allow_for_the_bias_of_a_measured_step():
     """They are those of the scatter beside the allowance, for the plain means too; the scatter is not lost."""
-    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, 20.0, realizations=64, rng=1)
     plain = il.simulate(
         network, 20.0, realizations=64, rng=1, step=result.attrs["step"], integrator=il.ExactFlow(measured=False)
@@ -296,7 +264,7 @@ def test_bodies_that_nothing_touches_have_no_bias():
 
 
 def test_a_tolerance_counts_the_bias_for_itself():
-    network = at_wall(Dashpot(100.0, dashpot=30.0))
+    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, tolerance={"mean_square_displacement": 0.1}, rng=1)
     assert "mean_square_displacement_bias" in result
     assert "mean_square_displacement_step_allowance" not in result
@@ -315,19 +283,11 @@ def test_a_coarse_step_of_a_certified_network_is_told():
 
 def test_one_path_without_noise_is_measured_whole():
     """The bias of a bounce at a dashpot is known from it alone, and made small."""
-    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, Dashpot(400.0, dashpot=8.0))})
+    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, ClampedKelvinVoigtContact(400.0, damping=8.0))})
     result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1)
     fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
     assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
     assert result.mean_contact_force.item() == pytest.approx(fine.mean_contact_force.item(), rel=5e-3)
-
-
-class Load(il.Excitation):
-    load: float = il.parameter(units="N")
-
-    @staticmethod
-    def force(time, load):
-        return load
 
 
 def test_a_body_that_a_load_holds_still_asks_for_no_step():
@@ -341,7 +301,7 @@ def test_a_body_that_a_load_holds_still_asks_for_no_step():
         "still": il.LinearOscillator(mass=0.26, damping=0.94, stiffness=12.0),
         "shaken": il.LinearOscillator(mass=0.95, damping=1.8, stiffness=24.0),
     }
-    network = il.Network(bodies, contacts, {"still": Load(74.0), "shaken": HEAT})
+    network = il.Network(bodies, contacts, {"still": ConstantForce(74.0), "shaken": HEAT})
     result = il.simulate(network, 65.0, realizations=64, rng=1)
     assert result.attrs["step"] > 2e-3
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.couplings import DeadBandCoupling
+from impactlab_numerics.laws.oscillators import StopOscillator
 from scenes import base, linear, plan_of
 
 import impactlab as il
@@ -270,32 +272,6 @@ def test_balance_of_a_free_damped_body():
 # forces that act too seldom
 
 
-class Stop(il.Oscillator):
-    """A body that a stiff spring stops on both sides."""
-
-    hardness: float = il.parameter(units="N m-1")
-    reach: float = il.parameter(units="m")
-
-    @staticmethod
-    def residual(displacement, hardness, reach):
-        return hardness * (max(displacement - reach, 0.0) + min(displacement + reach, 0.0))
-
-    @staticmethod
-    def residual_potential(displacement, hardness, reach):
-        return 0.5 * hardness * (max(displacement - reach, 0.0) + min(displacement + reach, 0.0)) ** 2
-
-
-class DeadBand(il.CouplingLaw):
-    """A spring that only large extensions tighten."""
-
-    hardness: float = il.parameter(units="N m-1")
-    reach: float = il.parameter(units="m")
-
-    @staticmethod
-    def force(extension, hardness, reach):
-        return hardness * (max(extension - reach, 0.0) + min(extension + reach, 0.0))
-
-
 def unit_body(kind=il.LinearOscillator, **fields):
     return kind(mass=1.0, damping=0.2, stiffness=1.0, **fields)
 
@@ -310,7 +286,7 @@ def seldom_touching(spread):
 
 
 def seldom_stopped(spread):
-    body = unit_body(Stop, hardness=1000.0, reach=spread)
+    body = unit_body(StopOscillator, stop=1000.0, distance=spread)
     return il.Network({"a": body}, {}, {"a": il.WhiteNoise(0.2 / np.pi)})
 
 
@@ -345,7 +321,7 @@ def test_errors_of_few_closings_know_that_there_may_be_harder_ones():
 @pytest.mark.parametrize("link", ["coupling", "contact"])
 def test_a_body_that_only_a_rare_force_moves_is_not_known(link):
     contact = {"gap": il.Contact("a", "b", il.LinearContact(1000.0), clearance=4.2)} if link == "contact" else {}
-    coupling = {"band": il.Coupling("a", "b", DeadBand(1000.0, reach=4.2))} if link == "coupling" else {}
+    coupling = {"band": il.Coupling("a", "b", DeadBandCoupling(1000.0, play=4.2))} if link == "coupling" else {}
     network = il.Network(
         {"a": unit_body(), "b": unit_body()}, contact, {"a": il.WhiteNoise(0.2 / np.pi)}, couplings=coupling
     )

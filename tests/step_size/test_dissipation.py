@@ -5,7 +5,12 @@ import math
 import numpy as np
 import pytest
 from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, HuntCrossleyContact
-from impactlab_numerics.laws.oscillators import DragOscillator, VanDerPolOscillator, ViscousOscillator
+from impactlab_numerics.laws.oscillators import (
+    DragOscillator,
+    FrictionOscillator,
+    VanDerPolOscillator,
+    ViscousOscillator,
+)
 
 import impactlab as il
 from impactlab.assembly.build import build
@@ -24,15 +29,6 @@ class DryFriction(il.Oscillator):
     @staticmethod
     def residual(velocity, friction):
         return friction if velocity > 0.0 else -friction
-
-
-class SmoothFriction(il.Oscillator):
-    friction: float = il.parameter(units="N", minimum=0.0)
-    scale: float = il.parameter(units="m s-1", above=0.0)
-
-    @staticmethod
-    def residual(velocity, friction, scale):
-        return friction * math.tanh(velocity / scale)
 
 
 def at_wall(law):
@@ -69,7 +65,7 @@ def test_dry_friction_brings_a_body_to_rest(response):
 
 
 def test_a_kick_without_length_takes_the_force_as_it_is():
-    assert force_over_kick(SmoothFriction(0.5, scale=0.1), 0.5, 0.1)(0.05, 0.0) == 0.5 * math.tanh(0.5)
+    assert force_over_kick(FrictionOscillator(0.5, creep=0.1), 0.5, 0.1)(0.05, 0.0) == 0.5 * math.tanh(0.5)
 
 
 def test_passes():
@@ -114,8 +110,8 @@ STRENGTHS = [
     at_wall(ClampedKelvinVoigtContact(100.0, damping=100.0)),
     at_wall(HuntCrossleyContact(100.0, loss=4.0)),
     at_wall(HuntCrossleyContact(100.0, loss=10.0)),
-    alone(SmoothFriction(0.5, scale=0.1, damping=0.2, stiffness=1.0)),
-    alone(SmoothFriction(0.5, scale=0.005, damping=0.2, stiffness=1.0)),
+    alone(FrictionOscillator(0.5, creep=0.1, damping=0.2, stiffness=1.0)),
+    alone(FrictionOscillator(0.5, creep=0.005, damping=0.2, stiffness=1.0)),
     alone(DragOscillator(10.0, damping=0.2, stiffness=1.0)),
     alone(VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)),
 ]

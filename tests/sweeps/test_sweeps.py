@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from laws import RunawayContact
 from scenes import base, linear
 
 import impactlab as il
@@ -16,14 +17,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
 SHORT = {"duration": 2.0, "realizations": 16, "spin_up": 1.0, "rng": 1}
 RATIOS = {"ratio": [8.0, 16.0], "clearance": [0.02, 0.05, 0.1]}
-
-
-class RunawayContact(il.ContactLaw):
-    """Pulls instead of pushing, ever harder."""
-
-    @staticmethod
-    def force(indentation):
-        return -1e6 * indentation
 
 
 def at_clearance(clearance):
@@ -225,20 +218,30 @@ def test_an_error_in_make_network_is_not_hidden():
 
 
 def test_points_share_one_compilation(monkeypatch, tmp_path):
-    def compiled(name, run):
-        folder = tmp_path / name
-        folder.mkdir()
-        for place in ("assembly.build", "kernels.jit"):
-            monkeypatch.setattr(f"impactlab.{place}.cache_folder", lambda: folder)
-        monkeypatch.setattr("impactlab.assembly.build._modules", {})
+    """Of two laws that nothing has compiled before, in the memory of this process or in files."""
+    for place in ("assembly.build", "kernels.jit"):
+        monkeypatch.setattr(f"impactlab.{place}.cache_folder", lambda: tmp_path)
+
+    def law(factor):
+        class Law(il.ContactLaw):
+            @staticmethod
+            def force(indentation):
+                return factor * indentation
+
+        return Law()
+
+    def compiled(run, law):
+        def network(ratio=16.0, clearance=0.05):
+            return base(ratio, contacts={"gap": il.Contact("one", "two", law, clearance=clearance)})
+
         before = compilations()
-        run()
+        run(network)
         return compilations() - before
 
     il.simulate(base(), **SHORT)  # what all networks share
-    once = compiled("one", lambda: il.simulate(base(), **SHORT))
+    once = compiled(lambda network: il.simulate(network(), **SHORT), law(1e3))
     assert once > 0
-    assert 0 < compiled("many", lambda: il.sweep(base, RATIOS, **SHORT)) <= once
+    assert 0 < compiled(lambda network: il.sweep(network, RATIOS, **SHORT), law(2e3)) <= once
 
 
 def test_numbers_do_not_depend_on_the_executor():
