@@ -45,7 +45,7 @@ def deviation(ds, rate, label=0):
     return abs(float(ds.contact_rate[label]) - rate) / error
 
 
-@pytest.mark.parametrize("base", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("base", [1.0, pytest.param(1e3, marks=pytest.mark.campaign), 1e6])
 def test_bodies_on_a_heavy_shaken_base(base):
     """The base is hotter than what it carries by as much as it is heavier."""
     fine = il.simulate(shaken(base), 25.0, realizations=64, step=5e-4, record=il.Trajectory(5e-4), rng=1)

@@ -105,12 +105,12 @@ def test_rates_of_equal_laws_are_those_of_each():
 
 
 STRENGTHS = [
-    at_wall(ClampedKelvinVoigtContact(100.0, damping=8.0)),
-    at_wall(ClampedKelvinVoigtContact(100.0, damping=40.0)),
+    pytest.param(at_wall(ClampedKelvinVoigtContact(100.0, damping=8.0)), marks=pytest.mark.campaign),
+    pytest.param(at_wall(ClampedKelvinVoigtContact(100.0, damping=40.0)), marks=pytest.mark.campaign),
     at_wall(ClampedKelvinVoigtContact(100.0, damping=100.0)),
-    at_wall(HuntCrossleyContact(100.0, loss=4.0)),
+    pytest.param(at_wall(HuntCrossleyContact(100.0, loss=4.0)), marks=pytest.mark.campaign),
     at_wall(HuntCrossleyContact(100.0, loss=10.0)),
-    alone(FrictionOscillator(0.5, creep=0.1, damping=0.2, stiffness=1.0)),
+    pytest.param(alone(FrictionOscillator(0.5, creep=0.1, damping=0.2, stiffness=1.0)), marks=pytest.mark.campaign),
     alone(FrictionOscillator(0.5, creep=0.005, damping=0.2, stiffness=1.0)),
     alone(DragOscillator(10.0, damping=0.2, stiffness=1.0)),
     alone(VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)),
