@@ -128,7 +128,8 @@ class SoftOscillator(il.Oscillator):
 
     @staticmethod
     def residual_potential(displacement, limit, width):  # type: ignore[no-untyped-def]
-        return limit * width * math.log(math.cosh(displacement / width))
+        widths = abs(displacement / width)  # log cosh, without overflow
+        return limit * width * (widths + math.log1p(math.exp(-2.0 * widths)) - math.log(2.0))
 
 
 class SofteningOscillator(il.Oscillator):
