@@ -96,11 +96,17 @@ def maker(item: Any) -> Callable[[Function], Function] | None:
 
 @cache
 def loop(signature: Any, function: Function) -> Function:
-    """Compile a loop for one signature, which may hold a `FORCES`, when it is first wanted."""
+    """Compile a loop for one signature, which may hold a `FORCES`, when it is first wanted.
+
+    Arguments must have the types of the signature: to find that out takes 60 µs a call, which is more than many do.
+    """
+    if DISABLED:
+        return function
     with _cached_here():
-        compiled = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
+        compiled: Any = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
     _dispatchers.append(compiled)
-    return compiled  # type: ignore[no-any-return]
+    (found,) = compiled.overloads.values()
+    return found.entry_point  # type: ignore[no-any-return]
 
 
 def timetable(function: Function) -> Function:
