@@ -16,13 +16,13 @@ SPLIT_FRICTION = 0.125
 """Largest friction over a step, ``c h/m``, that may act at one moment of it."""
 
 
-def kick_share(friction: np.ndarray) -> np.ndarray:
+def kick_share(friction: np.ndarray, little: float = SPLIT_FRICTION) -> np.ndarray:
     """Return the share of kicks that counts in velocities at their own time, by friction over a step, ``γh = c h/m``.
 
     A constant force F keeps a body at F/c. What is left of earlier kicks g = F h/m is g/(exp(γh) − 1), so that
-    1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is little friction.
+    1/γh − 1/(exp(γh) − 1) of a kick belongs to its own time. That is 1/2 where there is `little` friction.
     """
-    slowed = friction > SPLIT_FRICTION
+    slowed = friction > little
     strong = np.where(slowed, friction, 1.0)
     return np.where(slowed, 1.0 / strong + np.exp(-strong) / np.expm1(-strong), 0.5)
 

@@ -337,9 +337,9 @@ class Block:
             first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
             for keeper in keepers:
                 keeper.start(first)
-        if plan.observed.counted and plan.method.integrator.kicks:  # others sample the beginning of each step
+        if plan.method.integrator.kicks:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
-            self._note_gaps(place, self.state.velocity)
+            self.note_gaps(place, self.state.velocity)
         kept: list[np.ndarray] = []
         begin = 0
         for batch, end in enumerate(plan.clock.boundaries):
@@ -362,6 +362,22 @@ class Block:
             begin = end
         bodies, contacts, products = kept
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+
+    def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
+        """Go on from displacements and velocities of all bodies after some steps."""
+        self.state.x[:-1], self.state.v[:-1], self.now = x, v, now
+        self._half_kick()
+        self.note_gaps(self.state.reading, self.state.velocity)
+
+    def note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Tell where the gaps are from which closings are counted, if they are."""
+        if not self.plan.observed.counted:
+            return
+        first, second = self.plan.system.ends[: self.plan.observed.contacts].T
+        self.sums.closings.before[0] = (
+            x[first] - x[second] - self.plan.system.clearance[: self.plan.observed.contacts, None]
+        )
+        self.sums.closings.before[1] = v[first] - v[second]
 
     def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
@@ -414,14 +430,6 @@ class Block:
                 bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
         return bodies, sums.contacts + half[1], products
-
-    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Tell where the gaps are from which closings are counted."""
-        first, second = self.plan.system.ends[: self.plan.observed.contacts].T
-        self.sums.closings.before[0] = (
-            x[first] - x[second] - self.plan.system.clearance[: self.plan.observed.contacts, None]
-        )
-        self.sums.closings.before[1] = v[first] - v[second]
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))

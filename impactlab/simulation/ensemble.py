@@ -131,10 +131,10 @@ class _TiledBlock(Block):
                 slots = contacts if quantity.dimension == CONTACT else mine
                 snapshots[:, plan.snapshot.place(name)][:, slots] = kept[:, part.plan.snapshot.place(name)]
 
-    def _note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
+    def note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
         for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
             places = np.append(tile.bodies, len(self.plan.system.bodies))
-            part._note_gaps(x[places], v[places])
+            part.note_gaps(x[places], v[places])
 
     def _clear_sums(self) -> None:
         for part in self.parts:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,11 @@ from impactlab.results.schema import Variable, statistics
 from impactlab.results.snapshot import QUANTITIES
 from impactlab.simulation.ensemble import merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
+from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
-from impactlab.simulation.step_error import measured, worth_measuring
+from impactlab.simulation.stretches import step_error
 from impactlab.simulation.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.statistics.ergodicity import begun_elsewhere
@@ -241,7 +243,8 @@ def _run_part(
     try:
         affordable = not compared and plan.seconds(execution.workers) <= execution.seconds
         if affordable and worth_measuring(plan, model, request.integrator, request.step):
-            plan, error = measured(planned, plan, model, request.initial, request.step is None)
+            measure = partial(step_error, model, request.initial)
+            plan, error = measured(planned, measure, plan, free=request.step is None)
         dataset = _run(plan, request, execution, configuration, file)
         return dataset if error is None else error.added_to(dataset, plan.clock.automatic)
     except Diverged as diverged:

@@ -21,12 +21,11 @@ from impactlab.simulation.step_error import (
     BIASED,
     CERTAIN,
     MOST_BIAS,
-    TOGETHER,
     USUAL_BIAS,
     StepError,
-    step_error,
-    together,
 )
+from impactlab.simulation.stretch_statistics import TOGETHER, together
+from impactlab.simulation.stretches import step_error
 from impactlab.step_size.automatic import highest_step
 from impactlab.step_size.certified import certified
 
@@ -147,7 +146,7 @@ def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
     contact = il.Contact("a", il.WALL, il.LinearContact(20.0), clearance=-5.0)
     network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(60.0 / np.pi)})
     exact, model, step = il.exact(network).statistics(), Model.of(network), 4.0 / 60.0
-    found = step_error(make_plan(model, Request(2000.0, 64, step, il.ExactFlow(), None, None, [], (1, 2))), model, None)
+    found = step_error(model, None, make_plan(model, Request(2000.0, 64, step, il.ExactFlow(), None, None, [], (1, 2))))
     method = il.ExactFlow(measured=False)
     runs = il.simulate(network, 2000.0, realizations=512, step=step, rng=1, integrator=method)
     for name in ("mean_square_displacement", "mean_contact_force"):

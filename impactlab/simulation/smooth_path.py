@@ -1,0 +1,71 @@
+"""The smooth path of a motion that kicks follow, to which and from which states of any step are brought."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from impactlab.integrators.kicks import kick_share
+from impactlab.plan.plan import Plan
+
+LITTLE = 0.01
+"""Friction over a step, ``c h/m``, below which series do for what it changes."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+class SmoothPath:
+    """The path ``x + s a``, ``v − r a − h²a'/12`` of bodies whose kicks have the acceleration a at x.
+
+    A constant force keeps a body at the velocity ``a/γ``, but at ``r a`` more half way through its kicks. Kicks by
+    ``F(x + h²a/12)`` make s the mean of h²/12 and r/γ, which is h²/12 where there is little friction.
+
+    Parameters
+    ----------
+    plan : Plan
+    evaluate : callable
+        Evaluates the forces in some states, as `impactlab.simulation.block.Block.evaluate` does.
+    """
+
+    def __init__(self, plan: Plan, evaluate: Callable[..., None]) -> None:
+        self.evaluate, self.step, self.contacts = evaluate, plan.clock.step, len(plan.system.ends)
+        self.mass, damping, _ = (item[:, None] for item in plan.system.linear)
+        friction = damping * self.step / self.mass
+        there = friction > LITTLE
+        lag = np.where(there, 0.5 - kick_share(friction, LITTLE), friction / 12.0)
+        ratio = np.where(there, lag / np.maximum(friction, LITTLE), 1.0 / 12.0)
+        self.ahead, self.lag = 0.5 * self.step**2 * (1.0 / 12.0 + ratio), self.step * lag
+
+    def at(self, x: np.ndarray, v: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the place and velocity on the path, from states after a kick of some force, (state, body, lane)."""
+        v = v - 0.5 * self.step * force / self.mass
+        a, change = self._acceleration(x, v)
+        return x + self.ahead * a, v - self.lag * a - self.step**2 / 12.0 * change
+
+    def begin(self, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return states before the first kick for places and velocities on the path, (state, body, lane)."""
+        a, change = self._acceleration(x, v)
+        return x - self.ahead * a, v + self.lag * a + self.step**2 / 12.0 * change
+
+    def work(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return the work that the forces of kicks do on bodies that go straight and slowly, (state, body, lane)."""
+        way = end - start
+        forces = (self._forces(start + 0.5 * (node + 1.0) * way) for node in _NODES)
+        work: np.ndarray = way * sum(0.5 * weight * force for weight, force in zip(_WEIGHTS, forces, strict=True))
+        return work
+
+    def _acceleration(self, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``a = F/m`` of the forces of kicks, and its change in time."""
+        time = 0.25 * self.step
+        before, here, after = (self._forces(x + shift * time * v) for shift in (-1.0, 0.0, 1.0))
+        return here / self.mass, (after - before) / (2.0 * time * self.mass)
+
+    def _forces(self, x: np.ndarray) -> np.ndarray:
+        """Return the forces of kicks on bodies at rest."""
+        states, bodies, lanes = x.shape
+        place, rest, total = np.zeros((3, states, bodies + 1, lanes))
+        place[:, :-1] = x
+        self.evaluate(place, rest, *np.zeros((2, states, self.contacts, lanes)), total)
+        forces: np.ndarray = total[:, :-1]
+        return forces

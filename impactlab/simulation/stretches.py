@@ -1,0 +1,191 @@
+"""The error that a step makes in a scene, measured there: short stretches at the step and at a part of it.
+
+Two whole runs at different steps drift apart after a few collisions, and then see nothing below their own noise.
+Stretches that begin at one state, under the same noise, see the local error of the step with very little noise: the
+difference of each statistic in the stretch, and that of the energy at its end, which the scene keeps for as long as its
+energy is correlated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from impactlab.assembly.model import Model
+from impactlab.errors import Diverged, heard_by
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.kernels.sums import SLOTS
+from impactlab.plan.plan import Plan
+from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
+from impactlab.simulation.block import Block
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
+from impactlab.simulation.smooth_path import SmoothPath
+from impactlab.simulation.step_error import MOST_BIAS, StepError
+from impactlab.simulation.stretch_statistics import FEWEST, Stretches, bias_of, together
+
+STRETCH = 32
+"""Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
+
+SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
+"""Part of the work of a run that the measurement may take, what it always may, and what is enough for any scene, or for
+the whole path of a run without noise at the step and at a finer one (s, as a plan foresees it)."""
+
+UNCLEAR_SECONDS = 0.25
+"""Time that a measurement of a short run may take which leaves it open whether a bias is worth saying (s)."""
+
+LANES, STRETCHES = 256, 64
+"""Most realizations and stretches of a measurement."""
+
+SPIN_UP = 3.0
+"""Relaxation times before the first stretch: states need be typical only."""
+
+SEED = 7, 2023
+"""Seed of all measurements: the step of a scene does not depend on that of the run."""
+
+FINER, FINEST = 2, 4
+"""Steps of the fine run in one of the coarse; where nothing is random, so that one path alone must tell the error."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a measurement may take: a share of the work of a run.
+
+    Attributes
+    ----------
+    realizations : int
+    spin_up : int
+        Steps before the first stretch.
+    stretches : int
+    steps : int
+        Steps of a stretch.
+    rounds : int
+        How often there may be so many stretches where they leave too much unclear.
+    """
+
+    realizations: int
+    spin_up: int
+    stretches: int
+    steps: int
+    rounds: int
+
+    @classmethod
+    def of(cls, plan: Plan, model: Model) -> Self:
+        """Choose what a share of the work of a plan buys."""
+        bodies, links = len(model.mass), len(model.links)
+        clock, number, random = plan.clock, plan.realizations.number, plan.noise.random.any()
+        lane, whole = LANE_STEP_SECONDS * (bodies + links), clock.steps // SLOTS * SLOTS
+        if not random and whole and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
+            return cls(number, clock.spin_up_steps, 1, whole, 1)
+        seconds = min(max(LEAST_SECONDS, SHARE * clock.all_steps * (STEP_SECONDS + number * lane)), MOST_SECONDS)
+        single = number == 1 or most_lanes(model, number, 1) == 1  # on any number of cores
+        least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
+        numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
+        led = len(plan.driving.forced) > 0  # to a motion that may depend on how it began
+        settling = clock.spin_up_steps
+        if not led:
+            settling = math.ceil(min(settling, SPIN_UP * clock.relaxation / clock.step))
+        for realizations in numbers:
+            cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
+            affordable = int(seconds / cost)
+            if affordable >= 2 * settling + 3 * FEWEST * STRETCH:
+                break
+        settling = min(settling, affordable // 3)
+        left = max(affordable - settling, 3 * STRETCH) // 3
+        steps = STRETCH
+        if not len(model.ends) or led:  # paths do not part: as long as they remember
+            steps = max(steps, min(left // FEWEST, math.ceil(2.0 * clock.relaxation / clock.step)) // SLOTS * SLOTS)
+        if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
+            left = min(left, plan.clock.steps)
+            steps = max(2, min(steps, left // 2 * 2))
+        if not random:  # parts of the whole path
+            steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
+        longer = plan.steady and not plan.driving.lines
+        rounds = max(1, int(UNCLEAR_SECONDS / seconds)) if longer else 1
+        return cls(realizations, settling, max(1, min(STRETCHES, left // steps)), steps, rounds)
+
+
+def step_error(model: Model, initial: object, plan: Plan, velocity: np.ndarray | None = None) -> StepError:
+    """Measure what the step of a plan does to its statistics.
+
+    The time of the measurement is a share of the plan's; it depends on nothing but the plan, and the mean square
+    velocities of the bodies that a larger step was chosen with: where its biases stay unclear it will not do.
+    """
+    effort = Effort.of(plan, model)
+    rounds = effort.rounds if velocity is None else 1
+    step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
+
+    def part(size: float, coarse: bool) -> Plan:
+        request = Request(
+            duration=rounds * effort.stretches * effort.steps * step, realizations=effort.realizations, step=size,
+            spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
+            workers=1, coarse=coarse, velocity=velocity,
+        )  # fmt: skip
+        return make_plan(model, request)
+
+    with heard_by(lambda message, category: None):
+        coarse, fine = part(step, True), part(step / finer, False)
+    fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
+    most, time = plan.clock.steps // effort.steps * effort.steps, plan.realizations.number * plan.clock.duration
+    try:
+        pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
+        found: list[Stretches] = []
+        for round_ in range(1, rounds + 1):
+            more = [pair.run(effort.stretches, effort.steps) for pair in pairs]
+            found = [one.followed_by(other) for one, other in zip(found, more, strict=True)] if found else more
+            error = bias_of(coarse, fine, model, effort.steps, most, found)
+            if round_ == rounds or error.certain > MOST_BIAS or not error.unclear(time):
+                break
+        return error
+    except Diverged:
+        return StepError.infinite(step, model.bodies, model.contacts)
+
+
+class _Pair:
+    """Blocks of the same realizations at a step and at a part of it."""
+
+    def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
+        self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
+        self.coarse_path, self.fine_path = (
+            SmoothPath(block.plan, block.evaluate) for block in (self.coarse, self.fine)
+        )
+        self.stiffness = np.diag(coarse.system.linear[2])
+        for group in coarse.method.groups:  # couplings that do not kick
+            self.stiffness[np.ix_(group.slots, group.slots)] = group.system.stiffness
+        self.labels = model.connected()
+        self.coarse.advance(coarse.clock.spin_up_steps, None)
+        self.coarse.note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
+
+    def run(self, stretches: int, steps: int) -> Stretches:
+        """Let the coarse block make stretches, and the fine one each of them from where the coarse one began it."""
+        finer = round(self.coarse.plan.clock.step / self.fine.plan.clock.step)
+        begin, ends, coarse, fine = self.coarse.now, [_state(self.coarse)], [], []
+        for _ in range(stretches):
+            coarse.append(tuple(map(together, self.coarse.stretch(steps))))
+            ends.append(_state(self.coarse))
+        x, v = self.coarse_path.at(*map(np.array, zip(*ends, strict=True)))
+        ends = []
+        for index, state in enumerate(zip(*self.fine_path.begin(x[:-1], v[:-1]), strict=True)):
+            self.fine.begin(*state, finer * (begin + index * steps))
+            fine.append(tuple(map(together, self.fine.stretch(finer * steps))))
+            ends.append(_state(self.fine))
+        energy = self._energy(x[1:], v[1:], *self.fine_path.at(*map(np.array, zip(*ends, strict=True))))
+        return Stretches(coarse, fine, together(energy))
+
+    def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
+        """Return the energy of states less that of others, by connected part: conservative forces do the work."""
+        way, mass = x - from_x, self.coarse_path.mass
+        energy = 0.5 * mass * (v**2 - from_v**2) + self.stiffness @ (0.5 * (x + from_x)) * way
+        energy -= self.coarse_path.work(from_x, x)
+        result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
+        np.add.at(result, self.labels, energy.swapaxes(0, 1))
+        return result.swapaxes(0, 1)
+
+
+def _state(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the displacements, velocities and forces of the bodies after a kick."""
+    x, v, force = (item[:-1].copy() for item in (block.state.x, block.state.v, block.state.total))
+    return x, v, force
