@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from impactlab.assembly.model import Model
 from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
@@ -19,12 +21,12 @@ SURELY_FINE = 0.2
 TRIALS = 6
 """Steps that are tried before the best is taken as it is."""
 
-WORTHWHILE, WORTH_SECONDS, LARGER = 1.2, 1.0, 2
-"""Factor from which on a larger step, and time of a run from which on looking for it (s), is worth its work, and how
-many are tried: each takes a fifth of the run, or about as long as a run of half a second, and may save half of it."""
+WORTHWHILE, WORTH_SECONDS = 1.2, 1.0
+"""Factor from which on a larger step, and time of a run from which on looking for a still larger one (s), is worth its
+work: it takes a fifth of the run, and may save half of it."""
 
 Measure = Callable[..., StepError]
-"""Of a plan, and of mean square velocities of the bodies where a larger step was chosen with them."""
+"""Of a plan; `patient` measurements go on where much is unclear."""
 
 
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
@@ -43,15 +45,19 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     ----------
     plan_of : callable
         Makes the plan of the run whose step is at most so large (s), and may be larger than the rules want where mean
-        square velocities of the bodies are given.
+        square velocities of the bodies are given: those that were met, or infinite ones, which are those of the rules.
     measure : callable
         Measures what the step of a plan does, as `impactlab.simulation.stretches.step_error`.
     plan : Plan
-        The plan with the step to begin with.
+        The plan with the step of the rules, or the one that is given.
     free : bool
         Whether the step may be changed.
     """
-    first, error = plan, measure(plan)
+    first = plan
+    error: StepError | None = None
+    if free and plan.steady and plan.noise.random.any():
+        plan, error = _from_above(plan_of, measure, plan)
+    error = error or measure(plan)
     for _ in range(TRIALS - 1 if free else 0):
         if error.certain <= MOST_BIAS:
             break
@@ -59,33 +65,44 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
         error = measure(plan)
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges
-    if free and plan is first and error.certain <= MOST_BIAS:
-        plan, error = _larger(plan_of, measure, plan, error)
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
             f"The step of {plan.clock.step:.3g} s makes {STATISTICS[name].long_name} of {label!r} about "
             f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
-            f"as measured in short stretches of this scene; try step={error.better:.2g}."
+            f"as measured in this scene; try step={error.better:.2g}."
         )
     return plan, error
 
 
-def _larger(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, error: StepError) -> tuple[Plan, StepError]:
-    """Return a plan of a larger step that was found to do as well, or the same plan, and the error of its step.
+def _from_above(plan_of: Callable[..., Plan], measure: Measure, plan: Plan) -> tuple[Plan, StepError | None]:
+    """Return a plan whose step is known from a larger one, and the error of its step; or a step that is to be measured.
 
-    A step is no more than twice one that was found to do, so that the differences of all of them add up to its bias.
+    A step at which the bias is four times as large tells more of it for its work than the step itself. It is no more
+    than twice that of the rules, or one that was found to do: differences between a step and its half, which are what
+    is measured, then add up to its bias.
     """
-    factor, too_large = 2.0, math.inf
-    for _ in range(LARGER):
-        if not (plan.steady and plan.seconds(1) > WORTH_SECONDS):
-            break
-        trial = plan_of(min(factor * plan.clock.step, too_large / WORTHWHILE), error.met["mean_square_velocity"])
-        if trial.clock.step < WORTHWHILE * plan.clock.step:
-            break
-        found = measure(trial, error.met["mean_square_velocity"])
-        if found.will_do(trial.clock.automatic):
-            plan, error = trial, found
-        else:
-            factor, too_large = math.sqrt(factor), trial.clock.step
+    rules, time = plan, plan.realizations.number * plan.clock.duration
+    anything = np.full(len(plan.system.bodies), np.inf)
+    above = plan_of(math.inf, anything)
+    if above.clock.step < WORTHWHILE * rules.clock.step:
+        return rules, None
+    error = measure(above, patient=False)
+    if error.will_do(above.clock.automatic):
+        return _larger(plan_of, measure, above, error)
+    known = MOST_BIAS < error.certain < math.inf
+    lower = plan_of(max(error.better, rules.clock.step), anything) if known else rules
+    guess = error.at(lower.clock.step)
+    well = guess.will_do(lower.clock.automatic) if lower.clock.step > rules.clock.step else guess.certain <= MOST_BIAS
+    return lower, guess if well and not guess.unclear(time) else None
+
+
+def _larger(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, error: StepError) -> tuple[Plan, StepError]:
+    """Return a plan of a larger step that was found to do as well, or the same plan, and the error of its step."""
+    if plan.seconds(1) > WORTH_SECONDS:
+        trial = plan_of(2.0 * plan.clock.step, error.met["mean_square_velocity"])
+        if trial.clock.step > WORTHWHILE * plan.clock.step:
+            found = measure(trial, patient=False)
+            if found.will_do(trial.clock.automatic):
+                return trial, found
     return plan, error

@@ -38,8 +38,8 @@ class Request:
     ceiling : float
         Largest automatic step (s).
     velocity : (body,) ndarray or None
-        Mean square velocities as they were met (m2 s-2): an automatic step may then be larger than the rules want,
-        since it will be measured.
+        Mean square velocities as they were met, infinite where they are not known (m2 s-2): an automatic step may then
+        be larger than the rules want, since it will be measured.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -115,6 +115,19 @@ class StepError:
         bias = abs(self.worst[2])
         return self.step * max(0.25, 0.8 * math.sqrt(MOST_BIAS / bias)) if bias > MOST_BIAS else self.step
 
+    def at(self, step: float) -> StepError:
+        """Return what is known of the bias of a smaller step (s): it falls with the first to second power of the step.
+
+        The second is expected, and what the first would make of it counts as a standard error.
+        """
+        ratio = step / self.step
+        bias = {name: ratio**2 * item for name, item in self.bias.items()}
+        error = {
+            name: np.hypot(ratio**2 * item, ratio * (1.0 - ratio) * np.abs(self.bias[name]))
+            for name, item in self.error.items()
+        }
+        return replace(self, step=step, bias=bias, error=error)
+
     def allowance(self, name: str, usual: float = USUAL_BIAS) -> np.ndarray:
         """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
 
@@ -160,7 +173,7 @@ class StepError:
                 {
                     "units": "1",
                     "long_name": f"bias of the step in {long_name}, as a part of {part}",
-                    "comment": f"measured in short stretches; standard error at most {seen:.1g}",
+                    "comment": f"measured on the scene; standard error at most {seen:.1g}",
                 },
             )
             allowance = self.allowance(name, usual) * size_of(name, lambda item: dataset[item].values)

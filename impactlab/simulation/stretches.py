@@ -108,21 +108,20 @@ class Effort:
         return cls(realizations, settling, max(1, min(STRETCHES, left // steps)), steps, rounds)
 
 
-def step_error(model: Model, initial: object, plan: Plan, velocity: np.ndarray | None = None) -> StepError:
-    """Measure what the step of a plan does to its statistics.
+def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) -> StepError:
+    """Measure what the step of a plan does to its statistics, for longer where biases stay unclear and it is `patient`.
 
-    The time of the measurement is a share of the plan's; it depends on nothing but the plan, and the mean square
-    velocities of the bodies that a larger step was chosen with: where its biases stay unclear it will not do.
+    The time of the measurement is a share of the plan's, and its result depends on nothing but the plan.
     """
     effort = Effort.of(plan, model)
-    rounds = effort.rounds if velocity is None else 1
+    rounds = effort.rounds if patient else 1
     step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
 
     def part(size: float, coarse: bool) -> Plan:
         request = Request(
             duration=rounds * effort.stretches * effort.steps * step, realizations=effort.realizations, step=size,
             spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
-            workers=1, coarse=coarse, velocity=velocity,
+            workers=1, coarse=coarse,
         )  # fmt: skip
         return make_plan(model, request)
 
