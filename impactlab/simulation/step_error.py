@@ -95,6 +95,11 @@ class StepError:
         _, _, bias, error = self.worst
         return max(abs(bias) - CERTAIN * error, 0.0)
 
+    @property
+    def surely_small(self) -> bool:
+        """Whether all biases are surely small enough."""
+        return all((abs(self.bias[name]) + CERTAIN * error <= MOST_BIAS).all() for name, error in self.error.items())
+
     def unclear(self, time: float) -> bool:
         """Whether a bias may be worth saying, beside the standard error that so many closings in some time (s) leave.
 

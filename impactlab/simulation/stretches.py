@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -24,7 +25,7 @@ from impactlab.simulation.block import Block
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
 from impactlab.simulation.smooth_path import SmoothPath
-from impactlab.simulation.step_error import MOST_BIAS, StepError
+from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
 from impactlab.simulation.stretch_statistics import FEWEST, Stretches, bias_of, together
 
 STRETCH = 32
@@ -62,15 +63,15 @@ class Effort:
     stretches : int
     steps : int
         Steps of a stretch.
-    rounds : int
-        How often there may be so many stretches where they leave too much unclear.
+    looks : tuple of int
+        Numbers of stretches after which biases are looked at: early, `stretches`, and more where much is unclear.
     """
 
     realizations: int
     spin_up: int
     stretches: int
     steps: int
-    rounds: int
+    looks: tuple[int, ...]
 
     @classmethod
     def of(cls, plan: Plan, model: Model) -> Self:
@@ -79,7 +80,7 @@ class Effort:
         clock, number, random = plan.clock, plan.realizations.number, plan.noise.random.any()
         lane, whole = LANE_STEP_SECONDS * (bodies + links), clock.steps // SLOTS * SLOTS
         if not random and whole and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
-            return cls(number, clock.spin_up_steps, 1, whole, 1)
+            return cls(number, clock.spin_up_steps, 1, whole, (1,))
         seconds = min(max(LEAST_SECONDS, SHARE * clock.all_steps * (STEP_SECONDS + number * lane)), MOST_SECONDS)
         single = number == 1 or most_lanes(model, number, 1) == 1  # on any number of cores
         least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
@@ -103,9 +104,14 @@ class Effort:
             steps = max(2, min(steps, left // 2 * 2))
         if not random:  # parts of the whole path
             steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
-        longer = plan.steady and not plan.driving.lines
-        rounds = max(1, int(UNCLEAR_SECONDS / seconds)) if longer else 1
-        return cls(realizations, settling, max(1, min(STRETCHES, left // steps)), steps, rounds)
+        stretches = max(1, min(STRETCHES, left // steps))
+        looks: tuple[int, ...] = (stretches,)
+        if plan.steady and not plan.driving.lines and stretches >= 4 * FEWEST:
+            looks = (
+                stretches // 4,
+                *range(stretches, max(int(UNCLEAR_SECONDS / seconds), 1) * stretches + 1, stretches),
+            )
+        return cls(realizations, settling, stretches, steps, looks)
 
 
 def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) -> StepError:
@@ -114,12 +120,11 @@ def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) 
     The time of the measurement is a share of the plan's, and its result depends on nothing but the plan.
     """
     effort = Effort.of(plan, model)
-    rounds = effort.rounds if patient else 1
     step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
 
     def part(size: float, coarse: bool) -> Plan:
         request = Request(
-            duration=rounds * effort.stretches * effort.steps * step, realizations=effort.realizations, step=size,
+            duration=effort.looks[-1] * effort.steps * step, realizations=effort.realizations, step=size,
             spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
             workers=1, coarse=coarse,
         )  # fmt: skip
@@ -132,11 +137,13 @@ def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) 
     try:
         pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
         found: list[Stretches] = []
-        for round_ in range(1, rounds + 1):
-            more = [pair.run(effort.stretches, effort.steps) for pair in pairs]
+        for done, number in pairwise((0, *effort.looks)):
+            more = [pair.run(number - done, effort.steps) for pair in pairs]
             found = [one.followed_by(other) for one, other in zip(found, more, strict=True)] if found else more
             error = bias_of(coarse, fine, model, effort.steps, most, found)
-            if round_ == rounds or error.certain > MOST_BIAS or not error.unclear(time):
+            if error.certain > WORTH_SAYING or error.surely_small:
+                break
+            if number >= effort.stretches and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
                 break
         return error
     except Diverged:
