@@ -54,15 +54,7 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
         Whether the step may be changed.
     """
     first = plan
-    error: StepError | None = None
-    if free and plan.steady and plan.noise.random.any():
-        plan, error = _from_above(plan_of, measure, plan)
-    error = error or measure(plan)
-    for _ in range(TRIALS - 1 if free else 0):
-        if error.certain <= MOST_BIAS:
-            break
-        plan = plan_of(error.better)
-        error = measure(plan)
+    plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges
     if error.certain > WORTH_SAYING:
@@ -75,26 +67,39 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     return plan, error
 
 
-def _from_above(plan_of: Callable[..., Plan], measure: Measure, plan: Plan) -> tuple[Plan, StepError | None]:
-    """Return a plan whose step is known from a larger one, and the error of its step; or a step that is to be measured.
+def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tuple[Plan, StepError]:
+    """Return a plan whose step does, and the error of its step, or the best after some trials.
 
-    A step at which the bias is four times as large tells more of it for its work than the step itself. It is no more
-    than twice that of the rules, or one that was found to do: differences between a step and its half, which are what
-    is measured, then add up to its bias.
+    Where the motion is stationary steps are measured from above: a bias that is four times as large tells more for its
+    work. The first step is no more than twice that of the rules, the last measured one no more than twice one that was
+    found to do: differences between a step and its half, which are what is measured, then add up to its bias.
     """
-    rules, time = plan, plan.realizations.number * plan.clock.duration
-    anything = np.full(len(plan.system.bodies), np.inf)
-    above = plan_of(math.inf, anything)
-    if above.clock.step < WORTHWHILE * rules.clock.step:
-        return rules, None
-    error = measure(above, patient=False)
-    if error.will_do(above.clock.automatic):
-        return _larger(plan_of, measure, above, error)
-    known = MOST_BIAS < error.certain < math.inf
-    lower = plan_of(max(error.better, rules.clock.step), anything) if known else rules
-    guess = error.at(lower.clock.step)
-    well = guess.will_do(lower.clock.automatic) if lower.clock.step > rules.clock.step else guess.certain <= MOST_BIAS
-    return lower, guess if well and not guess.unclear(time) else None
+    plan, time = rules, rules.realizations.number * rules.clock.duration
+    stationary = rules.steady and bool(rules.noise.random.any())
+    anything = np.full(len(rules.system.bodies), np.inf)
+    if stationary:
+        above = plan_of(math.inf, anything)
+        plan = above if above.clock.step > WORTHWHILE * rules.clock.step else rules
+
+    def does(plan: Plan, error: StepError) -> bool:
+        return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.certain <= MOST_BIAS
+
+    for _ in range(TRIALS):
+        high = plan.clock.step > rules.clock.step
+        tried, error = plan, measure(plan, patient=not high)
+        if does(plan, error):
+            return _larger(plan_of, measure, plan, error) if high else (plan, error)
+        if not high:
+            plan = plan_of(error.better)
+        elif MOST_BIAS < error.certain < math.inf:
+            plan = plan_of(max(error.better, rules.clock.step), anything)
+        else:
+            plan = rules
+        if stationary and error.certain < math.inf:
+            foreseen = error.at(plan.clock.step)
+            if does(plan, foreseen) and not foreseen.unclear(time):
+                return plan, foreseen
+    return tried, error
 
 
 def _larger(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, error: StepError) -> tuple[Plan, StepError]:
