@@ -63,7 +63,7 @@ class ExactFlow(Integrator):
         displacements and velocities are sampled once per interval then, contacts at every step.
     measured : bool
         Whether the error of the step is measured on the scene before the run, where the automatic step is not
-        certified or a larger one is given (default); see `impactlab.simulation.step_error`. Else a run takes the
+        certified or a larger one is given (default); see `impactlab.simulation.measured_step`. Else a run takes the
         step as it is.
     """
 
