@@ -14,7 +14,7 @@ from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.integrators.kicks import KICK, PUSH, SPLIT_FRICTION, kick, slot_of
 from impactlab.kernels.flow import flow, flow_between, push_between
-from impactlab.kernels.kick import add_forced, add_response, clear, copy, scaled_sum, smooth_velocity
+from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import coupled_systems, flowing_systems
 from impactlab.linear.systems import LinearSystem
@@ -100,8 +100,8 @@ class ExactFlow(Integrator):
             for part in range(2):  # mean and slope
                 clear(push)
                 add_forced(forced.force, 2 * index + part, forced.bodies, push)
-                scaled_sum(slot.x, coefficients, PUSH + 2 * part, push, slot.x)
-                scaled_sum(v, coefficients, PUSH + 2 * part + 1, push, v)
+                add_scaled(coefficients, PUSH + 2 * part, push, slot.x)
+                add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
                 push_between(cross, part, push, slot.x, v)
         if series.bodies.shape[0]:
             add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)

@@ -13,7 +13,16 @@ from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.kernels.jit import inlined
-from impactlab.kernels.kick import accelerate, add_forced, add_held_noise, add_series, clear, combine, copy
+from impactlab.kernels.kick import (
+    accelerate,
+    add_forced,
+    add_held_noise,
+    add_multiple,
+    add_series,
+    clear,
+    combine,
+    copy,
+)
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import lines_of
@@ -47,21 +56,23 @@ class ExplicitIntegrator(Integrator):
         at_x, at_v, indentation, contact_force = x, v, history.indentation[slot], history.contact_force[slot]
         copy(x, history.x[slot])
         copy(v, history.v[slot])
+        clear(mean_v)
+        clear(mean_slope)
         for stage in range(last + 1):
             if stage == 0 or nodes[stage] != nodes[stage - 1]:
                 push(driven, steps, index, nodes[stage], external)
             forces(at_x, at_v, at_v, 0.0, tables.parameters, tables.indices, indentation, contact_force, slope)
             accelerate(tables.coefficients, at_x, at_v, external, slope)
-            combine(mean_v if stage else state.still, weights[stage], at_v, mean_v)
-            combine(mean_slope if stage else state.still, weights[stage], slope, mean_slope)
+            add_multiple(weights[stage], at_v, mean_v)
+            add_multiple(weights[stage], slope, mean_slope)
             if stage < last:
                 ahead = nodes[stage + 1] * steps.step
                 combine(x, ahead, at_v, state.reading)
                 combine(v, ahead, slope, state.velocity)
             at_x, at_v = state.reading, state.velocity
             indentation, contact_force = state.indentation, state.contact_force
-        combine(x, steps.step, mean_v, x)
-        combine(v, steps.step, mean_slope, v)
+        add_multiple(steps.step, mean_v, x)
+        add_multiple(steps.step, mean_slope, v)
         if sampled(steps, index):
             copy(x, state.reading)
             copy(v, state.velocity)

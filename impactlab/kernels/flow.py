@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import kernel, rows
 
 COEFFICIENTS = 4
 """Columns of a flow: a_xx, a_xv, a_vx, a_vv."""
@@ -29,12 +29,12 @@ def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ig
     result : [body, lane]
         Displacements after the step.
     """
+    own, amplitude, scales = coefficients[phase], noise.amplitude[phase], noise.scale[sample]
     for run in range(noise.runs.shape[0]):
         begin, row, count = noise.runs[run, 0], noise.runs[run, 1], noise.runs[run, 2]
-        end = begin + count
-        a_xx, a_xv = coefficients[phase, 0, begin:end], coefficients[phase, 1, begin:end]
-        a_vx, a_vv = coefficients[phase, 2, begin:end], coefficients[phase, 3, begin:end]
-        before, velocity, after = x[begin:end], v[begin:end], result[begin:end]
+        a_xx, a_xv = rows(own[0], begin, count), rows(own[1], begin, count)
+        a_vx, a_vv = rows(own[2], begin, count), rows(own[3], begin, count)
+        before, velocity, after = rows(x, begin, count), rows(v, begin, count), rows(result, begin, count)
         if row < 0:
             for body in range(after.shape[0]):
                 c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
@@ -43,8 +43,8 @@ def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ig
                     after[body, lane] = c_xx * place + c_xv * speed
                     velocity[body, lane] = c_vx * place + c_vv * speed
             continue
-        scale, some = noise.scale[sample, row : row + count], normals[row : row + count]
-        of_x, of_v = noise.amplitude[phase, 0, row : row + count], noise.amplitude[phase, 1, row : row + count]
+        scale, some = rows(scales, row, count), rows(normals, row, count)
+        of_x, of_v = rows(amplitude[0], row, count), rows(amplitude[1], row, count)
         for body in range(after.shape[0]):
             c_xx, c_xv, c_vx, c_vv = a_xx[body], a_xv[body], a_vx[body], a_vv[body]
             l_x, l_v = scale[body] * of_x[body], scale[body] * of_v[body]
@@ -54,8 +54,8 @@ def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ig
                 velocity[body, lane] = c_vx * place + c_vv * speed + l_v * z
     for row in range(noise.seconds, noise.bodies.shape[0]):
         body = noise.bodies[row]
-        l_x = noise.scale[sample, row] * noise.amplitude[phase, 0, row]
-        l_v = noise.scale[sample, row] * noise.amplitude[phase, 1, row]
+        l_x = scales[row] * amplitude[0, row]
+        l_v = scales[row] * amplitude[1, row]
         for lane in range(result.shape[1]):
             z = normals[row, lane]
             result[body, lane] += l_x * z

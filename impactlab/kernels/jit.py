@@ -29,6 +29,7 @@ from llvmlite import ir
 from llvmlite.binding import add_symbol
 from numba import f8, i8, types, void
 from numba.core import cgutils
+from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -70,15 +71,38 @@ _dispatchers: list[Any] = []
 _kernels: dict[Any, Callable[[Function], Function]] = {}
 
 
+class Apart(Compiler):
+    """Compiles functions that write to no memory of which another argument is read or written.
+
+    Loops need not find out, for every row, whether arrays overlap; so not even a change in place may be asked for by
+    the same array given twice.
+    """
+
+    def define_pipelines(self) -> Any:
+        self.state.flags.noalias = True
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
 def kernel(function: Function) -> Function:
-    """Compile a function when it is first called, without the interpreter's lock, and cache it.
+    """Compile a function when it is first called, without the interpreter's lock, and cache it; see `Apart`.
 
     What only compiled loops call is not even loaded when their machine code is cached.
     """
+    return _kernel(function, kernel, Apart)
+
+
+def scattered(function: Function) -> Function:
+    """Compile as `kernel` does, but let arrays overlap: loops over tables of places are then no vectors, which would
+    cost a third more.
+    """
+    return _kernel(function, scattered, Compiler)
+
+
+def _kernel(function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler]) -> Function:
     with _cached_here():
-        compiled = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
+        compiled = numba.njit(nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline)(function)
     _dispatchers.append(compiled)
-    _kernels[compiled] = kernel
+    _kernels[compiled] = made_by
     return compiled  # type: ignore[no-any-return]
 
 
@@ -287,6 +311,27 @@ def dense(block, lanes):  # type: ignore[no-untyped-def]
     return _first_lanes(block, lanes)  # type: ignore[call-arg]
 
 
+@intrinsic
+def _rows(typing_context, array, begin, count):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        shape, strides = (_unpack_tuple(builder, item) for item in (array.shape, array.strides))
+        items = builder.udiv(strides[0], array.itemsize)
+        data = builder.gep(array.data, [builder.mul(arguments[1], items)])
+        _populate_array(array, data, [arguments[2], *shape[1:]], strides, array.itemsize, None)
+        return array._getvalue()
+
+    return array(array, types.intp, types.intp), codegen
+
+
+@scalar
+def rows(array, begin, count):  # type: ignore[no-untyped-def]
+    """Return some rows of an array that somebody else holds, without the checks of a slice, which cost as much."""
+    if DISABLED:
+        return array[begin : begin + count]
+    return _rows(array, begin, count)  # type: ignore[call-arg]
+
+
 def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:
     """Compile a function that kernels receive as an argument of one fixed type."""
 
@@ -307,7 +352,7 @@ def part(signature: Any, function: Function) -> Any:
 
 def _callback(signature: Any, function: Function) -> Any:
     with _cached_here():
-        compiled: Any = numba.cfunc(signature, cache=True, error_model="numpy")(function)
+        compiled: Any = numba.cfunc(signature, cache=True, error_model="numpy", pipeline_class=Apart)(function)
     _dispatchers.append(compiled)
     return compiled
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import kernel, rows, scattered
 
 
 @kernel
@@ -23,43 +23,49 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
     for _ in range(indices[begin]):  # bodies in a row: the first, number, contact and sign of two terms
         body, count = indices[at], indices[at + 1]
         sign, other = float(indices[at + 3]), float(indices[at + 5])
-        result, one, two = (
-            total[body : body + count],
-            contact_force[indices[at + 2] :],
-            contact_force[indices[at + 4] :],
-        )
+        result, one = rows(total, body, count), rows(contact_force, indices[at + 2], count)
+        two = rows(contact_force, indices[at + 4], count)
         at += 6
         for row in range(result.shape[0]):
             for lane in range(result.shape[1]):
                 result[row, lane] = sign * one[row, lane] + other * two[row, lane]
     for _ in range(indices[begin + 1]):  # their further terms: the first body, number, contact and sign
         body, count, sign = indices[at], indices[at + 1], float(indices[at + 3])
-        result, one = total[body : body + count], contact_force[indices[at + 2] :]
+        result, one = rows(total, body, count), rows(contact_force, indices[at + 2], count)
         at += 4
         for row in range(result.shape[0]):
             for lane in range(result.shape[1]):
                 result[row, lane] += sign * one[row, lane]
     # other bodies without a contact, with one, with more, and their further terms; columns of a table each
     none, one, more, rest = indices[begin + 2], indices[begin + 3], indices[begin + 4], indices[begin + 5]
-    for body in indices[at : at + none]:
+    for row in range(none):
+        body = indices[at + row]
         for lane in range(total.shape[1]):
             total[body, lane] = 0.0
     at += none
-    bodies, contacts, signs = indices[at : at + one], indices[at + one : at + 2 * one], indices[at + 2 * one :]
+    bodies, contacts, signs = rows(indices, at, one), rows(indices, at + one, one), rows(indices, at + 2 * one, one)
     for row in range(one):
         body, first, sign = bodies[row], contacts[row], float(signs[row])
         for lane in range(total.shape[1]):
             total[body, lane] = sign * contact_force[first, lane]
     at += 3 * one
-    bodies, contacts, signs = indices[at : at + more], indices[at + more : at + 2 * more], indices[at + 2 * more :]
-    seconds, others = indices[at + 3 * more :], indices[at + 4 * more :]
+    bodies, contacts, signs = (
+        rows(indices, at, more),
+        rows(indices, at + more, more),
+        rows(indices, at + 2 * more, more),
+    )
+    seconds, others = rows(indices, at + 3 * more, more), rows(indices, at + 4 * more, more)
     for row in range(more):
         body, first, second = bodies[row], contacts[row], seconds[row]
         sign, other = float(signs[row]), float(others[row])
         for lane in range(total.shape[1]):
             total[body, lane] = sign * contact_force[first, lane] + other * contact_force[second, lane]
     at += 5 * more
-    bodies, contacts, signs = indices[at : at + rest], indices[at + rest : at + 2 * rest], indices[at + 2 * rest :]
+    bodies, contacts, signs = (
+        rows(indices, at, rest),
+        rows(indices, at + rest, rest),
+        rows(indices, at + 2 * rest, rest),
+    )
     for row in range(rest):
         body, first, sign = bodies[row], contacts[row], float(signs[row])
         for lane in range(total.shape[1]):
@@ -68,7 +74,7 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
         total[-1, lane] = 0.0
 
 
-@kernel
+@scattered
 def differences(indices, a, result):  # type: ignore[no-untyped-def]
     """Write the difference of a quantity between the first and the second body of every contact.
 
@@ -85,13 +91,15 @@ def differences(indices, a, result):  # type: ignore[no-untyped-def]
     at = begin + 2
     for _ in range(indices[begin]):  # contacts in a row: the first and its bodies, number
         contact, count = indices[at], indices[at + 3]
-        some, first, second = result[contact : contact + count], a[indices[at + 1] :], a[indices[at + 2] :]
+        some, first = rows(result, contact, count), rows(a, indices[at + 1], count)
+        second = rows(a, indices[at + 2], count)
         at += 4
         for row in range(some.shape[0]):
             for lane in range(some.shape[1]):
                 some[row, lane] = first[row, lane] - second[row, lane]
     others = indices[begin + 1]
-    contacts, firsts, seconds = indices[at : at + others], indices[at + others :], indices[at + 2 * others :]
+    contacts, firsts = rows(indices, at, others), rows(indices, at + others, others)
+    seconds = rows(indices, at + 2 * others, others)
     for row in range(others):
         contact, one, two = contacts[row], firsts[row], seconds[row]
         for lane in range(result.shape[1]):
@@ -105,6 +113,15 @@ def scaled_sum(a, coefficients, column, b, result):  # type: ignore[no-untyped-d
         c = coefficients[0, column, body]
         for lane in range(result.shape[1]):
             result[body, lane] = a[body, lane] + c * b[body, lane]
+
+
+@kernel
+def add_scaled(coefficients, column, b, result):  # type: ignore[no-untyped-def]
+    """Add ``coefficient b`` of every body to `result`; the coefficients are a column."""
+    for body in range(coefficients.shape[2]):
+        c = coefficients[0, column, body]
+        for lane in range(result.shape[1]):
+            result[body, lane] += c * b[body, lane]
 
 
 @kernel
@@ -154,6 +171,14 @@ def combine(a, factor, b, result):  # type: ignore[no-untyped-def]
     for body in range(result.shape[0]):
         for lane in range(result.shape[1]):
             result[body, lane] = a[body, lane] + factor * b[body, lane]
+
+
+@kernel
+def add_multiple(factor, b, result):  # type: ignore[no-untyped-def]
+    """Add ``factor b`` to `result`."""
+    for body in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[body, lane] += factor * b[body, lane]
 
 
 @kernel

@@ -14,6 +14,9 @@ from impactlab.kernels.rows import CONTACT_ROWS, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
 
+CACHE_LINE = 64
+"""Bytes that a processor moves at a time, and of its longest vectors."""
+
 
 class Arrays(NamedTuple):
     """What a block works with."""
@@ -36,7 +39,16 @@ class Counted:
         return np.broadcast_to(np.zeros((), kind), shape)
 
 
-def allocate(plan: Plan, lanes: int, zeros: Zeros = np.zeros) -> Arrays:
+def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
+    """Return zeros that begin where a line of the cache does, so that no vector of eight lanes lies in two lines."""
+    kind = np.dtype(dtype)
+    size = math.prod(shape) * kind.itemsize
+    memory = np.zeros(size + CACHE_LINE, np.uint8)
+    begin = -memory.ctypes.data % CACHE_LINE
+    return memory[begin : begin + size].view(kind).reshape(shape)
+
+
+def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     """Return the arrays of a block of some lanes, all 0.
 
     Parameters
