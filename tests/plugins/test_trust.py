@@ -13,7 +13,7 @@ from impactlab_numerics.trust.judge import OUTCOMES, compared, judge, outcome, r
 from impactlab_numerics.trust.networks import CLASSES, class_of, scene_of
 from impactlab_numerics.trust.path_means import PathMeans, path_statistics
 from impactlab_numerics.trust.reference import Reference, reference_of, scale_of
-from impactlab_numerics.trust.tables import class_rows, coverage, text_of, wrong_rows
+from impactlab_numerics.trust.tables import class_rows, coverage, wrong_rows
 
 import impactlab as il
 
@@ -283,7 +283,7 @@ def test_a_tree_holds_everything_that_was_found():
     assert coverage(again)[::2] == (19 / 21, 21)
     assert len(list(TrustStudy().figures(tree_of(found)))) == 3
     assert dict(TrustStudy().tables(tree_of(found))).keys() == {"Networks by class", "Warned or refused without need"}
-    assert "refused" in text_of(class_rows(again))
+    assert "refused" in str(class_rows(again))
     assert [row["seed"] for row in wrong_rows(again)] == [5]
 
 
