@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import impactlab as il
 
 USER = '''
@@ -49,6 +51,7 @@ il.WhiteNoise(1.0).density  # error: has no attribute "density"
 '''
 
 
+@pytest.mark.campaign
 def test_a_type_checker_knows_the_fields_and_refuses_no_correct_program(tmp_path):
     """mypy says what the comments of a user's file expect, and nothing else."""
     lines = USER.splitlines()

@@ -109,15 +109,23 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
     "network",
     [
         pytest.param(alone(StopOscillator, 10.0, distance=1.5, stiffness=1.0), id="stop"),
-        pytest.param(alone(StopOscillator, 100.0, distance=2.5, stiffness=1.0), id="stop far out"),
+        pytest.param(
+            alone(StopOscillator, 100.0, distance=2.5, stiffness=1.0), id="stop far out", marks=pytest.mark.campaign
+        ),
         pytest.param(alone(SoftOscillator, 1.0, width=0.02, stiffness=1.0), id="catch"),
         pytest.param(alone(TwoWells, 4.0, wall=2.0), id="double well"),
         pytest.param(at_wall(BilinearContact(2.0, second=1000.0, distance=1.5)), id="bilinear"),
         pytest.param(at_wall(Jump(10.0, stiffness=1.0)), id="jump"),
-        pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed"),
-        pytest.param(at_wall(Jump(0.0, stiffness=2.0, second=5.0, depth=0.5)), id="jump inside"),
+        pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed", marks=pytest.mark.campaign),
+        pytest.param(
+            at_wall(Jump(0.0, stiffness=2.0, second=5.0, depth=0.5)), id="jump inside", marks=pytest.mark.campaign
+        ),
         pytest.param(at_wall(SaturatingContact(20.0, depth=0.001)), id="saturating"),
-        pytest.param(at_wall(SaturatingContact(1.2, depth=0.2), 2.3, damping=0.17), id="rarely met, saturating"),
+        pytest.param(
+            at_wall(SaturatingContact(1.2, depth=0.2), 2.3, damping=0.17),
+            id="rarely met, saturating",
+            marks=pytest.mark.campaign,
+        ),
         pytest.param(at_wall(il.PowerLawContact(20.0, exponent=0.1)), id="power of 0.1"),
     ],
 )

@@ -234,6 +234,7 @@ def test_neither_duration_nor_tolerance():
 # a script of a user's own
 
 
+@pytest.mark.campaign
 def test_a_law_typed_in_a_script_runs_there_and_in_its_processes(tmp_path, run_python):
     script = tmp_path / "script.py"
     script.write_text(

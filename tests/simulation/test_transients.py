@@ -234,7 +234,7 @@ def driven(duration, **options):
     return il.simulate(network, duration, spin_up=0.0, **options)
 
 
-@pytest.mark.parametrize("duration", [256.0, 250.0])
+@pytest.mark.parametrize("duration", [256.0, pytest.param(250.0, marks=pytest.mark.campaign)])
 def test_a_force_in_phase_with_the_run_is_seen(duration):
     """1 Hz and whole seconds: looked at in equal steps it would be 0."""
     ds = driven(duration)
@@ -337,7 +337,9 @@ def test_constant_noise_as_a_function_of_time_has_the_same_moments():
 @pytest.mark.parametrize(
     ("noise", "clearance", "stiffness"),
     [
-        (il.ShinozukaNoise(0.5, band=(0.0, 10.0), components=2000), -3.0, 400.0),
+        pytest.param(
+            il.ShinozukaNoise(0.5, band=(0.0, 10.0), components=2000), -3.0, 400.0, marks=pytest.mark.campaign
+        ),
         (il.ShinozukaNoise(0.5, band=(0.0, 10.0), components=2000), 0.0, 400.0),
         (il.ShinozukaNoise(5.0, band=(0.95, 1.05), components=80), -0.1, 400.0),
     ],
