@@ -321,7 +321,7 @@ def _make_first_field_positional(cls: type) -> None:
         if "KW_ONLY" in str(kind):
             return
         value = cls.__dict__.get(name, dataclasses.MISSING)
-        if name in inherited or _is_class_variable(cls, name):
+        if name in inherited or "ClassVar" in str(kind):
             continue
         if not isinstance(value, dataclasses.Field):
             value = dataclasses.field(default=value)
@@ -329,10 +329,6 @@ def _make_first_field_positional(cls: type) -> None:
         if value.kw_only is dataclasses.MISSING:
             value.kw_only = False
         return
-
-
-def _is_class_variable(cls: type, name: str) -> bool:
-    return "ClassVar" in str(inspect.get_annotations(cls)[name])
 
 
 def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) -> None:

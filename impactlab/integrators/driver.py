@@ -22,19 +22,10 @@ from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, em
 
 
 def advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]
-    """Make some steps.
+    """Make some steps; the arguments are those of `impactlab.integrators.arguments`.
 
-    Parameters
-    ----------
-    functions : Functions
-    tables : Tables
-    driven : Driven
-    state : State
-    history : History
-    sums : Sums
-    snapshots : [sample, quantity, lane]
-        Displacement of all bodies, velocity of all bodies, force of all contacts after every `steps.every`-th step.
-    steps : Steps
+    `snapshots`, [sample, quantity, lane], take displacements and velocities of all bodies and forces of all contacts
+    after every `steps.every`-th step.
     """
     tables, driven, state = borrow(tables), borrow(driven), borrow(state)
     history, sums = borrow(history), borrow(sums)

@@ -98,11 +98,7 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
 def explanation(model: Model, length: np.ndarray) -> str:
     """Say which force is not finite at a place that a run which diverged may have reached; nothing if none is.
 
-    Parameters
-    ----------
-    model : Model
-    length : (contact,) ndarray
-        A length of the motion at each contact (m).
+    `length` is one of the motion at each contact (m).
     """
     grid = np.linspace(0.0, FARTHEST, FINELY)
     contacts = _contacts(model, length, np.zeros_like(length))

@@ -56,16 +56,9 @@ def most_lanes(model: Model, realizations: int, workers: int) -> int:
 
 
 def block_shape(model: Model, realizations: int, workers: int, series_bytes: int, most: int) -> tuple[int, int]:
-    """Return lanes per block and steps per call.
+    """Return lanes per block, `most` of them at the most, and steps per call.
 
-    Parameters
-    ----------
-    model : Model
-    realizations, workers : int
-    series_bytes : int
-        Memory that the series of one realization take.
-    most : int
-        Largest number of lanes.
+    The series of one realization take `series_bytes` of memory.
     """
     bodies, sizes = len(model.mass), tuning()
     if most == 1:

@@ -48,14 +48,7 @@ class Subdomains:
 
     @classmethod
     def of(cls, model: Model, reach: int) -> Subdomains:
-        """Cut a network into tiles.
-
-        Parameters
-        ----------
-        model : Model
-        reach : int
-            Evaluations of forces in a step; 0 if tiles are not wanted.
-        """
+        """Cut a network into tiles; `reach` are evaluations of forces in a step, 0 if tiles are not wanted."""
         bodies, sizes = len(model.bodies), tuning()
         count = bodies // sizes.tile_bodies
         if count < 2 or not reach:

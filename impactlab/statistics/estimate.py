@@ -56,19 +56,10 @@ class Estimates:
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
-    """Estimate all default statistics.
+    """Estimate all default statistics from sums over the steps of each batch.
 
-    Parameters
-    ----------
-    plan : Plan
-    bodies : (batch, phase, row, body, realization) ndarray
-        Sums over the steps of each batch.
-    contacts : (batch, row, contact, realization) ndarray
-    products : (batch, row, pair, realization) ndarray
-
-    Returns
-    -------
-    Estimates
+    These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
+    products of pairs, (batch, row, pair, realization).
     """
     units = Units.of(plan, bodies, contacts, products)
     random, trusted = bool(plan.noise.random.any()), plan.realizations.trusted

@@ -66,17 +66,8 @@ def heating_of(plan: Plan, moments: Moments, weights: np.ndarray, seldom: np.nda
     """Return the heat that the step made, by which the power that friction takes is more than that of the noise.
 
     These are ``Σ c E[v²]`` and ``Σ πS/m``. In a stationary motion under conservative forces they are the same in each
-    connected part. Balances of the velocities are controls of the sum,
-    as they are of each of its terms.
-
-    Parameters
-    ----------
-    plan : Plan
-    moments : Moments
-        Of independent units.
-    weights : (unit,) ndarray
-    seldom : (body,) ndarray of bool
-        Bodies whose balances are no controls.
+    connected part. Balances of the velocities are controls of the sum, as they are of each of its terms, but not
+    those of `seldom` bodies. The moments are of independent units.
     """
     if not (_conservative(plan) and plan.forces.kicked.any()):
         return Heating()

@@ -118,14 +118,7 @@ _CLASSES = {
 
 
 def report(result: StudyResult, pictures: Mapping[str, bytes]) -> str:
-    """Return the report of a study: one HTML text that needs no other file.
-
-    Parameters
-    ----------
-    result : StudyResult
-    pictures : mapping of str to bytes
-        The figures as PNG.
-    """
+    """Return the report of a study, with its figures as PNG: one HTML text that needs no other file."""
     study, text = result.study, html.escape
     source = f"{result.tree.attrs['source']}, {result.tree.attrs['history'].split(' ')[0]}"
     parts = [
