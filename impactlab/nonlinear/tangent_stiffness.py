@@ -50,7 +50,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     return hottest(model, heat)
 
 
-def met_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
+def measured_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
     """Return the energy that bodies bring into collisions where their mean square velocities are known (J), (body,).
 
     Of contacts and couplings it is that of their relative motion at most, ``E[v₁²] + E[v₂²]`` over 1/m₁ + 1/m₂: a heavy

@@ -1,4 +1,4 @@
-"""What is expected of a motion before it is simulated."""
+"""Estimates of a motion before it is simulated: energies, relaxation times, spin-up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from impactlab.linear.damping import damped
 from impactlab.linear.laws import relaxation_time
 from impactlab.nonlinear.force_checks import stiffening_of
 from impactlab.nonlinear.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, met_energies
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, measured_energies
 from impactlab.plan.clock import RELAXATION_TIMES, settles
 from impactlab.plan.start import start_of
 from impactlab.simulation.request import Request
@@ -20,7 +20,7 @@ from impactlab.simulation.request import Request
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What is expected of a motion before it is simulated.
+    """Estimates of a motion before it is simulated.
 
     Attributes
     ----------
@@ -28,23 +28,24 @@ class Expected:
         "stationary", "rest", or displacements and velocities, (2, body).
     spin_up : float
         (s)
-    stiffening, met : Stiffening
-        The scene at its energies, and at those that were met.
+    stiffening, measured : Stiffening
+        Tangent stiffness of contacts, couplings and residual forces at the estimated energies of the bodies, and at
+        those measured before the run.
     relaxed : Relaxation
     settling : float
-        Relaxation time of what the start does not know (s).
+        Longest relaxation time of what the start differs in from the stationary law (s).
     """
 
     start: str | np.ndarray
     spin_up: float
     stiffening: Stiffening
-    met: Stiffening
+    measured: Stiffening
     relaxed: Relaxation
     settling: float
 
     @classmethod
     def of(cls, model: Model, request: Request) -> Self:
-        """Estimate energies and relaxation times, and choose the spin-up where it is not given."""
+        """Estimate energies and relaxation times; choose the spin-up if none is given."""
         start, spin_up = start_of(request.initial, model), request.spin_up
         linear = relaxation_time(damped(model)[1])
         automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations)
@@ -55,13 +56,14 @@ class Expected:
         if automatic:
             spin_up = spin_up_of(relaxed, spin_up, request.duration)
             warn_of_unknown_damping(model, spin_up)
-        met = stiffening
-        if request.velocity is not None:
-            met = Stiffening.of(model, np.minimum(stiffening.energy, met_energies(model, request.velocity)))
-        return cls(start, spin_up, stiffening, met, relaxed, max(linear, relaxed.settling))
+        measured = stiffening
+        if request.mean_square_velocity is not None:
+            energy = measured_energies(model, request.mean_square_velocity)
+            # estimates take each body for as hot as the hottest in its connected part: the smaller one is closer
+            measured = Stiffening.of(model, np.minimum(stiffening.energy, energy))
+        return cls(start, spin_up, stiffening, measured, relaxed, max(linear, relaxed.settling))
 
     @property
-    def settled(self) -> bool:
-        """Whether the motion is stationary when statistics begin."""
-        rested = settles(self.spin_up, self.settling)
-        return isinstance(self.start, str) and (self.start == "stationary" or rested)
+    def stationary(self) -> bool:
+        """Whether the motion is stationary when statistics begin; never assumed after a given initial state."""
+        return isinstance(self.start, str) and (self.start == "stationary" or settles(self.spin_up, self.settling))

@@ -1,4 +1,4 @@
-"""What a run is asked to be."""
+"""The arguments of a run, checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from impactlab.records.record import Record
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What a run is asked to be; parameters are those of `impactlab.simulate`.
+    """The arguments of a run; see `impactlab.simulate`.
 
     Attributes
     ----------
@@ -34,17 +34,18 @@ class Request:
     workers : int
         Number of blocks that run at once.
     coarse : bool
-        Whether a step has the noise of two steps of a run at half the step.
-    ceiling : float
-        Largest automatic step (s).
-    velocity : (body,) ndarray or None
-        Mean square velocities as they were met, infinite where they are not known (m2 s-2): an automatic step may then
-        be larger than the rules want, since it will be measured.
+        Whether this is the coarse run of a pair with common noise: each increment is the sum of two of the run at half
+        the step.
+    longest_step : float
+        Upper bound of the automatic step (s).
+    mean_square_velocity : (body,) ndarray or None
+        Mean square velocities measured before the run, infinite where they were not (m2 s-2). The automatic step may
+        then exceed that of the rules, since its error is measured.
 
     Raises
     ------
     InvalidInput
-        If a number is not one that can be asked for.
+        If an argument is out of range.
     """
 
     duration: float
@@ -57,24 +58,22 @@ class Request:
     seed: tuple[int, int]
     workers: int = 1
     coarse: bool = False
-    ceiling: float = math.inf
-    velocity: np.ndarray | None = None
+    longest_step: float = math.inf
+    mean_square_velocity: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         check_integrator(self.integrator)
         object.__setattr__(self, "duration", positive("duration", self.duration))
         whole = isinstance(self.realizations, int | np.integer) and not isinstance(self.realizations, bool)
         if not whole or not 1 <= self.realizations < 2**32:
-            raise InvalidInput(
-                f"realizations must be a whole number from 1 to 2^32 - 1, {self.realizations!r} was given."
-            )
+            raise InvalidInput(f"realizations must be a whole number from 1 to 2^32 - 1, not {self.realizations!r}.")
         if self.spin_up is not None and finite("spin_up", self.spin_up) < 0.0:
-            raise InvalidInput(f"spin_up must be at least 0 s, {self.spin_up!r} was given.")
+            raise InvalidInput(f"spin_up must be at least 0 s, not {self.spin_up!r}.")
         if self.step is not None:
             object.__setattr__(self, "step", positive("step", self.step))
 
     def options(self) -> dict[str, Any]:
-        """Return what makes the run again: options that are stored with its result, of which none can name a file."""
+        """Return the options that reproduce the run, as stored with its result; none can name a file to write."""
         return {
             "duration": self.duration, "realizations": self.realizations, "step": self.step,
             "integrator": self.integrator.to_dict(), "spin_up": self.spin_up, "initial": self.initial,
@@ -82,22 +81,23 @@ class Request:
         }  # fmt: skip
 
     def resolved(self, model: Model) -> Self:
-        """Return the request for a model, with records in which nothing is left to be chosen."""
+        """Return the request with records whose settings are all chosen for a model."""
         return replace(self, records=[record.resolved(model) for record in self.records])
 
     def intervals(self) -> list[float]:
-        """Return the times between samples that records must have, after checking that all fit in one run."""
+        """Return the sampling intervals that records prescribe, checked against each other and the duration (s)."""
         seen = set()
         for record in self.records:
             if record.identity in seen:
                 raise InvalidInput(
                     f"Two records {' '.join(record.identity)} would have variables of the same names; keep one, or "
-                    "simulate once more with the same rng."
+                    "repeat the run with the other and the same rng."
                 )
             seen.add(record.identity)
         intervals = [interval for record in self.records if (interval := record.exact_interval()) is not None]
         if intervals and max(intervals) > self.duration * (1.0 + 1e-9):
             raise InvalidInput(
-                f"An interval of {max(intervals):g} s is longer than the duration of {self.duration:g} s."
+                f"A record asks for an interval of {max(intervals):g} s, longer than the duration of "
+                f"{self.duration:g} s; change one of them."
             )
         return intervals

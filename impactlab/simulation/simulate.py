@@ -94,7 +94,7 @@ def simulate(
     realizations : int
         Number of independent realizations; with a tolerance the least. One is run where nothing is random.
     step : float, optional
-        Time step (s); chosen from the scene by default.
+        Time step (s); chosen from the network by default.
     integrator : Integrator, optional
         Method; `ExactFlow` by default.
     spin_up : float, optional
@@ -109,7 +109,7 @@ def simulate(
         What to keep besides the statistics.
     rng : optional
         Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
-        keyed by seed, realization, name of the body and step; or interval, in runs that jump.
+        keyed by seed, realization, name of the body and step; or interval, in runs with contact-free intervals.
     executor : concurrent.futures.Executor, optional
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.
@@ -135,7 +135,7 @@ def simulate(
         If a realization left the range of finite numbers.
     """
     if not isinstance(network, Network):
-        raise InvalidInput(f"simulate takes an il.Network, {network!r} was given.")
+        raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
     method, seed = integrator or ExactFlow(), seed_of(rng)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     if tolerance is None:
@@ -144,7 +144,9 @@ def simulate(
         request = Request(duration, realizations, step, method, spin_up, initial, Record.all_of(record), seed)
         return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
     if out is not None:
-        raise InvalidInput("simulate cannot write to out= until a tolerance is reached; use il.save afterwards.")
+        raise InvalidInput(
+            "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
+        )
     model = Model.of(network)
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
@@ -188,7 +190,7 @@ class Execution:
 
     def __post_init__(self) -> None:
         if self.executor is not None and not isinstance(self.executor, Executor):
-            raise InvalidInput(f"executor must be a concurrent.futures.Executor, {self.executor!r} was given.")
+            raise InvalidInput(f"executor must be a concurrent.futures.Executor, not {self.executor!r}.")
 
     @property
     def workers(self) -> int:
@@ -236,14 +238,14 @@ def _run_part(
 ) -> xr.Dataset:  # fmt: skip
     """Plan a run, measure its step where that is worth while, and return its dataset."""
 
-    def planned(ceiling: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
-        return make_plan(model, replace(request, ceiling=ceiling, velocity=velocity))
+    def planned(longest_step: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
+        return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
 
     plan, error = planned(), None
     try:
         affordable = not compared and plan.seconds(execution.workers) <= execution.seconds
         if affordable and worth_measuring(plan, model, request.integrator, request.step):
-            measure = partial(step_error, model, request.initial)
+            measure = partial(step_error, partial(make_plan, model), model, request.initial)
             plan, error = measured(planned, measure, plan, free=request.step is None)
         dataset = _run(plan, request, execution, configuration, file)
         return dataset if error is None else error.added_to(dataset, plan.clock.automatic)
@@ -259,17 +261,17 @@ def _run(
     foreseen = plan.seconds(execution.workers)
     if foreseen > seconds:
         raise InvalidInput(
-            f"{_work(plan, foreseen)}, {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or tolerance=, "
-            "a shorter duration= or spin_up=, or fewer realizations."
+            f"{_work(plan, foreseen)}, but {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or "
+            "tolerance=, a shorter duration= or spin_up=, or fewer realizations."
         )
     if foreseen > LONG:
-        warn(f"{_work(plan, foreseen)}. A run that is foreseen to take longer than max_seconds= is refused.")
+        warn(f"{_work(plan, foreseen)}. Give max_seconds= to refuse such runs.")
     size = trajectory_size(plan)
     check_memory(plan, execution.workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
         if size and file is not None:
             if not shares_memory(executor):
-                raise InvalidInput("Trajectories go to a file from threads only: leave out executor= or out=.")
+                raise InvalidInput("Trajectories are written to a file from threads only: leave out executor= or out=.")
             say(progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
         results = run(plan, executor, reporter(progress))
@@ -283,7 +285,7 @@ def _run(
     if drifting and not transient:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
-            f"{plan.clock.spin_up:g} s may be too short."
+            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=."
         )
     usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""

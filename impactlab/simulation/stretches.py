@@ -9,6 +9,7 @@ energy is correlated.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Self
@@ -22,7 +23,6 @@ from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 from impactlab.simulation.block import Block
-from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
 from impactlab.simulation.smooth_path import SmoothPath
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
@@ -114,10 +114,13 @@ class Effort:
         return cls(realizations, settling, stretches, steps, looks)
 
 
-def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) -> StepError:
+def step_error(
+    plan_of: Callable[[Request], Plan], model: Model, initial: object, plan: Plan, patient: bool = True
+) -> StepError:
     """Measure what the step of a plan does to its statistics, for longer where biases stay unclear and it is `patient`.
 
-    The time of the measurement is a share of the plan's, and its result depends on nothing but the plan.
+    The time of the measurement is a share of the plan's, and its result depends on nothing but the plan; `plan_of`
+    makes the plans of its runs.
     """
     effort = Effort.of(plan, model)
     step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
@@ -128,7 +131,7 @@ def step_error(model: Model, initial: object, plan: Plan, patient: bool = True) 
             spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
             workers=1, coarse=coarse,
         )  # fmt: skip
-        return make_plan(model, request)
+        return plan_of(request)
 
     with heard_by(lambda message, category: None):
         coarse, fine = part(step, True), part(step / finer, False)

@@ -149,7 +149,7 @@ def test_forces_that_begin_suddenly(law):
 @pytest.mark.parametrize("damping", [0.2, 2.0])
 def test_what_noise_hides_within_steps(damping, monkeypatch):
     """The same law as by a flux, with counts; the cubic alone misses 8 % of c h/m."""
-    monkeypatch.setattr("impactlab.simulation.planning.counts_closings", lambda *_: True)
+    monkeypatch.setattr("impactlab.simulation.steps.counts_closings", lambda *_: True)
     network = wall(il.LinearContact(10.0), damping=damping)
     ds = il.simulate(network, 200.0, realizations=4096, rng=1)
     assert deviation(ds, il.exact(network).statistics().contact_rate.item()) < 3.5

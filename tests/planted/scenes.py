@@ -11,7 +11,7 @@ import pytest
 from scenes import base
 
 import impactlab as il
-from impactlab.simulation import planning
+from impactlab.simulation import steps
 from planted.detectors import Distances, Scene, of_independence, of_statistics
 from planted.simple_scenes import Alone, Bounded, Driven, Linear, Pressed, Start
 
@@ -106,14 +106,14 @@ class Far(Scene):
     def doubting(self, options: dict[str, Any]) -> Any:
         """Simulate with bounds that clear no interval."""
         with pytest.MonkeyPatch.context() as patch:
-            make = planning.jump_tables
+            make = steps.jump_tables
 
             def doubtful(*arguments: Any) -> Any:
                 tables = make(*arguments)
                 never = -np.inf
                 return tables._replace(limit=np.full_like(tables.limit, never), nearest=never + tables.nearest)
 
-            patch.setattr(planning, "jump_tables", doubtful)
+            patch.setattr(steps, "jump_tables", doubtful)
             return il.simulate(base(clearance=0.5), **options)
 
     def distances(self, found: Any, law: Any) -> Distances:

@@ -10,7 +10,7 @@ import numpy as np
 import impactlab.plan.plan
 from impactlab.integrators.kicks import HALF_STEP
 from impactlab.linear import given_functions
-from impactlab.simulation import block, planning, simulate
+from impactlab.simulation import block, simulate, steps
 from impactlab.statistics import joint_moments, moments, rare, regression
 from impactlab.step_size import automatic
 from planted.dynamics import column
@@ -62,7 +62,7 @@ BUGS = [
     Bug("variance by squares of which one is of the chain, the other of the motion", LOADED,
         both(instead(joint_moments, "mean_load", no_load), instead(moments, "mean_load", no_load))),
     Bug("rate by a flux, of kicks that a static load makes", LOADED,
-        instead(planning, "counts_closings", lambda *_: False)),
+        instead(steps, "counts_closings", lambda *_: False)),
     Bug("balances as controls of what hardly any contact moved", SELDOM,
         both(returned(rare.Events, "seldom", lambda seldom, *_: np.zeros_like(seldom)),
              instead(regression.Regression, "rests_on_few",

@@ -22,7 +22,7 @@ from impactlab.step_size import automatic
 
 def test_a_run_that_is_foreseen_to_take_too_long_is_refused():
     far = {"realizations": 64, "duration": 1e7, "rng": 1}
-    with pytest.raises(il.InvalidInput, match=r"steps of 0\.006\d* s would take about .* s, 5 s are left"):
+    with pytest.raises(il.InvalidInput, match=r"steps of 0\.006\d* s would take about .* s, but 5 s are left"):
         il.simulate(base(), **far, max_seconds=5.0)
     with pytest.raises(il.InvalidInput, match="max_seconds must be larger than 0"):
         il.simulate(base(), **far, max_seconds=0.0)
@@ -31,7 +31,7 @@ def test_a_run_that_is_foreseen_to_take_too_long_is_refused():
 
 def test_a_long_run_is_warned_of_before_it_begins(monkeypatch):
     monkeypatch.setattr(simulate, "LONG", 1e-6)
-    with pytest.warns(il.AccuracyWarning, match=r"would take about .* s\. A run that is foreseen"):
+    with pytest.warns(il.AccuracyWarning, match=r"would take about .* s\. Give max_seconds= to refuse"):
         il.simulate(base(), 5.0, realizations=64, rng=1)
 
 

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_a_measured_step_does_not_depend_on_the_seed():
 
 
 def test_a_step_that_is_finer_than_needed_becomes_larger():
-    """The rules take bodies on a heavy base for as hot as the base, until their velocities have been met."""
+    """The rules take bodies on a heavy base for as hot as the base, until their velocities have been measured."""
     base = il.LinearOscillator.from_frequency(6.0, 0.1, mass=1e5)
     springs = {
         name: il.Coupling("base", name, il.LinearCoupling(rate**2, damping=0.2 * rate))
@@ -146,7 +147,8 @@ def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
     contact = il.Contact("a", il.WALL, il.LinearContact(20.0), clearance=-5.0)
     network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(60.0 / np.pi)})
     exact, model, step = il.exact(network).statistics(), Model.of(network), 4.0 / 60.0
-    found = step_error(model, None, make_plan(model, Request(2000.0, 64, step, il.ExactFlow(), None, None, [], (1, 2))))
+    plan_of = partial(make_plan, model)
+    found = step_error(plan_of, model, None, plan_of(Request(2000.0, 64, step, il.ExactFlow(), None, None, [], (1, 2))))
     method = il.ExactFlow(measured=False)
     runs = il.simulate(network, 2000.0, realizations=512, step=step, rng=1, integrator=method)
     for name in ("mean_square_displacement", "mean_contact_force"):

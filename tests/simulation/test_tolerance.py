@@ -63,7 +63,7 @@ def test_a_run_that_drifts_reaches_no_tolerance():
 
 
 def test_time_that_is_not_there_is_not_spent():
-    with pytest.raises(il.InvalidInput, match=r"would take about .* s, 2 s are left"):
+    with pytest.raises(il.InvalidInput, match=r"would take about .* s, but 2 s are left"):
         il.simulate(
             base(), tolerance={"contact_ratio": 0.5}, integrator=il.EulerMaruyama(), duration=30.0, max_seconds=2, rng=1
         )
