@@ -379,7 +379,7 @@ class Block:
         )
         self.sums.closings.before[1] = v[first] - v[second]
 
-    def stretch(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def segment(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
         begin, first = self.now - self.plan.clock.spin_up_steps, self._edge()
         self._clear_sums()

@@ -1,4 +1,4 @@
-"""The choice of a step by what it was measured to do to the statistics."""
+"""The choice of a step by its measured bias in the statistics."""
 
 from __future__ import annotations
 
@@ -39,15 +39,16 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
 
 
 def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool) -> tuple[Plan, StepError]:
-    """Return a plan whose step makes no large error in the scene, and the error that it makes; warn if there is none.
+    """Return a plan whose step causes no large bias, and the error of its step; warn if no such step is found.
 
     Parameters
     ----------
     plan_of : callable
-        Makes the plan of the run whose step is at most so large (s), and may be larger than the rules want where mean
-        square velocities of the bodies are given: those that were met, or infinite ones, which are those of the rules.
+        Makes the plan of the run from an upper bound of its step (s) and, optionally, mean square velocities of the
+        bodies, with which the step may exceed that of the rules: measured ones, or infinite ones where the energies
+        that the rules estimate are to be kept.
     measure : callable
-        Measures what the step of a plan does, as `impactlab.simulation.stretches.step_error`.
+        Measures what the step of a plan does, as `impactlab.simulation.segments.step_error`.
     plan : Plan
         The plan with the step of the rules, or the one that is given.
     free : bool
@@ -60,9 +61,9 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
-            f"The step of {plan.clock.step:.3g} s makes {STATISTICS[name].long_name} of {label!r} about "
+            f"At the step of {plan.clock.step:.3g} s {STATISTICS[name].long_name} of {label!r} is about "
             f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
-            f"as measured in this scene; try step={error.better:.2g}."
+            f"as measured on this network; try step={error.better:.2g}."
         )
     return plan, error
 
@@ -105,7 +106,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
 def _larger(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, error: StepError) -> tuple[Plan, StepError]:
     """Return a plan of a larger step that was found to do as well, or the same plan, and the error of its step."""
     if plan.seconds(1) > WORTH_SECONDS:
-        trial = plan_of(2.0 * plan.clock.step, error.met["mean_square_velocity"])
+        trial = plan_of(2.0 * plan.clock.step, error.measured["mean_square_velocity"])
         if trial.clock.step > WORTHWHILE * plan.clock.step:
             found = measure(trial, patient=False)
             if found.will_do(trial.clock.automatic):

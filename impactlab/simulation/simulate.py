@@ -43,7 +43,7 @@ from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
-from impactlab.simulation.stretches import step_error
+from impactlab.simulation.segments import step_error
 from impactlab.simulation.tolerance import DRIFT, checked, reach, without_realizations
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.statistics.ergodicity import begun_elsewhere

@@ -1,4 +1,4 @@
-"""The smooth path of a motion that kicks follow, to which and from which states of any step are brought."""
+"""The smooth path that kicks approximate, and the transformations of states at any step to it and from it."""
 
 from __future__ import annotations
 

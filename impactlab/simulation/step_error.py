@@ -1,4 +1,4 @@
-"""The bias of a step in each statistic, as it was measured on the scene, and what follows from it."""
+"""The bias of a step in each statistic, as measured on the network, and what follows from it."""
 
 from __future__ import annotations
 
@@ -61,15 +61,15 @@ class StepError:
         standard errors.
     labels : dict of str to tuple of str
         Names of bodies and contacts by dimension.
-    met : dict of str to (body or contact,) ndarray
-        Statistics as they were met on the way.
+    measured : dict of str to (body or contact,) ndarray
+        Statistics at the step, as measured on the way.
     """
 
     step: float
     bias: dict[str, np.ndarray]
     error: dict[str, np.ndarray]
     labels: dict[str, tuple[str, ...]]
-    met: dict[str, np.ndarray] = field(default_factory=dict)
+    measured: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def infinite(cls, step: float, bodies: tuple[str, ...], contacts: tuple[str, ...]) -> Self:
@@ -106,7 +106,8 @@ class StepError:
         Those of bodies are not counted on: balances may make them as small as they like.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
-            of_contacts = np.nan_to_num(1.0 / np.sqrt(time * self.met.get("contact_rate", np.zeros(0))), nan=np.inf)
+            rates = self.measured.get("contact_rate", np.zeros(0))
+            of_contacts = np.nan_to_num(1.0 / np.sqrt(time * rates), nan=np.inf)
         beside = {BODY: np.zeros(1), CONTACT: of_contacts}
         for name, error in self.error.items():
             largest = np.where(np.isfinite(error), np.abs(self.bias[name]) + CERTAIN * error, 0.0)
@@ -178,7 +179,7 @@ class StepError:
                 {
                     "units": "1",
                     "long_name": f"bias of the step in {long_name}, as a part of {part}",
-                    "comment": f"measured on the scene; standard error at most {seen:.1g}",
+                    "comment": f"measured on the network; standard error at most {seen:.1g}",
                 },
             )
             allowance = self.allowance(name, usual) * size_of(name, lambda item: dataset[item].values)

@@ -1,4 +1,4 @@
-"""The error of a step, measured on the scene."""
+"""The error of a step, measured on the network."""
 
 import math
 import warnings
@@ -18,6 +18,8 @@ from impactlab.results.schema import scatter_of, statistics
 from impactlab.simulation.idle_bodies import joined
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
+from impactlab.simulation.segment_statistics import TOGETHER, together
+from impactlab.simulation.segments import step_error
 from impactlab.simulation.step_error import (
     BIASED,
     CERTAIN,
@@ -25,8 +27,6 @@ from impactlab.simulation.step_error import (
     USUAL_BIAS,
     StepError,
 )
-from impactlab.simulation.stretch_statistics import TOGETHER, together
-from impactlab.simulation.stretches import step_error
 from impactlab.step_size.automatic import highest_step
 from impactlab.step_size.certified import certified
 
@@ -160,7 +160,7 @@ def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
     "start", [-0.01, *(pytest.param(start, marks=pytest.mark.campaign) for start in (-0.0137, -0.0171))]
 )
 def test_a_bounce_has_the_restitution_of_its_dashpot(start):
-    """One event of a path: restarted in stretches, at states of the coarse one, it was up to 0.9 % off and not told."""
+    """One event of a path: restarted in segments, at states of the coarse one, it was up to 0.9 % off and not told."""
     ratio, stiffness = 0.2, 1e6
     law = ClampedKelvinVoigtContact(stiffness, damping=2.0 * ratio * math.sqrt(stiffness))
     angle = math.sqrt(1.0 - ratio**2)
@@ -197,7 +197,7 @@ def test_what_is_measured_is_what_is_true(damping, step):
     """Sign and size of the bias of a step that is too large, within a factor of three."""
     network = at_wall(ClampedKelvinVoigtContact(100.0, damping=damping))
     options = {"duration": 200.0, "realizations": 512, "spin_up": 50.0}
-    with pytest.warns(il.AccuracyWarning, match=r"The step of .* makes .* too (large|small), as measured"):
+    with pytest.warns(il.AccuracyWarning, match=r"At the step of .* is about .* too (large|small), as measured"):
         coarse = il.simulate(network, **options, step=step, rng=1)
     fine = il.simulate(network, **options, rng=2)
     for name in ("mean_square_displacement", "mean_square_velocity", "contact_ratio"):

@@ -1,9 +1,9 @@
-"""The error that a step makes in a scene, measured there: short stretches at the step and at a part of it.
+"""The error of a step, measured on the network: short segments at the step and at a fraction of it, with common noise.
 
 Two whole runs at different steps drift apart after a few collisions, and then see nothing below their own noise.
-Stretches that begin at one state, under the same noise, see the local error of the step with very little noise: the
-difference of each statistic in the stretch, and that of the energy at its end, which the scene keeps for as long as its
-energy is correlated.
+Segments that begin at one state, under the same noise, see the local error of the step with very little noise: the
+difference of each statistic in the segment, and that of the energy at its end, which the network keeps for as long as
+its energy is correlated.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 from impactlab.simulation.block import Block
 from impactlab.simulation.request import Request
+from impactlab.simulation.segment_statistics import FEWEST, Segments, bias_of, together
 from impactlab.simulation.smooth_path import SmoothPath
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
-from impactlab.simulation.stretch_statistics import FEWEST, Stretches, bias_of, together
 
-STRETCH = 32
-"""Steps of a stretch where forces may part two paths: some contacts long, and short beside the time between them."""
+SEGMENT = 32
+"""Steps of a segment where forces may part two paths: some contacts long, and short beside the time between them."""
 
 SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
-"""Part of the work of a run that the measurement may take, what it always may, and what is enough for any scene, or for
-the whole path of a run without noise at the step and at a finer one (s, as a plan foresees it)."""
+"""Part of the work of a run that the measurement may take, what it always may, and what is enough for any network, or
+for the whole path of a run without noise at the step and at a finer one (s, as a plan foresees it)."""
 
 UNCLEAR_SECONDS = 0.25
 """Time that a measurement of a short run may take which leaves it open whether a bias is worth saying (s)."""
 
-LANES, STRETCHES = 256, 64
-"""Most realizations and stretches of a measurement."""
+LANES, SEGMENTS = 256, 64
+"""Most realizations and segments of a measurement."""
 
 SPIN_UP = 3.0
-"""Relaxation times before the first stretch: states need be typical only."""
+"""Relaxation times before the first segment: states need be typical only."""
 
 SEED = 7, 2023
-"""Seed of all measurements: the step of a scene does not depend on that of the run."""
+"""Seed of all measurements: the step of a network does not depend on that of the run."""
 
 FINER, FINEST = 2, 4
 """Steps of the fine run in one of the coarse; where nothing is random, so that one path alone must tell the error."""
@@ -59,17 +59,17 @@ class Effort:
     ----------
     realizations : int
     spin_up : int
-        Steps before the first stretch.
-    stretches : int
+        Steps before the first segment.
+    segments : int
     steps : int
-        Steps of a stretch.
+        Steps of a segment.
     looks : tuple of int
-        Numbers of stretches after which biases are looked at: early, `stretches`, and more where much is unclear.
+        Numbers of segments after which biases are looked at: early, `segments`, and more where much is unclear.
     """
 
     realizations: int
     spin_up: int
-    stretches: int
+    segments: int
     steps: int
     looks: tuple[int, ...]
 
@@ -92,26 +92,26 @@ class Effort:
         for realizations in numbers:
             cost = STEP_SECONDS * (1 + bodies // 10) + lane * realizations
             affordable = int(seconds / cost)
-            if affordable >= 2 * settling + 3 * FEWEST * STRETCH:
+            if affordable >= 2 * settling + 3 * FEWEST * SEGMENT:
                 break
         settling = min(settling, affordable // 3)
-        left = max(affordable - settling, 3 * STRETCH) // 3
-        steps = STRETCH
+        left = max(affordable - settling, 3 * SEGMENT) // 3
+        steps = SEGMENT
         if not len(model.ends) or led:  # paths do not part: as long as they remember
             steps = max(steps, min(left // FEWEST, math.ceil(2.0 * clock.relaxation / clock.step)) // SLOTS * SLOTS)
         if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
             left = min(left, plan.clock.steps)
             steps = max(2, min(steps, left // 2 * 2))
         if not random:  # parts of the whole path
-            steps = max(steps, -(-left // (STRETCHES * SLOTS)) * SLOTS)
-        stretches = max(1, min(STRETCHES, left // steps))
-        looks: tuple[int, ...] = (stretches,)
-        if plan.steady and not plan.driving.lines and stretches >= 4 * FEWEST:
+            steps = max(steps, -(-left // (SEGMENTS * SLOTS)) * SLOTS)
+        segments = max(1, min(SEGMENTS, left // steps))
+        looks: tuple[int, ...] = (segments,)
+        if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
             looks = (
-                stretches // 4,
-                *range(stretches, max(int(UNCLEAR_SECONDS / seconds), 1) * stretches + 1, stretches),
+                segments // 4,
+                *range(segments, max(int(UNCLEAR_SECONDS / seconds), 1) * segments + 1, segments),
             )
-        return cls(realizations, settling, stretches, steps, looks)
+        return cls(realizations, settling, segments, steps, looks)
 
 
 def step_error(
@@ -139,14 +139,14 @@ def step_error(
     most, time = plan.clock.steps // effort.steps * effort.steps, plan.realizations.number * plan.clock.duration
     try:
         pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
-        found: list[Stretches] = []
+        found: list[Segments] = []
         for done, number in pairwise((0, *effort.looks)):
             more = [pair.run(number - done, effort.steps) for pair in pairs]
             found = [one.followed_by(other) for one, other in zip(found, more, strict=True)] if found else more
             error = bias_of(coarse, fine, model, effort.steps, most, found)
             if error.certain > WORTH_SAYING or error.surely_small:
                 break
-            if number >= effort.stretches and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
+            if number >= effort.segments and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
                 break
         return error
     except Diverged:
@@ -168,21 +168,21 @@ class _Pair:
         self.coarse.advance(coarse.clock.spin_up_steps, None)
         self.coarse.note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
 
-    def run(self, stretches: int, steps: int) -> Stretches:
-        """Let the coarse block make stretches, and the fine one each of them from where the coarse one began it."""
+    def run(self, segments: int, steps: int) -> Segments:
+        """Let the coarse block make segments, and the fine one each of them from where the coarse one began it."""
         finer = round(self.coarse.plan.clock.step / self.fine.plan.clock.step)
         begin, ends, coarse, fine = self.coarse.now, [_state(self.coarse)], [], []
-        for _ in range(stretches):
-            coarse.append(tuple(map(together, self.coarse.stretch(steps))))
+        for _ in range(segments):
+            coarse.append(tuple(map(together, self.coarse.segment(steps))))
             ends.append(_state(self.coarse))
         x, v = self.coarse_path.at(*map(np.array, zip(*ends, strict=True)))
         ends = []
         for index, state in enumerate(zip(*self.fine_path.begin(x[:-1], v[:-1]), strict=True)):
             self.fine.begin(*state, finer * (begin + index * steps))
-            fine.append(tuple(map(together, self.fine.stretch(finer * steps))))
+            fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_state(self.fine))
         energy = self._energy(x[1:], v[1:], *self.fine_path.at(*map(np.array, zip(*ends, strict=True))))
-        return Stretches(coarse, fine, together(energy))
+        return Segments(coarse, fine, together(energy))
 
     def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
         """Return the energy of states less that of others, by connected part: conservative forces do the work."""

@@ -1,4 +1,4 @@
-"""What the sums of short stretches at a step and at a part of it tell of the bias of the step."""
+"""What the sums of short segments at a step and at a part of it tell of the bias of the step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from impactlab.simulation.step_error import BIASED, MAY_BE_ZERO, StepError, size
 from impactlab.statistics.moments import moments_of
 
 FEWEST = 8
-"""Fewest stretches that tell how long energies are correlated."""
+"""Fewest segments that tell how long energies are correlated."""
 
 TOGETHER = 8
 """Realizations that are one in the statistics of a measurement where there are many: each takes time."""
@@ -31,17 +31,17 @@ Sums = tuple[np.ndarray, ...]
 """Of bodies, contacts and pairs."""
 
 
-class Stretches(NamedTuple):
-    """What is known of stretches that follow each other; each lane is a mean over realizations, see `together`."""
+class Segments(NamedTuple):
+    """What is known of segments that follow each other; each lane is a mean over realizations, see `together`."""
 
-    coarse: list[Sums]  # (…, lane) of each stretch
+    coarse: list[Sums]  # (…, lane) of each segment
     fine: list[Sums]
-    energy: np.ndarray  # (stretch, part, lane) that the coarse path has more at its end (J)
+    energy: np.ndarray  # (segment, part, lane) that the coarse path has more at its end (J)
 
-    def followed_by(self, other: Stretches) -> Stretches:
-        """Return these stretches and others that follow them."""
+    def followed_by(self, other: Segments) -> Segments:
+        """Return these segments and others that follow them."""
         energy = np.concatenate([self.energy, other.energy])
-        return Stretches(self.coarse + other.coarse, self.fine + other.fine, energy)
+        return Segments(self.coarse + other.coarse, self.fine + other.fine, energy)
 
 
 def together(values: np.ndarray) -> np.ndarray:
@@ -53,8 +53,8 @@ def together(values: np.ndarray) -> np.ndarray:
     return means
 
 
-def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[Stretches]) -> StepError:
-    """Turn the sums of all stretches of all blocks into biases and their standard errors.
+def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[Segments]) -> StepError:
+    """Turn the sums of all segments of all blocks into biases and their standard errors.
 
     Parameters
     ----------
@@ -62,25 +62,25 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
         Plans of the blocks at the step, and at a part of it.
     model : Model
     steps : int
-        Steps of a stretch.
+        Steps of a segment.
     most : int
-        Steps of a run that can be looked at; where nothing is random, those that stretches leave out alone are not
+        Steps of a run that can be looked at; where nothing is random, those that segments leave out alone are not
         known.
-    found : list of Stretches
+    found : list of Segments
         Of each block.
     """
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
-    stretches, _, lanes = energy.shape
+    segments, _, lanes = energy.shape
     of_coarse = _joined(coarse, steps, [item.coarse for item in found])
     of_fine = _joined(fine, finer * steps, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, steps * coarse.clock.step)
-    left_out = 1.0 if coarse.noise.random.any() else 1.0 - stretches * steps / most
+    left_out = 1.0 if coarse.noise.random.any() else 1.0 - segments * steps / most
     mean = of_fine["mean_displacement"].mean(axis=-1)
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
     forgotten = damping * coarse.clock.step > mass  # bodies that friction may stop within a step
-    bias, error, met = {}, {}, {}
+    bias, error, measured = {}, {}, {}
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
             continue
@@ -97,17 +97,17 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
             relative = difference / (1.0 - finer**-2.0) / size[:, None]  # of second order
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
-        bias[name], error[name] = relative.mean(axis=-1), _error(relative.reshape(-1, stretches, lanes), left_out)
+        bias[name], error[name] = relative.mean(axis=-1), _error(relative.reshape(-1, segments, lanes), left_out)
         error[name][unseen] = np.inf
-        met[name] = of_coarse[name].mean(axis=-1)
-    return StepError(coarse.clock.step, bias, error, {BODY: model.bodies, CONTACT: model.contacts}, met)
+        measured[name] = of_coarse[name].mean(axis=-1)
+    return StepError(coarse.clock.step, bias, error, {BODY: model.bodies, CONTACT: model.contacts}, measured)
 
 
 def _gained(
     plan: Plan, units: dict[str, np.ndarray], labels: np.ndarray, energy: np.ndarray, length: float
 ) -> np.ndarray:
     """Return what connected parts have more of their energy, since they keep what a step puts in: (part, unit)."""
-    stretches, parts, lanes = energy.shape
+    segments, parts, lanes = energy.shape
     mass, damping, stiffness = (item[:, None] for item in plan.system.linear)
     v2, put_in = units["mean_square_velocity"], np.zeros(parts)
     if not plan.noise.time_varying:
@@ -119,28 +119,28 @@ def _gained(
         np.add.at(result, labels, values)
         return result
 
-    energies = of_parts(mass * v2 + stiffness * units["mean_square_displacement"]).reshape(parts, stretches, lanes)
+    energies = of_parts(mass * v2 + stiffness * units["mean_square_displacement"]).reshape(parts, segments, lanes)
     size, taken = (of_parts(item).mean(axis=-1) for item in (mass * v2, damping * v2 - units[_POWER]))
     memory = _memory(energies, length)
     with np.errstate(divide="ignore", invalid="ignore"):
         memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
         if not plan.steady:  # to the end
-            memory = np.minimum(memory, length * np.arange(stretches)[::-1, None])
+            memory = np.minimum(memory, length * np.arange(segments)[::-1, None])
         gained = energy.swapaxes(0, 1) * memory / (length * size[:, None, None])
     result: np.ndarray = np.where(np.isfinite(gained), gained, 0.0).reshape(parts, -1)
     return result
 
 
 def _error(values: np.ndarray, left_out: float) -> np.ndarray:
-    """Return the standard error of the mean over stretches and lanes, (…, stretch, lane).
+    """Return the standard error of the mean over segments and lanes, (…, segment, lane).
 
-    A stretch goes on where the one before has ended, which makes neighbours alike or unlike: lanes, or where there are
+    A segment goes on where the one before has ended, which makes neighbours alike or unlike: lanes, or where there are
     few parts of them, are independent. A share may be `left_out` of what there is.
     """
-    stretches, lanes = values.shape[-2:]
-    parts = min(stretches, -(-UNITS // lanes))
-    cuts = np.arange(parts) * stretches // parts
-    sizes = np.diff([*cuts, stretches])[:, None]
+    segments, lanes = values.shape[-2:]
+    parts = min(segments, -(-UNITS // lanes))
+    cuts = np.arange(parts) * segments // parts
+    sizes = np.diff([*cuts, segments])[:, None]
     units = (np.add.reduceat(values, cuts, axis=-2) / sizes).reshape(*values.shape[:-2], -1)
     if units.shape[-1] == 1:
         return np.full(units.shape[:-1], np.inf if left_out > 0.0 else 0.0)
@@ -169,23 +169,23 @@ def _first_bodies(model: Model, name: str) -> np.ndarray:
 
 
 def _joined(plan: Plan, steps: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
-    """Statistics of all stretches of all blocks, each a unit, (body or contact, stretch and lane)."""
+    """Statistics of all segments of all blocks, each a unit, (body or contact, segment and lane)."""
     parts = [
         np.concatenate([np.stack(of_kind, axis=-2) for of_kind in kinds], axis=-1)
         for kinds in zip(*(zip(*block, strict=True) for block in sums), strict=True)
     ]
-    stretches, lanes = parts[0].shape[-2:]
-    counts = np.stack([plan.counts(index * steps, (index + 1) * steps) for index in range(stretches)], axis=1)
-    bodies, contacts, products = (item.reshape(*item.shape[:-2], stretches * lanes) for item in parts)
+    segments, lanes = parts[0].shape[-2:]
+    counts = np.stack([plan.counts(index * steps, (index + 1) * steps) for index in range(segments)], axis=1)
+    bodies, contacts, products = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
     moments = moments_of(plan, bodies, np.repeat(counts, lanes, axis=1), contacts, products)
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
     return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance}
 
 
 def _memory(energy: np.ndarray, length: float) -> np.ndarray:
-    """Return for how long energies are correlated (s), from their means over stretches, (part, stretch, lane).
+    """Return for how long energies are correlated (s), from their means over segments, (part, segment, lane).
 
-    It is the time for which means over stretches that follow each other correlate as they do. Infinite where it is
+    It is the time for which means over segments that follow each other correlate as they do. Infinite where it is
     longer than can be seen.
     """
     result = np.full(len(energy), np.inf)
