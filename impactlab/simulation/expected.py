@@ -33,7 +33,7 @@ class Expected:
         those measured before the run.
     relaxed : Relaxation
     settling : float
-        Longest relaxation time of what the start differs in from the stationary law (s).
+        Longest relaxation time of the decay from the start to stationary motion (s).
     """
 
     start: str | np.ndarray
