@@ -48,6 +48,7 @@ class Expected:
         """Estimate energies and relaxation times; choose the spin-up if none is given."""
         start, spin_up = start_of(request.initial, model), request.spin_up
         linear = relaxation_time(damped(model)[1])
+        # a free motion or one from a given state is a transient, of which all counts
         automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations)
         if spin_up is None:
             spin_up = RELAXATION_TIMES * linear if automatic else 0.0

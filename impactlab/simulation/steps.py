@@ -49,7 +49,7 @@ class Steps:
     counted : bool
         Whether contact rates are counted closings; otherwise they are fluxes through a narrow band of the gap.
     sampled : bool
-        Whether statistics use states between steps or intervals only, which is unbiased in stationary motion.
+        Whether states after steps or intervals are samples, without the path between, which stationary motion allows.
     """
 
     step: float
