@@ -18,7 +18,7 @@ from impactlab.kernels.rows import BEGUN, CLOSED, FORCE, INTENSITY, KICK_ROWS, T
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.given_functions import NODES, mean_and_slope
+from impactlab.linear.given_functions import NODES, PANELS, joined, mean_and_slope, rough
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.simulation.arrays import allocate
@@ -299,14 +299,24 @@ class Block:
         plan = self.plan
         mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
         most = max(1, TABLE // (len(NODES) * rows))
+
+        def seen(begin: np.ndarray, length: float) -> np.ndarray:
+            """Return values at the nodes of parts of steps, (…, row, node)."""
+            times = (begin[..., None] + length * NODES) * plan.clock.step
+            values = np.empty((times.size, rows))
+            table(times.ravel(), plan.forces.parameters, plan.forces.indices, values)
+            return values.reshape(*times.shape, rows).swapaxes(-1, -2)
+
         for begin in range(0, count, most):
-            some = slice(begin, min(begin + most, count))
-            steps = self.now - plan.clock.spin_up_steps + np.arange(some.start, some.stop)
-            values = np.empty((len(steps), len(NODES), rows))
-            times = ((steps[:, None] + NODES) * plan.clock.step).ravel()
-            table(times, plan.forces.parameters, plan.forces.indices, values.reshape(-1, rows))
-            mean[some], slope[some] = mean_and_slope(values.swapaxes(1, 2))
-            least[some] = values.min(axis=(1, 2))
+            steps = np.arange(begin, min(begin + most, count))
+            first = self.now - plan.clock.spin_up_steps + steps
+            values = seen(first, 1.0)
+            mean[steps], slope[steps] = mean_and_slope(values)
+            least[steps] = values.min(axis=(1, 2))
+            again = rough(values).any(axis=1)
+            if again.any():
+                parts = mean_and_slope(seen(first[again, None] + np.arange(PANELS) / PANELS, 1.0 / PANELS))
+                mean[steps[again]], slope[steps[again]] = joined(*(item.swapaxes(1, 2) for item in parts))
         return mean, slope, least
 
     def _guard(self) -> None:

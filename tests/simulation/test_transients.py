@@ -5,8 +5,8 @@ import warnings
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
-from scipy.integrate import solve_ivp, trapezoid
+from impactlab_numerics.laws.excitations import Blasts, Harmonic
+from scipy.integrate import simpson, solve_ivp, trapezoid
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import impactlab as il
@@ -419,3 +419,22 @@ def test_bodies_that_no_noise_reaches_have_no_standard_errors():
     assert np.isnan(error[0])
     assert error[1] > 0.0
     assert error[2] == 0.0
+
+
+def test_impulses_that_begin_with_a_jump_are_equal():
+    """A step in which a force jumps, at any time, has all of it: 0.3 % more or less, at random, drive a resonance."""
+    amplitude, interval, decay, parts = 1650.0, 0.108061, 0.025, 64
+    mass, damping, stiffness = 17.3, 23.1, 1725.0
+    body = il.LinearOscillator(mass=mass, damping=damping, stiffness=stiffness)
+    network = il.Network({"a": body}, excitations={"a": Blasts(amplitude, interval=interval, decay=decay)})
+    result = il.simulate(network, 200.0 * interval)
+    motion = [[0.0, 1.0, 0.0], [-stiffness / mass, -damping / mass, 1.0 / mass], [0.0, 0.0, -1.0 / decay]]
+    part, state = expm(np.array(motion) * interval / parts), np.zeros(3)
+    for _ in range(300):  # periods, until nothing of the beginning is left
+        state[2], x = amplitude, [state[0]]
+        for _ in range(parts):
+            state = part @ state
+            x.append(state[0])
+    mean = simpson(x) / parts
+    variance = simpson((np.array(x) - mean) ** 2) / parts
+    assert result.variance_displacement.item() == pytest.approx(variance, rel=2e-3)
