@@ -310,7 +310,8 @@ def _penetrations(
     width = 1e-3 * depth
     low, middle, high, at_rest = forces(np.stack([depth - width, depth, depth + width, static], axis=1)).T
     closed = depth > 0.0
-    tangent = np.divide(high - low, 2.0 * width, out=np.zeros_like(depth), where=closed)
+    rise = np.subtract(high, low, out=np.full_like(depth, np.inf), where=np.isfinite(high))  # or the law has ended
+    tangent = np.divide(rise, 2.0 * width, out=np.zeros_like(depth), where=closed)
     secant = np.divide(middle, depth, out=np.zeros_like(depth), where=closed)
     stiffness = np.where(secant > LARGER * tangent, secant, np.maximum(tangent, 0.0))
     far = _far(laws, energy)

@@ -107,10 +107,8 @@ class Effort:
         segments = max(1, min(SEGMENTS, left // steps))
         looks: tuple[int, ...] = (segments,)
         if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
-            looks = (
-                segments // 4,
-                *range(segments, max(int(UNCLEAR_SECONDS / seconds), 1) * segments + 1, segments),
-            )
+            most = segments * max(1, int(UNCLEAR_SECONDS / seconds))
+            looks = (segments // 4, *range(segments, most + 1, segments))
         return cls(realizations, settling, segments, steps, looks)
 
 
@@ -158,12 +156,8 @@ class _Pair:
 
     def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
         self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
-        self.coarse_path, self.fine_path = (
-            SmoothPath(block.plan, block.evaluate) for block in (self.coarse, self.fine)
-        )
-        self.stiffness = np.diag(coarse.system.linear[2])
-        for group in coarse.method.groups:  # couplings that do not kick
-            self.stiffness[np.ix_(group.slots, group.slots)] = group.system.stiffness
+        self.coarse_path = SmoothPath(coarse, self.coarse.evaluate)
+        self.fine_path = SmoothPath(fine, self.fine.evaluate)
         self.labels = model.connected()
         self.coarse.advance(coarse.clock.spin_up_steps, None)
         self.coarse.note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
@@ -186,9 +180,12 @@ class _Pair:
 
     def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
         """Return the energy of states less that of others, by connected part: conservative forces do the work."""
-        way, mass = x - from_x, self.coarse_path.mass
-        energy = 0.5 * mass * (v**2 - from_v**2) + self.stiffness @ (0.5 * (x + from_x)) * way
-        energy -= self.coarse_path.work(from_x, x)
+        plan, middle = self.coarse.plan, 0.5 * (x + from_x)
+        mass, _, stiffness = (item[:, None] for item in plan.system.linear)
+        pull = stiffness * middle
+        for group in plan.method.groups:  # with the couplings that do not kick
+            pull[:, group.slots] = group.system.stiffness @ middle[:, group.slots]
+        energy = 0.5 * mass * (v**2 - from_v**2) + pull * (x - from_x) - self.coarse_path.work(from_x, x)
         result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
         np.add.at(result, self.labels, energy.swapaxes(0, 1))
         return result.swapaxes(0, 1)

@@ -320,7 +320,7 @@ import impactlab as il
 from impactlab.simulation import block
 usual = block.build
 def build(text):
-    print("compiles\n", end="", flush=True)
+    print("compiles\\n", end="", flush=True)
     return usual(text)
 block.build = build
 body = il.LinearOscillator.from_frequency(6.0, 0.1)

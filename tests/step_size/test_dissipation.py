@@ -150,7 +150,7 @@ def test_a_damper_that_is_a_residual_keeps_the_law_of_a_linear_one(damping):
 def test_no_dashpot_switches_a_wall_off(dashpot):
     """Not even at a step that is fifty times too large: the body would have a mean square of 1 without the wall."""
     step = 0.05
-    with pytest.warns(il.AccuracyWarning, match="makes"):
+    with pytest.warns(il.AccuracyWarning, match="At the step"):
         result = il.simulate(
             at_wall(ClampedKelvinVoigtContact(100.0, damping=dashpot)), 100.0, realizations=256, step=step, rng=1
         )
