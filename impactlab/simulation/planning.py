@@ -52,22 +52,23 @@ def make_plan(model: Model, request: Request) -> Plan:
     request.integrator.check(model)
     request = request.resolved(model)
     expected = Expected.of(model, request)
+    # tangent stiffnesses and penetrations at the energies that are expected, and relaxation times
     stiffening, relaxed = expected.stiffening, expected.relaxed
     # stiff couplings go from the kicks to the flow; the order of all links stays
     model = request.integrator.arrange(model, stiffening.links, stiffening.bodies)
     start = Start.of(model, expected.start, stiffening.bodies, stiffening.rest, relaxed.temperature, request.seed)
-    # half width of the band in which contact rates are read; intervals that may enter it are not crossed in one
+    # half width of the band of indentations in which contact rates are a flux; contact-free intervals stay out of it
     window = WINDOW * gap_scale(model, stiffening.penetration)
     steps = Steps.of(model, request, expected, start, window)
-    # the unsplit exact transition, since one over many steps must be the product of theirs
+    # n steps and one interval of n steps must have the same law, so that their flow must not be split
     integrator = WholeFlow() if steps.jumping else request.integrator
     _warn(model, request, expected, steps, integrator)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)
-    unit = max(observed.every, steps.unit)  # batches end with samples, which end with intervals
-    clock = _clock(model, request, expected, steps, unit)
+    grid = max(observed.every, steps.longest)  # batches end with samples, if there are any, and these with intervals
+    clock = _clock(model, request, expected, steps, grid)
     series = driving.nbytes(integrator, clock.step, clock.all_steps)
-    realizations = _realizations(model, request, clock, steps.jumping, series, unit)
-    single = realizations.lanes == 1 and not steps.jumping  # the innermost loops are then over bodies
+    realizations = _realizations(model, request, clock, steps.jumping, series, grid)
+    single = realizations.lanes == 1 and not steps.jumping  # one realization a block: loops over its bodies
     return Plan(
         system=System.of(model),
         forces=Forces.of(
@@ -86,9 +87,9 @@ def make_plan(model: Model, request: Request) -> Plan:
 
 def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) -> Observed:
     """Return the sums and records; records sample at ends of contact-free intervals."""
-    records, unit = request.records, steps.unit
+    records, longest = request.records, steps.longest
     # rounded up to whole intervals, in a short run to one sample at its end; 0 for a record without samples
-    strides = [min(-(-record.stride(model, steps.step) // unit) * unit, steps.number) for record in records]
+    strides = [min(-(-record.stride(model, steps.step) // longest) * longest, steps.number) for record in records]
     every = math.gcd(*strides)
     no_jitter = np.zeros(len(model.ends))
     return Observed(
@@ -105,11 +106,11 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
     )
 
 
-def _clock(model: Model, request: Request, expected: Expected, steps: Steps, unit: int) -> Clock:
-    """Return the numbers of steps, and batches that end on multiples of `unit` steps."""
+def _clock(model: Model, request: Request, expected: Expected, steps: Steps, grid: int) -> Clock:
+    """Return the numbers of steps, and batches that end on multiples of `grid` steps."""
     relaxation, number = expected.relaxed.slowest, steps.number
     batches = batch_count(request.realizations, request.duration, relaxation)
-    boundaries = [batch * number // batches // unit * unit for batch in range(1, batches)]
+    boundaries = [batch * number // batches // grid * grid for batch in range(1, batches)]
     return Clock(
         step=steps.step,
         spin_up_steps=steps.spin_up,
@@ -122,12 +123,12 @@ def _clock(model: Model, request: Request, expected: Expected, steps: Steps, uni
     )
 
 
-def _realizations(model: Model, request: Request, clock: Clock, jumping: bool, series: int, unit: int) -> Realizations:
+def _realizations(model: Model, request: Request, clock: Clock, jumping: bool, series: int, grid: int) -> Realizations:
     """Return how realizations are grouped in blocks; `series` is the memory of the time series of one (bytes)."""
     number, workers = int(request.realizations), request.workers
     most = jump_lanes(model) if jumping else most_lanes(model, number, workers)
     lanes, steps_per_call = block_shape(model, number, workers, series, most)
-    batches = (np.diff([0, *clock.boundaries]) + unit) * clock.step
+    batches = (np.diff([0, *clock.boundaries]) + grid) * clock.step
     return Realizations(number, lanes, steps_per_call, enough_units(number, batches, clock.relaxation), request.seed)
 
 

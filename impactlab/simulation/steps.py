@@ -42,7 +42,7 @@ class Steps:
         Number of steps over which statistics are taken.
     spin_up : int
         Number of steps before that.
-    unit : int
+    longest : int
         Steps in the longest contact-free interval; 1 if every step is taken.
     leaf, levels : int
         Steps in the shortest interval, and the number of halvings that lead to it.
@@ -56,7 +56,7 @@ class Steps:
     automatic: float
     number: int
     spin_up: int
-    unit: int
+    longest: int
     leaf: int
     levels: int
     counted: bool
@@ -81,32 +81,32 @@ class Steps:
             intervals.append(period)
         step, number = fit_step(chosen, given, intervals, duration, smooth=period is not None and not given)
         counted = counts_closings(model, request.integrator, expected.start, expected.stiffening, step)
-        leaf, levels, unit = (LEAF // 2 if request.coarse else LEAF), 0, 1  # as long as in the fine run of a pair
+        leaf, levels, longest = (LEAF // 2 if request.coarse else LEAF), 0, 1  # as long as in the fine run of a pair
         if may_sample and may_jump(model, start.deviations):
             fine_step = 0.5 * step if request.coarse else step
-            longest = foreseen_levels(model, fine_step, start.deviations, window, int(request.realizations))
-            for candidate in range(longest, 0, -1):
+            deepest = foreseen_levels(model, fine_step, start.deviations, window, int(request.realizations))
+            for candidate in range(deepest, 0, -1):
                 steps = leaf << candidate
                 fitted, count = fit_step(chosen, given, intervals, duration, steps)
                 samples_fit = all(round(interval / fitted) % steps == 0 for interval in intervals)
                 duration_fits = abs(count * fitted - duration) <= DURATION_TOLERANCE * duration
                 if samples_fit and duration_fits and fitted > LEAST_STEP_RATIO * step:
-                    step, number, levels, unit = fitted, count, candidate, steps
+                    step, number, levels, longest = fitted, count, candidate, steps
                     break
         if number + expected.spin_up / step >= MOST_STEPS:
             raise InvalidInput(
                 f"A run of {duration + expected.spin_up:g} s has too many steps of {step:g} s; give a shorter "
                 "duration= or spin_up=, or a larger step=."
             )
-        spin_up = math.ceil(expected.spin_up / (unit * step) * (1.0 - 1e-12)) * unit  # rounding adds no interval
+        spin_up = math.ceil(expected.spin_up / (longest * step) * (1.0 - 1e-12)) * longest  # rounding adds no interval
         linear_only = may_sample and not model.nonlinear_bodies.any()
         automatic = _automatic(model, request, expected, step)
-        return cls(step, automatic, number, spin_up, unit, leaf, levels, counted, linear_only or unit > 1)
+        return cls(step, automatic, number, spin_up, longest, leaf, levels, counted, linear_only or longest > 1)
 
     @property
     def jumping(self) -> bool:
         """Whether contact-free intervals are crossed in one transition each."""
-        return self.unit > 1
+        return self.longest > 1
 
     def jumps(self, model: Model, start: Start, window: np.ndarray, seed: tuple[int, int]) -> Jumps | None:
         """Return the tables of those transitions, or None."""
