@@ -47,7 +47,7 @@ ROUGH = 1e-3
 in parts of the step: those of a cosine of half a radian are below 1e-7, those of a jump a tenth of it."""
 
 PANELS = 16
-"""Such parts of a step. Gauss's rule for a step is off by up to 5 % of a jump, at random: impulses that begin with a
+"""Such parts of a step. Gauss's rule for a step is off by up to 9 % of a jump, at random: impulses that begin with a
 jump would differ, and drive resonances."""
 
 

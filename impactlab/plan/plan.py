@@ -15,7 +15,7 @@ from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
-from impactlab.plan.realizations import Realizations
+from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, Realizations
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains, Tile
 from impactlab.plan.system import System
@@ -89,6 +89,12 @@ class Plan:
         sampling = self.driving.seconds(self.method.integrator, clock.step, clock.all_steps)
         stepping = clock.all_steps / realizations.steps_per_call * tuning().call_seconds
         return rounds * (stepping + min(realizations.lanes, realizations.number) * sampling)
+
+    @property
+    def work(self) -> float:
+        """Time that the steps of all realizations take in one block on one core (s): the same on any machine."""
+        lane = LANE_STEP_SECONDS * (len(self.system.bodies) + len(self.system.links))
+        return self.clock.all_steps * (STEP_SECONDS + self.realizations.number * lane)
 
     def counts(self, begin: int, end: int) -> np.ndarray:
         """Return how many of some steps after the spin-up are in each phase of the method's cycle, (phase,)."""

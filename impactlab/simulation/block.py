@@ -96,7 +96,7 @@ class Block:
             self._start(np.arange(lanes))
             self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
         if plan.method.integrator.kicks:
-            self._half_kick()
+            self._half_kick(plan.start.given)
 
     # start
 
@@ -183,16 +183,16 @@ class Block:
         slots = np.concatenate([slots for slots, _ in plan.driving.responses])
         return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
 
-    def _half_kick(self) -> None:
+    def _half_kick(self, given: bool) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there.
 
-        A displacement that is given is where the kick is read.
+        A displacement that is `given` is where the kick is read.
         """
         plan, state = self.plan, self.state
         half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
         self._evaluate(state.x, state.still)
         shift = plan.clock.step / 6.0 * half * state.total[:-1]
-        if plan.start.given:
+        if given:
             state.reading[:] = state.x
             state.x[:-1] -= shift
         else:
@@ -315,7 +315,9 @@ class Block:
             least[steps] = values.min(axis=(1, 2))
             again = rough(values).any(axis=1)
             if again.any():
-                parts = mean_and_slope(seen(first[again, None] + np.arange(PANELS) / PANELS, 1.0 / PANELS))
+                values = seen(first[again, None] + np.arange(PANELS) / PANELS, 1.0 / PANELS)
+                least[steps[again]] = np.minimum(least[steps[again]], values.min(axis=(1, 2, 3)))
+                parts = mean_and_slope(values)
                 mean[steps[again]], slope[steps[again]] = joined(*(item.swapaxes(1, 2) for item in parts))
         return mean, slope, least
 
@@ -374,9 +376,9 @@ class Block:
         return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
-        """Go on from displacements and velocities of all bodies after some steps."""
+        """Go on from displacements before a kick, and velocities, of all bodies after some steps."""
         self.state.x[:-1], self.state.v[:-1], self.now = x, v, now
-        self._half_kick()
+        self._half_kick(False)
         self.note_gaps(self.state.reading, self.state.velocity)
 
     def note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:

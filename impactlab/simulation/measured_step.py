@@ -26,7 +26,7 @@ WORTHWHILE, WORTH_SECONDS = 1.2, 1.0
 work: it takes a fifth of the run, and may save half of it."""
 
 Measure = Callable[..., StepError]
-"""Of a plan; `patient` measurements go on where much is unclear."""
+"""Of a plan, and the mean square velocities that it was made with; `patient` ones go on where much is unclear."""
 
 
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
@@ -38,7 +38,9 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
     return (given is None and not plan.clock.certified) or (given is not None and given > beyond * plan.clock.automatic)
 
 
-def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool) -> tuple[Plan, StepError]:
+def measured(
+    plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool, above: bool
+) -> tuple[Plan, StepError]:
     """Return a plan whose step causes no large bias, and the error of its step; warn if no such step is found.
 
     Parameters
@@ -53,9 +55,11 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
         The plan with the step of the rules, or the one that is given.
     free : bool
         Whether the step may be changed.
+    above : bool
+        Whether it may then exceed that of the rules.
     """
     first = plan
-    plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
+    plan, error = _chosen(plan_of, measure, plan, above) if free else (plan, measure(plan))
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges
     if error.certain > WORTH_SAYING:
@@ -68,26 +72,26 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     return plan, error
 
 
-def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tuple[Plan, StepError]:
+def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan, above: bool) -> tuple[Plan, StepError]:
     """Return a plan whose step does, and the error of its step, or the best after some trials.
 
     Where the motion is stationary steps are measured from above: a bias that is four times as large tells more for its
-    work. The first step is no more than twice that of the rules, the last measured one no more than twice one that was
-    found to do: differences between a step and its half, which are what is measured, then add up to its bias.
+    work. The first step resolves forces at least half as finely as the rules; a later one is no more than twice one
+    that was found to do: differences between a step and its half, which are what is measured, then add up to its bias.
     """
     plan, time = rules, rules.realizations.number * rules.clock.duration
     stationary = rules.steady and bool(rules.noise.random.any())
     anything = np.full(len(rules.system.bodies), np.inf)
-    if stationary:
-        above = plan_of(math.inf, anything)
-        plan = above if above.clock.step > WORTHWHILE * rules.clock.step else rules
+    if stationary and above:
+        larger = plan_of(math.inf, anything)
+        plan = larger if larger.clock.step > WORTHWHILE * rules.clock.step else rules
 
     def does(plan: Plan, error: StepError) -> bool:
         return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.certain <= MOST_BIAS
 
     for _ in range(TRIALS):
         high = plan.clock.step > rules.clock.step
-        tried, error = plan, measure(plan, patient=not high)
+        tried, error = plan, measure(plan, anything if high else None, patient=not high)
         if does(plan, error):
             return _larger(plan_of, measure, plan, error) if high else (plan, error)
         if not high:
@@ -105,10 +109,11 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
 
 def _larger(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, error: StepError) -> tuple[Plan, StepError]:
     """Return a plan of a larger step that was found to do as well, or the same plan, and the error of its step."""
-    if plan.seconds(1) > WORTH_SECONDS:
-        trial = plan_of(2.0 * plan.clock.step, error.measured["mean_square_velocity"])
+    if plan.work > WORTH_SECONDS:
+        velocity = error.measured["mean_square_velocity"]
+        trial = plan_of(2.0 * plan.clock.step, velocity)
         if trial.clock.step > WORTHWHILE * plan.clock.step:
-            found = measure(trial, patient=False)
+            found = measure(trial, velocity, patient=False)
             if found.will_do(trial.clock.automatic):
                 return trial, found
     return plan, error

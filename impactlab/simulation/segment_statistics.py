@@ -80,6 +80,10 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
     forgotten = damping * coarse.clock.step > mass  # bodies that friction may stop within a step
+    moved = np.append(coarse.noise.random, False)
+    if not coarse.steady or not moved.any():  # else what a start has left of a body that nothing moves is no motion
+        moved[:] = True
+    still = {BODY: ~moved[:-1], CONTACT: ~moved[model.ends].any(axis=1)}
     bias, error, measured = {}, {}, {}
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
@@ -99,6 +103,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
         relative[unseen] = 0.0
         bias[name], error[name] = relative.mean(axis=-1), _error(relative.reshape(-1, segments, lanes), left_out)
         error[name][unseen] = np.inf
+        bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
     return StepError(coarse.clock.step, bias, error, {BODY: model.bodies, CONTACT: model.contacts}, measured)
 

@@ -81,7 +81,7 @@ class Effort:
         lane, whole = LANE_STEP_SECONDS * (bodies + links), clock.steps // SLOTS * SLOTS
         if not random and whole and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
             return cls(number, clock.spin_up_steps, 1, whole, (1,))
-        seconds = min(max(LEAST_SECONDS, SHARE * clock.all_steps * (STEP_SECONDS + number * lane)), MOST_SECONDS)
+        seconds = min(max(LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
         single = number == 1 or most_lanes(model, number, 1) == 1  # on any number of cores
         least = 1 if single else bodies // 16 + 2  # blocks of one lane have a text of their own
         numbers = [1] if single else [max(LANES >> power, least) for power in range(0, 9, 2)]
@@ -113,12 +113,13 @@ class Effort:
 
 
 def step_error(
-    plan_of: Callable[[Request], Plan], model: Model, initial: object, plan: Plan, patient: bool = True
-) -> StepError:
+    plan_of: Callable[[Request], Plan], model: Model, initial: object, plan: Plan,
+    velocity: np.ndarray | None = None, patient: bool = True,
+) -> StepError:  # fmt: skip
     """Measure what the step of a plan does to its statistics, for longer where biases stay unclear and it is `patient`.
 
     The time of the measurement is a share of the plan's, and its result depends on nothing but the plan; `plan_of`
-    makes the plans of its runs.
+    makes the plans of its runs, with the mean square velocities that the plan was made with.
     """
     effort = Effort.of(plan, model)
     step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
@@ -127,14 +128,15 @@ def step_error(
         request = Request(
             duration=effort.looks[-1] * effort.steps * step, realizations=effort.realizations, step=size,
             spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
-            workers=1, coarse=coarse,
+            workers=1, coarse=coarse, mean_square_velocity=velocity,
         )  # fmt: skip
         return plan_of(request)
 
     with heard_by(lambda message, category: None):
         coarse, fine = part(step, True), part(step / finer, False)
     fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
-    most, time = plan.clock.steps // effort.steps * effort.steps, plan.realizations.number * plan.clock.duration
+    whole = plan.clock.steps // effort.steps * effort.steps
+    most, time = max(whole, effort.segments * effort.steps), plan.realizations.number * plan.clock.duration
     try:
         pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
         found: list[Segments] = []

@@ -19,7 +19,7 @@ from impactlab.assembly.build import digest
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
-from impactlab.errors import Diverged, InvalidInput, warn
+from impactlab.errors import Diverged, InvalidInput, heard_by, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
@@ -159,7 +159,7 @@ def simulate(
 
     def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
         one = replace(request, realizations=count, step=chosen, coarse=coarse)
-        return _simulate(network, one, Execution(executor, progress, seconds), compared=chosen is not None)
+        return _simulate(network, one, Execution(executor, progress, seconds, above=False), compared=chosen is not None)
 
     result = reach(attempt, tolerances, SECONDS if allowed is None else allowed, realizations, step)
     return result if asked else without_realizations(result)
@@ -176,6 +176,9 @@ class Execution:
     seconds : float
         Time that it may be foreseen to take (s).
     out : str or path, optional
+    above : bool
+        Whether a measured step may exceed that of the rules: runs at twice the step are to be stable, too, where an
+        accuracy is to be reached.
 
     Raises
     ------
@@ -187,6 +190,7 @@ class Execution:
     progress: bool | Callable[[float], None] | None = None
     seconds: float = math.inf
     out: str | os.PathLike[str] | None = None
+    above: bool = True
 
     def __post_init__(self) -> None:
         if self.executor is not None and not isinstance(self.executor, Executor):
@@ -241,12 +245,16 @@ def _run_part(
     def planned(longest_step: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
         return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
 
+    def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
+        with heard_by(lambda message, category: None):  # the first plan has said it
+            return planned(longest_step, velocity)
+
     plan, error = planned(), None
     try:
         affordable = not compared and plan.seconds(execution.workers) <= execution.seconds
         if affordable and worth_measuring(plan, model, request.integrator, request.step):
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
-            plan, error = measured(planned, measure, plan, free=request.step is None)
+            plan, error = measured(tried, measure, plan, request.step is None, execution.above)
         dataset = _run(plan, request, execution, configuration, file)
         return dataset if error is None else error.added_to(dataset, plan.clock.automatic)
     except Diverged as diverged:

@@ -21,6 +21,10 @@ UNMEASURED = instead(simulate, "worth_measuring", lambda *_: False)
 """The step as rules choose it; else its error is measured, and it is made smaller whatever a rule forgot."""
 
 
+def nothing_is(values):
+    return np.zeros(values.shape[:-1], dtype=bool)
+
+
 def mean_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A given force as constant over a step."""
     mean, slope = given_functions.mean_and_slope(values)
@@ -53,7 +57,7 @@ BUGS = [
     Bug("given force at the beginning of a step", RESONANCE, instead(block, "mean_and_slope", first_only)),
     Bug("given force as constant over a step", FAST, instead(block, "mean_and_slope", mean_only)),
     Bug("density of noise at the beginning of a step that does not see how fast it varies", GUST,
-        both(instead(automatic, "resolving_step", longest),
+        both(instead(automatic, "resolving_step", longest), instead(block, "rough", nothing_is),
              instead(block, "mean_and_slope", first_only))),
     Bug("means of a transient over its kicks", DECAY,
         instead(impactlab.plan.plan.Plan, "transient", property(lambda plan: False))),

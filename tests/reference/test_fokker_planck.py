@@ -292,12 +292,12 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch):
     ("given", "message"),
     [
         ({"basis": {"gaps": 10}}, "basis has no 'gaps'; did you mean 'gap'"),
-        ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be an odd number from 9 on: 4"),
-        ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 9 on: 20"),
-        ({"basis": {"box": 60.0}}, "basis\\['box'\\] must be from 3 to 9 standard deviations: 60.0"),
-        ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0: '1'"),
-        ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0: -1.0"),
-        ({"tolerance": 0.0}, "tolerance must be a relative error from 1e-6 to 1: 0.0"),
+        ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be an odd number from 9 on, not 4"),
+        ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 9 on, not 20"),
+        ({"basis": {"box": 60.0}}, "basis\\['box'\\] must be from 3 to 9 standard deviations, not 60.0"),
+        ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0, not '1'"),
+        ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0, not -1.0"),
+        ({"tolerance": 0.0}, "tolerance must be a relative error from 1e-6 to 1, not 0.0"),
     ],
 )
 def test_arguments_are_checked(given, message):

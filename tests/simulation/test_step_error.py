@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from impactlab_numerics.laws.contacts import BilinearContact, ClampedKelvinVoigtContact
+from impactlab_numerics.laws.contacts import BilinearContact, ClampedKelvinVoigtContact, KelvinVoigtContact
 from impactlab_numerics.laws.excitations import ConstantForce, ModulatedNoise
 from laws import Cosine
+from scenes import plan_of
 
 import impactlab as il
 from impactlab.assembly.model import Model
@@ -318,3 +319,35 @@ def test_realizations_are_taken_together_where_there_are_many():
     np.testing.assert_allclose(groups.mean(axis=-1), many.mean(axis=-1), atol=1e-15)
     ratio = groups.std(axis=-1) * math.sqrt(TOGETHER) / many.std(axis=-1)
     np.testing.assert_allclose(ratio, 1.0, atol=4.0 / math.sqrt(2.0 * 64))  # 4 standard errors
+
+
+def test_a_step_that_is_twice_enlarged_is_measured_with_the_velocities_that_it_was_chosen_with():
+    """At four times the step of the rules; without them it would be refused as too large."""
+    base = il.LinearOscillator.from_frequency(6.0, 0.1, mass=1e5)
+    springs = {
+        name: il.Coupling("base", name, il.LinearCoupling(rate**2, damping=0.2 * rate))
+        for name, rate in (("left", 10.0), ("right", 6.0))
+    }
+    bodies = {"base": base, "left": il.LinearOscillator(), "right": il.LinearOscillator()}
+    contacts = {"pair": il.Contact("left", "right", il.PowerLawContact(1e3, exponent=2.0), clearance=0.05)}
+    network = il.Network(bodies, contacts, {"base": il.WhiteNoise(1e10)}, springs)
+    by_rules = plan_of(network, duration=700.0, realizations=512).clock.step
+    assert il.simulate(network, 700.0, realizations=512, rng=1).attrs["step"] > 3.9 * by_rules
+
+
+@pytest.mark.filterwarnings("ignore:balance_mean_displacement of 'b':impactlab.AccuracyWarning")
+def test_a_body_that_nothing_moves_makes_no_step_smaller():
+    pressed = il.Contact("b", il.WALL, KelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
+    wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)
+    alone = il.Network({"a": BODY}, {"wall": wall}, {"a": HEAT})
+    both = il.Network({"a": BODY, "b": BODY}, {"wall": wall, "pressed": pressed}, {"a": HEAT})
+    one, two = (il.simulate(network, 50.0, realizations=64, rng=1) for network in (alone, both))
+    assert two.attrs["step"] > 0.5 * one.attrs["step"]
+
+
+def test_a_path_of_few_steps_is_measured():
+    network = il.Network(
+        {"a": BODY}, {"wall": il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)}
+    )
+    result = il.simulate(network, 0.01, initial={"displacement": {"a": 0.2}})
+    assert np.isfinite(result.mean_square_velocity.item())
