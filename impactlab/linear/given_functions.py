@@ -40,11 +40,16 @@ _WEIGHTS = 0.5 * _WEIGHTS
 NODES = 0.5 * (_NODES + 1.0)
 """Where in a step a function is evaluated, as parts of the step: Gauss's rule with eight points."""
 
-_TAIL = _WEIGHTS[:, None] * np.polynomial.legendre.legvander(_NODES, 7)[:, 6:] * (13.0, 15.0)
+PLACES = np.concatenate([[0.0], NODES, [1.0]])
+"""These, and the ends of the step, where alone a jump close to an end shows."""
+
+_LEGENDRE, _AT_ENDS = (np.polynomial.legendre.legvander(places, 7) for places in (_NODES, np.array([-1.0, 1.0])))
+_COEFFICIENTS = _WEIGHTS[:, None] * _LEGENDRE * (2.0 * np.arange(8) + 1.0)  # of values at the nodes
 
 ROUGH = 1e-3
-"""Coefficients of the last two of eight Legendre polynomials, as parts of the function, from which on it is integrated
-in parts of the step: those of a cosine of half a radian are below 1e-7, those of a jump a tenth of it."""
+"""Coefficients of the last two of eight Legendre polynomials, or distances from their sum at the ends, as parts of the
+function, from which on it is integrated in parts of the step: those of a cosine of half a radian are below 1e-7, those
+of a jump a tenth of it."""
 
 PANELS = 16
 """Such parts of a step. Gauss's rule for a step is off by up to 9 % of a jump, at random: impulses that begin with a
@@ -60,8 +65,11 @@ def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rough(values: np.ndarray) -> np.ndarray:
-    """Whether Gauss's rule does not resolve a function, such as one that jumps, from values at `NODES`, last axis."""
-    return np.asarray(np.abs(values @ _TAIL).max(axis=-1) > ROUGH * np.abs(values).max(axis=-1))
+    """Whether Gauss's rule does not resolve a function, such as one that jumps, from values at `PLACES`, last axis."""
+    inside, ends = values[..., 1:-1], values[..., [0, -1]]
+    coefficients = inside @ _COEFFICIENTS
+    unresolved = np.concatenate([coefficients[..., 6:], ends - coefficients @ _AT_ENDS.T], axis=-1)
+    return np.asarray(np.abs(unresolved).max(axis=-1) > ROUGH * np.abs(values).max(axis=-1))
 
 
 def joined(mean: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

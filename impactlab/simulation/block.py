@@ -18,7 +18,7 @@ from impactlab.kernels.rows import BEGUN, CLOSED, FORCE, INTENSITY, KICK_ROWS, T
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.given_functions import NODES, PANELS, joined, mean_and_slope, rough
+from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, mean_and_slope, rough
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.simulation.arrays import allocate
@@ -300,9 +300,9 @@ class Block:
         mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
         most = max(1, TABLE // (len(NODES) * rows))
 
-        def seen(begin: np.ndarray, length: float) -> np.ndarray:
-            """Return values at the nodes of parts of steps, (…, row, node)."""
-            times = (begin[..., None] + length * NODES) * plan.clock.step
+        def seen(begin: np.ndarray, places: np.ndarray) -> np.ndarray:
+            """Return values at some places from the beginnings of steps, (…, row, place)."""
+            times = (begin[..., None] + places) * plan.clock.step
             values = np.empty((times.size, rows))
             table(times.ravel(), plan.forces.parameters, plan.forces.indices, values)
             return values.reshape(*times.shape, rows).swapaxes(-1, -2)
@@ -310,12 +310,12 @@ class Block:
         for begin in range(0, count, most):
             steps = np.arange(begin, min(begin + most, count))
             first = self.now - plan.clock.spin_up_steps + steps
-            values = seen(first, 1.0)
-            mean[steps], slope[steps] = mean_and_slope(values)
+            values = seen(first, PLACES)
+            mean[steps], slope[steps] = mean_and_slope(values[..., 1:-1])
             least[steps] = values.min(axis=(1, 2))
             again = rough(values).any(axis=1)
             if again.any():
-                values = seen(first[again, None] + np.arange(PANELS) / PANELS, 1.0 / PANELS)
+                values = seen(first[again, None] + np.arange(PANELS) / PANELS, NODES / PANELS)
                 least[steps[again]] = np.minimum(least[steps[again]], values.min(axis=(1, 2, 3)))
                 parts = mean_and_slope(values)
                 mean[steps[again]], slope[steps[again]] = joined(*(item.swapaxes(1, 2) for item in parts))

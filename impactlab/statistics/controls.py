@@ -24,8 +24,8 @@ BROKEN = 5.0
 _ROWS = 1000  # regressions at a time
 
 
-def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...]) -> str:
-    """Say which balance is off, if one is.
+def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...], random: np.ndarray) -> str:
+    """Say which balance of a body whose motion is random is off, if one is.
 
     Then the run is not stationary, or the step is beyond what the theory covers, and no value is
     corrected by a balance.
@@ -33,7 +33,7 @@ def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...]) -> str
     count = sum(int(np.isfinite(error).sum()) for _, error in balances.values())
     most = np.sqrt(BROKEN**2 + 2.0 * np.log(max(count, 10) / 10.0))  # as the largest of so many normal numbers grows
     for name, (value, error) in balances.items():
-        scatter = np.where(np.isfinite(error), error, np.inf)
+        scatter = np.where(np.isfinite(error) & random, error, np.inf)
         broken = np.flatnonzero(np.abs(value) > most * scatter)
         if broken.size:
             body = broken[0]

@@ -46,7 +46,7 @@ class Values:
             Bodies whose forces acted too seldom: their balances are no controls.
         """
         balances = {name: mean(item) for name, item in moments.balances.items()}
-        off = unbalanced(balances, plan.system.bodies)
+        off = unbalanced(balances, plan.system.bodies, plan.noise.random)
         combined, direct = {item.name: item.averaged(moments.of(item), mean) for item in stationary()}, {}
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T

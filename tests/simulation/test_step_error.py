@@ -335,7 +335,6 @@ def test_a_step_that_is_twice_enlarged_is_measured_with_the_velocities_that_it_w
     assert il.simulate(network, 700.0, realizations=512, rng=1).attrs["step"] > 3.9 * by_rules
 
 
-@pytest.mark.filterwarnings("ignore:balance_mean_displacement of 'b':impactlab.AccuracyWarning")
 def test_a_body_that_nothing_moves_makes_no_step_smaller():
     pressed = il.Contact("b", il.WALL, KelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
     wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)

@@ -11,7 +11,16 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.given_functions import NODES, irregular_times, mean_and_slope, resolving_step
+from impactlab.linear.given_functions import (
+    NODES,
+    PANELS,
+    PLACES,
+    irregular_times,
+    joined,
+    mean_and_slope,
+    resolving_step,
+    rough,
+)
 from impactlab.linear.transitions import response_to_force
 
 BODY = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
@@ -438,3 +447,12 @@ def test_impulses_that_begin_with_a_jump_are_equal():
     mean = simpson(x) / parts
     variance = simpson((np.array(x) - mean) ** 2) / parts
     assert result.variance_displacement.item() == pytest.approx(variance, rel=2e-3)
+
+
+def test_a_jump_is_found_wherever_it_is_in_a_step():
+    """And the mean over the step is right to a sixteenth of the largest error of Gauss's rule."""
+    for place in np.linspace(0.0, 1.0, 1001)[1:-1]:
+        assert rough(1.0 * (place <= PLACES))
+        parts = mean_and_slope(1.0 * ((np.arange(PANELS)[:, None] + NODES) / PANELS >= place))
+        assert joined(*parts)[0] == pytest.approx(1.0 - place, abs=0.1 / PANELS)
+    assert not rough(np.cos(0.7 * PLACES + 1.1))
