@@ -114,7 +114,7 @@ def inlined(function: Function) -> Function:
 
 
 def maker(item: Any) -> Callable[[Function], Function] | None:
-    """Return `kernel` or `inlined` for what one of them returned, else nothing."""
+    """Return `kernel`, `scattered` or `inlined` for what one of them returned, else nothing."""
     return _kernels.get(item) if isinstance(item, Hashable) else None
 
 

@@ -44,7 +44,8 @@ PLACES = np.concatenate([[0.0], NODES, [1.0]])
 """These, and the ends of the step, where alone a jump close to an end shows."""
 
 _LEGENDRE, _AT_ENDS = (np.polynomial.legendre.legvander(places, 7) for places in (_NODES, np.array([-1.0, 1.0])))
-_COEFFICIENTS = _WEIGHTS[:, None] * _LEGENDRE * (2.0 * np.arange(8) + 1.0)  # of values at the nodes
+_COEFFICIENTS = (2.0 * np.arange(8) + 1.0) * _LEGENDRE * _WEIGHTS[:, None]  # of values at the nodes
+_MEAN, _SLOPE = np.ascontiguousarray(_COEFFICIENTS[:, :2].T)
 
 ROUGH = 1e-3
 """Coefficients of the last two of eight Legendre polynomials, or distances from their sum at the ends, as parts of the
@@ -61,7 +62,7 @@ def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     They are its mean, which is that of the function, and what it grows by in half a step.
     """
-    return values @ _WEIGHTS, values @ (3.0 * _NODES * _WEIGHTS)
+    return values @ _MEAN, values @ _SLOPE
 
 
 def rough(values: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def measured(
 
 
 def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan, above: bool) -> tuple[Plan, StepError]:
-    """Return a plan whose step does, and the error of its step, or the best after some trials.
+    """Return a plan whose step does, and the error of its step, or the last of some trials.
 
     Where the motion is stationary steps are measured from above: a bias that is four times as large tells more for its
     work. The first step resolves forces at least half as finely as the rules; a later one is no more than twice one
