@@ -101,3 +101,15 @@ class TwoLines(il.Excitation):
 
     def lines(self):
         return [self.first, self.second], [2.0, 5.0]
+
+
+class Interval(il.Excitation):
+    """White noise in an interval of time, and hardly any before and after."""
+
+    level: float = il.parameter(units="N2 s rad-1", minimum=0.0)
+    begin: float = il.parameter(units="s")
+    end: float = il.parameter(units="s")
+
+    @staticmethod
+    def intensity(time, level, begin, end):
+        return level if begin < time < end else 1e-6 * level

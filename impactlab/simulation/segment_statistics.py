@@ -6,13 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from impactlab.assembly.model import Model
 from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, STATISTICS
-from impactlab.simulation.step_error import BIASED, MAY_BE_ZERO, StepError, size_of
+from impactlab.simulation.step_error import BIASED, CERTAIN, MAY_BE_ZERO, StepError, size_of
 from impactlab.statistics.moments import moments_of
 
 FEWEST = 8
@@ -44,6 +45,25 @@ class Segments(NamedTuple):
         return Segments(self.coarse + other.coarse, self.fine + other.fine, energy)
 
 
+class Coverage(NamedTuple):
+    """What segments are of a run, in steps."""
+
+    begins: tuple[int, ...]
+    steps: int  # of each
+    run: int
+
+    @property
+    def left_out(self) -> float:
+        """Share of the run that no segment sees."""
+        return max(0.0, 1.0 - len(self.begins) * self.steps / max(1, self.run // self.steps * self.steps))
+
+    @property
+    def to_the_end(self) -> np.ndarray:
+        """Steps of the run that follow each segment."""
+        steps: np.ndarray = np.maximum(0, self.run - self.steps - np.array(self.begins))
+        return steps
+
+
 def together(values: np.ndarray) -> np.ndarray:
     """Means over `TOGETHER` lanes where there are many, (…, lane)."""
     *rows, lanes = values.shape
@@ -53,7 +73,7 @@ def together(values: np.ndarray) -> np.ndarray:
     return means
 
 
-def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found: list[Segments]) -> StepError:
+def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: list[Segments]) -> StepError:
     """Turn the sums of all segments of all blocks into biases and their standard errors.
 
     Parameters
@@ -61,21 +81,18 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
     coarse, fine : Plan
         Plans of the blocks at the step, and at a part of it.
     model : Model
-    steps : int
-        Steps of a segment.
-    most : int
-        Steps of a run that can be looked at; where nothing is random, those that segments leave out alone are not
-        known.
+    coverage : Coverage
+        What the segments are of the run; where nothing is random, what they leave out alone is not known.
     found : list of Segments
         Of each block.
     """
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    of_coarse = _joined(coarse, steps, [item.coarse for item in found])
-    of_fine = _joined(fine, finer * steps, [item.fine for item in found])
-    gained = _gained(coarse, of_coarse, labels, energy, steps * coarse.clock.step)
-    left_out = 1.0 if coarse.noise.random.any() else 1.0 - segments * steps / most
+    of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
+    of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
+    gained = _gained(coarse, of_coarse, labels, energy, coverage)
+    left_out = 1.0 if coarse.noise.random.any() else coverage.left_out
     mean = of_fine["mean_displacement"].mean(axis=-1)
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
@@ -89,11 +106,11 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
         if name not in of_coarse or not len(of_coarse[name]):
             continue
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
-        kept = gained[labels[_first_bodies(model, name)]]
+        kept, fitted = gained[labels[_first_bodies(model, name)]], 1
         if name == "mean_square_velocity":
             off = np.stack([item[_BALANCE][forgotten] for item in (of_coarse, of_fine)], axis=1)
             difference[forgotten] -= _of_noise(difference[forgotten], off)
-            kept[forgotten] = 0.0
+            kept[forgotten], fitted = 0.0, 1 + 2 * bool(forgotten.any())
         if name not in MAY_BE_ZERO:
             difference = difference + value[:, None] * kept
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
@@ -101,7 +118,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
             relative = difference / (1.0 - finer**-2.0) / size[:, None]  # of second order
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
-        bias[name], error[name] = relative.mean(axis=-1), _error(relative.reshape(-1, segments, lanes), left_out)
+        bias[name] = relative.mean(axis=-1)
+        error[name] = _error(relative.reshape(-1, segments, lanes), left_out, fitted)
         error[name][unseen] = np.inf
         bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
@@ -109,9 +127,13 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, steps: int, most: int, found
 
 
 def _gained(
-    plan: Plan, units: dict[str, np.ndarray], labels: np.ndarray, energy: np.ndarray, length: float
+    plan: Plan, units: dict[str, np.ndarray], labels: np.ndarray, energy: np.ndarray, coverage: Coverage
 ) -> np.ndarray:
-    """Return what connected parts have more of their energy, since they keep what a step puts in: (part, unit)."""
+    """Return what connected parts have more of their energy, since they keep what a step puts in: (part, unit).
+
+    They keep it for as long as friction takes to take it away; no longer than energies are correlated where motion is
+    stationary, and no longer than the run lasts where it is not. NaN where nobody knows for how long.
+    """
     segments, parts, lanes = energy.shape
     mass, damping, stiffness = (item[:, None] for item in plan.system.linear)
     v2, put_in = units["mean_square_velocity"], np.zeros(parts)
@@ -126,21 +148,24 @@ def _gained(
 
     energies = of_parts(mass * v2 + stiffness * units["mean_square_displacement"]).reshape(parts, segments, lanes)
     size, taken = (of_parts(item).mean(axis=-1) for item in (mass * v2, damping * v2 - units[_POWER]))
-    memory = _memory(energies, length)
+    length = coverage.steps * plan.clock.step
     with np.errstate(divide="ignore", invalid="ignore"):
-        memory = np.minimum(memory, size / np.maximum(taken, put_in))[:, None, None]
-        if not plan.steady:  # to the end
-            memory = np.minimum(memory, length * np.arange(segments)[::-1, None])
+        memory = (size / np.maximum(taken, put_in))[:, None, None]
+        if plan.steady:
+            memory = np.minimum(memory, _memory(energies, length)[:, None, None])
+        else:
+            memory = np.minimum(memory, plan.clock.step * coverage.to_the_end[:, None])
         gained = energy.swapaxes(0, 1) * memory / (length * size[:, None, None])
-    result: np.ndarray = np.where(np.isfinite(gained), gained, 0.0).reshape(parts, -1)
+    result: np.ndarray = np.where(np.isfinite(gained), gained, np.nan).reshape(parts, -1)
     return result
 
 
-def _error(values: np.ndarray, left_out: float) -> np.ndarray:
+def _error(values: np.ndarray, left_out: float, fitted: int) -> np.ndarray:
     """Return the standard error of the mean over segments and lanes, (…, segment, lane).
 
     A segment goes on where the one before has ended, which makes neighbours alike or unlike: lanes, or where there are
-    few parts of them, are independent. A share may be `left_out` of what there is.
+    few parts of them, are independent. A share may be `left_out` of what there is. The error is larger by as much as
+    the quantile of Student's law for so many units, less what was `fitted`, is beyond the normal one at `CERTAIN`.
     """
     segments, lanes = values.shape[-2:]
     parts = min(segments, -(-UNITS // lanes))
@@ -149,7 +174,9 @@ def _error(values: np.ndarray, left_out: float) -> np.ndarray:
     units = (np.add.reduceat(values, cuts, axis=-2) / sizes).reshape(*values.shape[:-2], -1)
     if units.shape[-1] == 1:
         return np.full(units.shape[:-1], np.inf if left_out > 0.0 else 0.0)
-    error: np.ndarray = units.std(axis=-1, ddof=1) * math.sqrt(left_out / units.shape[-1])
+    freedom = units.shape[-1] - fitted
+    widened = float(stdtrit(freedom, ndtr(CERTAIN))) / CERTAIN if freedom > 0 else math.inf
+    error: np.ndarray = widened * units.std(axis=-1, ddof=1) * math.sqrt(left_out / units.shape[-1])
     return error
 
 
@@ -173,14 +200,15 @@ def _first_bodies(model: Model, name: str) -> np.ndarray:
     return model.ends.min(axis=1) if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
 
 
-def _joined(plan: Plan, steps: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
+def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
     """Statistics of all segments of all blocks, each a unit, (body or contact, segment and lane)."""
+    steps = finer * coverage.steps
     parts = [
         np.concatenate([np.stack(of_kind, axis=-2) for of_kind in kinds], axis=-1)
         for kinds in zip(*(zip(*block, strict=True) for block in sums), strict=True)
     ]
     segments, lanes = parts[0].shape[-2:]
-    counts = np.stack([plan.counts(index * steps, (index + 1) * steps) for index in range(segments)], axis=1)
+    counts = np.stack([plan.counts(finer * begin, finer * begin + steps) for begin in coverage.begins], axis=1)
     bodies, contacts, products = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
     moments = moments_of(plan, bodies, np.repeat(counts, lanes, axis=1), contacts, products)
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]

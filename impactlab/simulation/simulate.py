@@ -256,7 +256,11 @@ def _run_part(
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
             plan, error = measured(tried, measure, plan, request.step is None, execution.above)
         dataset = _run(plan, request, execution, configuration, file)
-        return dataset if error is None else error.added_to(dataset, plan.clock.automatic)
+        if error is None:
+            return dataset
+        if message := error.unlike(dataset):
+            warn(message)
+        return error.added_to(dataset, plan.clock.automatic)
     except Diverged as diverged:
         raise Diverged(f"{diverged}{explanation(model, plan.observed.window)}") from None
 

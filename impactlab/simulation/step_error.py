@@ -27,8 +27,11 @@ USUAL_BIAS = MOST_BIAS / 3.0
 FARTHEST = 10.0
 """Times the automatic step from which on biases are not expected to grow: hardly any larger step is let through."""
 
-CERTAIN = 2.5
-"""Standard errors within which a bias is not known, with some ten statistics looked at."""
+CERTAIN, LOOKED_AT = 2.5, 10
+"""Standard errors within which a bias is not known, with so many statistics looked at."""
+
+UNLIKE = 2.0
+"""Ratio of the mean square velocity of a run to that in the measurement beyond which this says nothing of the run."""
 
 STILL = 1e-9
 """Part of the mean square of a displacement below which its variance is rounding, or what a spin-up has left."""
@@ -78,6 +81,12 @@ class StepError:
         return cls(step, bias, {name: np.zeros(len(bodies)) for name in bias}, {BODY: bodies, CONTACT: contacts}, bias)
 
     @property
+    def limit(self) -> float:
+        """Standard errors within which biases are not known: of many statistics the largest is far off by chance."""
+        number = sum(map(len, self.bias.values()))
+        return math.sqrt(CERTAIN**2 + 2.0 * math.log(max(1.0, number / LOOKED_AT)))
+
+    @property
     def worst(self) -> tuple[str, str, float, float]:
         """The statistic whose bias is most certainly large: name, label, bias and standard error."""
         found = ("", "", 0.0, 0.0)
@@ -85,7 +94,7 @@ class StepError:
             for label, bias, error in zip(
                 self.labels[STATISTICS[name].dimension], biases, self.error[name], strict=True
             ):
-                if abs(bias) - CERTAIN * error > abs(found[2]) - CERTAIN * found[3]:
+                if abs(bias) - self.limit * error > abs(found[2]) - self.limit * found[3]:
                     found = (name, label, float(bias), float(error))
         return found
 
@@ -93,12 +102,12 @@ class StepError:
     def certain(self) -> float:
         """Largest bias of any statistic, without what may be chance."""
         _, _, bias, error = self.worst
-        return max(abs(bias) - CERTAIN * error, 0.0)
+        return max(abs(bias) - self.limit * error, 0.0)
 
     @property
     def surely_small(self) -> bool:
         """Whether all biases are surely small enough."""
-        return all((abs(self.bias[name]) + CERTAIN * error <= MOST_BIAS).all() for name, error in self.error.items())
+        return all((abs(self.bias[name]) + self.limit * error <= MOST_BIAS).all() for name, error in self.error.items())
 
     def unclear(self, time: float) -> bool:
         """Whether a bias may be worth saying, beside the standard error that so many closings in some time (s) leave.
@@ -110,7 +119,7 @@ class StepError:
             of_contacts = np.nan_to_num(1.0 / np.sqrt(time * rates), nan=np.inf)
         beside = {BODY: np.zeros(1), CONTACT: of_contacts}
         for name, error in self.error.items():
-            largest = np.where(np.isfinite(error), np.abs(self.bias[name]) + CERTAIN * error, 0.0)
+            largest = np.where(np.isfinite(error), np.abs(self.bias[name]) + self.limit * error, 0.0)
             if (largest > WORTH_SAYING + beside[STATISTICS[name].dimension]).any():
                 return True
         return False
@@ -139,10 +148,10 @@ class StepError:
 
         A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
         s that is `usual`. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
-        q = s²/(s² + σ²). What is `CERTAIN` is no unusual measurement but an unusual bias, and known: q = 1.
+        q = s²/(s² + σ²). What is beyond the `limit` is no unusual measurement but an unusual bias, and known: q = 1.
         """
         bias, error = self.bias[name], self.error[name]
-        known = np.where(np.abs(bias) > CERTAIN * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
+        known = np.where(np.abs(bias) > self.limit * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
         result: np.ndarray = np.hypot(known * bias, np.sqrt(1.0 - known) * usual)
         return result
 
@@ -151,10 +160,24 @@ class StepError:
         return USUAL_BIAS * min(max(1.0, self.step / max(automatic, 1e-300)), FARTHEST) ** 2
 
     def will_do(self, automatic: float) -> bool:
-        """Whether no bias is too large, nor may well be."""
+        """Whether no bias is too large, nor may well be; where one was not seen, the rules know best."""
+        if self.step > automatic * (1.0 + 1e-9) and not all(np.isfinite(item).all() for item in self.error.values()):
+            return False
         usual = self.usual(automatic)
         largest = max(self.allowance(name, usual).max(initial=0.0) for name in self.bias)
         return self.certain <= MOST_BIAS and largest <= MOST_BIAS
+
+    def unlike(self, dataset: xr.Dataset) -> str:
+        """Return a warning that bodies are much faster in a run than where its step was measured, or nothing."""
+        name = "mean_square_velocity"
+        ran, scatter = (dataset[item].values for item in (name, STATISTICS[name].error))
+        for label, seen, value, error in zip(self.labels[BODY], self.measured[name], ran, scatter, strict=True):
+            if value - self.limit * error > UNLIKE * seen:
+                return (
+                    f"Mean square velocity of {label!r} is {value:.3g} m2 s-2 in the run, but {seen:.3g} where the "
+                    f"bias of its step was measured, which is not known then; compare with step={0.5 * self.step:.2g}."
+                )
+        return ""
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
         """Return a dataset with the biases, and with standard errors that allow for them.
