@@ -39,8 +39,11 @@ UNCLEAR_SECONDS = 0.25
 """Time that the measurement of a short run may take which leaves it open whether a bias is worth saying, or needs
 segments all over the run (s)."""
 
-LANES, SEGMENTS = 256, 64
-"""Most realizations and segments of a measurement."""
+LANES, SEGMENTS, MOST_SEGMENTS = 256, 64, 256
+"""Most realizations and segments of a measurement, and most segments where they must lie all over the run."""
+
+LONGEST = 4 * SEGMENT
+"""Steps of a segment up to which it may be longer for the sake of fewer."""
 
 SPIN_UP = 3.0
 """Relaxation times before the first segment: states need be typical only."""
@@ -102,7 +105,7 @@ class Effort:
         steps = _segment(plan, model, left)
         segments = max(1, min(SEGMENTS, left // steps))
         if apart and segments * steps + SEGMENT < clock.steps:
-            begins, run_up = _spread(clock.steps, steps, 3 * left, settling)
+            begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling)
             return cls(realizations, spin_up, steps, begins, run_up, (len(begins),))
         looks: tuple[int, ...] = (segments,)
         if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
@@ -141,15 +144,18 @@ def _segment(plan: Plan, model: Model, left: int) -> int:
     return steps
 
 
-def _spread(run: int, steps: int, affordable: int, settling: int) -> tuple[tuple[int, ...], int]:
-    """Return where segments begin that lie over a whole run alike, and the steps before each that it takes to settle.
+def _spread(run: int, steps: int, affordable: int, settling: int) -> tuple[tuple[int, ...], int, int]:
+    """Return where segments begin that lie over a whole run alike, their length, and steps before each to settle in.
 
     All are numbers of steps; one of a segment costs three, with the two of half its length.
     """
-    segments = min(SEGMENTS, max(FEWEST, affordable // (settling + 3 * steps)), run // steps)
+    longer = max(steps, -(-run // (MOST_SEGMENTS * SLOTS)) * SLOTS)
+    if 3 * run <= affordable and longer <= LONGEST:  # all of it
+        return tuple(range(0, run - longer + 1, longer)), longer, 0
+    segments = min(MOST_SEGMENTS, max(FEWEST, affordable // (settling + 3 * steps)), run // steps)
     run_up = min(settling, max(0, affordable // segments - 3 * steps)) // SLOTS * SLOTS
     begins = np.linspace(0, run - steps, segments).astype(int) // SLOTS * SLOTS
-    return tuple(begins.tolist()), run_up
+    return tuple(begins.tolist()), steps, run_up
 
 
 def step_error(
