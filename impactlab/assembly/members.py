@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
+from impactlab.assembly.links import Links
 from impactlab.components.component import Component, finite
 
 PLACES, HEADER = 3, 2
@@ -96,11 +97,11 @@ class Members:
     indices: np.ndarray
 
     @classmethod
-    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: np.ndarray, bodies: int) -> Members:
-        """Lay out the members of each kind, with contacts between bodies of some slots, (contact, 2)."""
+    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links) -> Members:
+        """Lay out the members of each kind, with contacts along some links."""
         kinds = tuple(sorted(rows, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
         tables = tuple(_table(kind, rows[kind]) for kind in kinds)
-        return cls(kinds, tables, *packed(tables, ends, bodies))
+        return cls(kinds, tables, *packed(tables, ends))
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Return the kinds of some roles."""
@@ -113,14 +114,14 @@ def _table(kind: Kind, rows: Sequence[Row]) -> Table:
     return leading, numbers.reshape(len(rows), len(kind.parameters))
 
 
-def packed(
-    members: Iterable[Table], ends: np.ndarray, bodies: int, order: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def packed(members: Iterable[Table], links: Links, order: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Lay out the runs of all kinds in one array of numbers and one of indices; see `Members`.
 
     The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
     """
-    tables, columns, header = [differences(ends), gathering(ends, bodies, order), ends.ravel()], [np.zeros(0)], []
+    ends = links.pairs
+    tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
+    columns, header = [np.zeros(0)], []
     for leading, numbers in members:
         *begins, counts = runs(*leading.T)
         ends_of_runs = np.cumsum(counts)

@@ -10,9 +10,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from impactlab.assembly.links import Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.components.component import call_each
 from impactlab.components.composition import Composition
+from impactlab.components.contact import Contact
+from impactlab.components.coupling import Coupling
 from impactlab.components.sides import Wall
 
 Result = TypeVar("Result")
@@ -31,12 +34,12 @@ class Model:
         Where the model comes from.
     mass, damping, stiffness : (body,) ndarray
         Linear part (kg, N s m-1, N m-1).
-    ends : (contact, 2) ndarray of int
-        Slots of the first and second body of each contact.
+    ends : Links
+        What each contact acts along: its gap, but for the clearance.
     clearance : (contact,) ndarray
         Clearances (m).
-    coupled : (coupling, 2) ndarray of int
-        Slots of the first and second body of each coupling.
+    coupled : Links
+        The same of the couplings; their extension is the negative of it.
     coupling : (2, coupling) ndarray
         Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
     flowing : (coupling,) ndarray of bool
@@ -49,9 +52,9 @@ class Model:
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
-    ends: np.ndarray
+    ends: Links
     clearance: np.ndarray
-    coupled: np.ndarray
+    coupled: Links
     coupling: np.ndarray
     flowing: np.ndarray
     members: Members
@@ -64,12 +67,14 @@ class Model:
         def slot_of(body: str | Wall) -> int:
             return slots[body] if isinstance(body, str) else len(slots)
 
+        def slots_of(link: Contact | Coupling) -> tuple[int, int]:
+            return slot_of(link.first), slot_of(link.second)
+
         bodies = list(network.oscillators.values())
         ends, coupled = (
-            np.array([(slot_of(item.first), slot_of(item.second)) for item in links.values()], dtype=np.int64)
+            Pairs(len(slots), np.array([slots_of(item) for item in links.values()], dtype=np.int64).reshape(-1, 2))
             for links in (network.contacts, network.couplings)
         )
-        ends, coupled = ends.reshape(-1, 2), coupled.reshape(-1, 2)
         return cls(
             network=network,
             mass=np.array([body.mass for body in bodies]),
@@ -80,7 +85,7 @@ class Model:
             coupled=coupled,
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
-            members=Members.of(_members(network, ends, coupled, flowing), ends, len(bodies)),
+            members=Members.of(_members(network, ends, coupled, flowing), ends),
         )
 
     @cached_property
@@ -135,18 +140,14 @@ class Model:
         return len(self.bodies)
 
     @property
-    def links(self) -> np.ndarray:
-        """Slots of the first and second body of each contact, then of each coupling, (link, 2)."""
-        return np.concatenate([self.ends, self.coupled])
+    def links(self) -> Links:
+        """Contacts, then couplings."""
+        return joined(self.ends, self.coupled)
 
     @property
     def kicking(self) -> np.ndarray:
         """Whether each link is a force of its own, not a part of the linear motion, (link,) of bool."""
         return np.concatenate([np.ones(len(self.ends), dtype=bool), ~self.flowing])
-
-    def of_links(self, strength: np.ndarray) -> np.ndarray:
-        """Return the matrix of springs of some strengths in the places of the links, (body, body)."""
-        return _springs(self.links, strength, np.arange(self.wall))
 
     @property
     def passes(self) -> int:
@@ -157,7 +158,7 @@ class Model:
         slowed = [np.zeros(0, dtype=np.int64)]
         for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
             if kind.slows:
-                slowed.append(self.ends[leading[:, 0]].ravel() if kind.role == "force" else leading[:, 0])
+                slowed.append(self.ends.chosen(leading[:, 0]).slots if kind.role == "force" else leading[:, 0])
             elif kind.role == "coupling" and "rate" in kind.kinematic:
                 slowed.append(np.repeat(leading, 2))
         numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
@@ -187,7 +188,7 @@ class Model:
     def nonlinear_bodies(self) -> np.ndarray:
         """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
-        result[self.links[self.kicking].ravel()] = True
+        result[self.links.chosen(self.kicking).slots] = True
         result[:-1] |= self.residual
         return result[:-1]
 
@@ -233,39 +234,36 @@ class Model:
 
     def touching(self) -> np.ndarray:
         """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return connected_parts(len(self.bodies), self.ends)
+        return connected_parts(self.ends)
 
     @cached_property
     def _labels(self) -> np.ndarray:
-        return connected_parts(len(self.bodies), self.links)
+        return connected_parts(self.links)
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
-        linear = self.coupling.any(axis=0)
-        pairs, (stiffness, damping) = self.coupled[linear], self.coupling[:, linear]
-        labels = connected_parts(len(self.bodies), pairs)
-        part_of_pair = labels[pairs.min(axis=1)]  # the wall has the largest slot
+        linear = np.asarray(self.coupling.any(axis=0))
+        links, (stiffness, damping) = self.coupled.chosen(linear), self.coupling[:, linear]
+        labels = connected_parts(links)
+        part_of_link = labels[links.first()]
         result = []
-        for part in np.unique(part_of_pair):
-            slots, rows = np.flatnonzero(labels == part), part_of_pair == part
-            k, c = (_springs(pairs[rows], strength[rows], slots) for strength in (stiffness, damping))
+        for part in np.unique(part_of_link):
+            slots, rows = np.flatnonzero(labels == part), part_of_link == part
+            k, c = (links.chosen(rows).springs(strength[rows], slots) for strength in (stiffness, damping))
             result.append((slots, k, c))
         return result
 
 
-def _members(
-    network: Composition, ends: np.ndarray, coupled: np.ndarray, flowing: Collection[str]
-) -> dict[Kind, list[Row]]:
+def _members(network: Composition, ends: Links, coupled: Links, flowing: Collection[str]) -> dict[Kind, list[Row]]:
     """Return what acts by its kernels, kind by kind, without the couplings that flow."""
     bodies = list(network.oscillators.values())
-    inverse_mass = np.array([*(1.0 / body.mass for body in bodies), 0.0])  # a wall does not move
+    mobilities = ends.squares(np.array([1.0 / body.mass for body in bodies])).tolist()
     result: dict[Kind, list[Row]] = {}
     for slot, contact in enumerate(network.contacts.values()):
         kind = Kind("force", type(contact.law), "force")
-        mobility = float(inverse_mass[ends[slot]].sum())
-        extra = (contact.clearance, mobility) if kind.slows else (contact.clearance,)
+        extra = (contact.clearance, mobilities[slot]) if kind.slows else (contact.clearance,)
         result.setdefault(kind, []).append((contact.law, (slot,), extra))
-    for (name, coupling), pair in zip(network.couplings.items(), coupled.tolist(), strict=True):
+    for (name, coupling), pair in zip(network.couplings.items(), coupled.pairs.tolist(), strict=True):
         kind = Kind("coupling", type(coupling.law), "force")
         result.setdefault(kind, [])  # also without a row: the text does not depend on what flows
         if name not in flowing:
@@ -293,27 +291,3 @@ def kept(function: Callable[..., Result]) -> Callable[..., Result]:
         return results[key]  # type: ignore[no-any-return]
 
     return known
-
-
-def connected_parts(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Label of the connected part of each of some bodies, (body,) of int; walls do not connect."""
-    first, second = pairs[(pairs < count).all(axis=1)].T
-    parts = np.arange(count)
-    while True:  # every body takes the smallest label in reach, which doubles each time
-        before = parts.copy()
-        lowest = np.minimum(parts[first], parts[second])
-        for side in (parts[first], parts[second], first, second):
-            np.minimum.at(parts, side, lowest)
-        parts = parts[parts]
-        if (parts == before).all():
-            labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
-            return labels
-
-
-def _springs(pairs: np.ndarray, strength: np.ndarray, slots: np.ndarray) -> np.ndarray:
-    """Matrix of springs between pairs of bodies with some slots, in increasing order, or a wall."""
-    matrix = np.zeros((len(slots) + 1, len(slots) + 1))
-    first, second = np.searchsorted(slots, pairs).T
-    for row, column, sign in ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0)):
-        np.add.at(matrix, (row, column), sign * strength)
-    return matrix[:-1, :-1]

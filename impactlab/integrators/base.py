@@ -138,16 +138,11 @@ def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
     The largest is bounded from above (Gershgorin) where there are many bodies.
     """
     if len(model.bodies) <= 300:
-        matrix = np.diag(model.stiffness) + model.of_links(tangent)
+        matrix = np.diag(model.stiffness) + model.links.springs(tangent)
         scale = 1.0 / np.sqrt(model.mass)
         return np.sqrt(np.maximum(np.linalg.eigvalsh(scale[:, None] * matrix * scale), 0.0))
-    inverse = np.append(1.0 / model.mass, 0.0)  # a wall does not move
-    first, second = model.links.T
-    bound = np.append(model.stiffness, 0.0) * inverse
-    between = tangent * np.sqrt(inverse[first] * inverse[second])
-    for side in (first, second):
-        np.add.at(bound, side, tangent * inverse[side] + between)
-    return np.asarray(np.sqrt(np.sort(bound[:-1])))
+    inverse = 1.0 / model.mass
+    return np.asarray(np.sqrt(np.sort(model.links.with_row_sums(model.stiffness * inverse, tangent, inverse))))
 
 
 def coupling_rate(model: Model) -> float:

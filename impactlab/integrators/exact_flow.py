@@ -117,7 +117,7 @@ class ExactFlow(Integrator):
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
         parts = [
-            linear & np.asarray(np.isin(model.coupled, slots).any(axis=1))
+            linear & model.coupled.any(np.isin(np.arange(model.wall), slots))
             for slots, _ in coupled_systems(model)
             if len(slots) <= MOST_COUPLED and not model.time_varying
         ]
@@ -126,7 +126,7 @@ class ExactFlow(Integrator):
             return Model.of(model.network, set(names[np.any(chosen, axis=0)].tolist())) if chosen else model
 
         step = self.recommended_step(flowing(parts), tangent, residual)
-        inverse = np.append(1.0 / model.mass, 0.0)[model.coupled].sum(axis=1)  # a wall does not move
+        inverse = model.coupled.squares(1.0 / model.mass)
         with np.errstate(invalid="ignore"):  # an infinite step
             stiff = (step**2 * model.coupling[0] * inverse > STIFF) | (step * model.coupling[1] * inverse > DAMPED)
         return flowing([part for part in parts if (part & stiff).any()])

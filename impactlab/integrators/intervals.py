@@ -47,7 +47,7 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
 def may_jump(model: Model, deviations: np.ndarray) -> bool:
     """Whether nothing but contacts acts on bodies that move each by itself."""
     alone = not (len(model.coupled) or model.members.of_role("residual")) and 0 < len(model.ends) <= MOST_CONTACTS
-    return alone and bool((deviations > 0.0).all())
+    return alone and model.ends.plain and bool((deviations > 0.0).all())
 
 
 def jump_lanes(model: Model) -> int:
@@ -74,9 +74,9 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
         state[:-1, 3] = tables.noise.draw[:, 1:2] * z[:-1, 2] + tables.noise.draw[:, 2:] * z[:-1, 3]
         state[-1] = 0.0
         size = np.append(tables.reach[:-1, 2:] * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
-        flagged = (size[model.ends].sum(axis=1) > tables.nearest[:, None]).any(axis=0).mean()
+        flagged = (size[model.ends.pairs].sum(axis=1) > tables.nearest[:, None]).any(axis=0).mean()
         touched = np.zeros(samples, dtype=bool)
-        for (first, second), limit in zip(model.ends, tables.limit[-steps:].T, strict=True):
+        for (first, second), limit in zip(model.ends.pairs, tables.limit[-steps:].T, strict=True):
             path = tables.path[-steps:]
             gap = path[:, first] @ state[first] - path[:, second] @ state[second]
             touched |= (gap > limit[:, None]).any(axis=0)
@@ -155,7 +155,7 @@ def jump_tables(
         path.append(np.concatenate([a_of[inside, :, 0], by_noise[:, :, 0]], axis=-1))
         wall = np.zeros((steps, 1))
         variance = np.concatenate([np.maximum(around[:, :, 0, 0], 0.0), wall], axis=1)
-        scatter = np.sqrt(variance[:, model.ends].sum(axis=-1))
+        scatter = np.sqrt(variance[:, model.ends.pairs].sum(axis=-1))
         limit.append(model.clearance - window - sigmas * scatter)
     factors = _cholesky(q_of[-1])
     by_x, by_v = path[-1][..., 2], path[-1][..., 3]

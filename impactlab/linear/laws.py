@@ -160,7 +160,7 @@ def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
 
 def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return those of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
-    flowing = model.coupled[model.flowing]
+    flowing = model.coupled.chosen(model.flowing).slots
     return tuple(pair for pair in coupled_systems(model) if np.isin(pair[0], flowing).any())
 
 

@@ -162,8 +162,8 @@ def _arranged(model: Model, integrator: Integrator, stiffening: Stiffening) -> M
 def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:
     """Return the variables of the contacts; NaN where the energy of a body is not known."""
     static = Stiffening.of(model, np.zeros_like(stiffening.energy)).penetration
-    unknown = ~np.append(known, True)[model.ends].all(axis=1)
-    inverse = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)  # a wall has infinite mass
+    unknown = ~model.ends.all(known)
+    inverse = model.ends.squares(1.0 / model.mass)
     tangent = np.where(unknown, np.nan, stiffening.contacts)
     with np.errstate(divide="ignore"):
         half_period = np.where(tangent == 0.0, np.nan, np.pi / np.sqrt(tangent * inverse))

@@ -75,12 +75,11 @@ class CompiledNetwork:
         return [self._event(contact) for contact in range(len(self.model.contacts))]
 
     def _event(self, contact: int) -> Callable[[float, np.ndarray], float]:
-        first, second = self.model.ends[contact]
+        link = self.model.ends.chosen(np.array([contact]))
         clearance = float(self.model.clearance[contact])
 
         def indentation(t: float, y: np.ndarray) -> float:
-            x = np.append(y[: len(self.model.bodies)], 0.0)  # the wall is the last body
-            return float(x[first] - x[second]) - clearance
+            return float(link.gap(y[: len(self.model.bodies)])[0]) - clearance
 
         return indentation
 

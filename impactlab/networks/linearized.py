@@ -44,13 +44,13 @@ class LinearizedNetwork:
     def of(cls, model: Model, stiffening: Stiffening) -> LinearizedNetwork:
         """Linearize a network where its bodies have the energies of `stiffening`."""
         dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1]])
-        kicking = model.kicking
+        kicking, springs = model.kicking, model.links.springs
         return cls(
             model,
-            np.diag(model.stiffness) + model.of_links(stiffening.links * ~kicking),
-            np.diag(model.damping) + model.of_links(dampers * ~kicking),
-            model.of_links(stiffening.links * kicking) + np.diag(stiffening.bodies),
-            model.of_links(dampers * kicking),
+            np.diag(model.stiffness) + springs(stiffening.links * ~kicking),
+            np.diag(model.damping) + springs(dampers * ~kicking),
+            springs(stiffening.links * kicking) + np.diag(stiffening.bodies),
+            springs(dampers * kicking),
         )
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,7 @@ def counts_closings(
     varying = model.lines or model.forced or model.time_varying or isinstance(start, np.ndarray)
     if varying or not model.white or not integrator.kicks or model.dissipative:
         return bool(len(model.ends))
-    touching = np.unique(model.ends[model.ends < model.wall])
+    touching = model.ends.coordinates()
     return bool(
         (_abrupt(model, stiffening) | _together(model, stiffening)).any()
         or _kicked(model, stiffening, step)[touching].any()
@@ -65,36 +65,30 @@ def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Whether the relative motion of the bodies of each contact is much colder than they are, (contact,) of bool."""
     variance = linear_variances(model)[1]
     cold = (model.damping == 0.0) & ~model.excited & (variance == 0.0)  # as hot as their part
-    variance = np.append(np.where(cold, hottest(model, model.mass * variance) / model.mass, variance), 0.0)
-    first, second = model.ends.T
-    relative = variance[first] + variance[second]
+    variance = np.where(cold, hottest(model, model.mass * variance) / model.mass, variance)
+    relative = model.ends.squares(variance)
     for slots, system in coupled_systems(model):
         if system.covariance is not None and system.intensity.any():
-            place = np.full(model.wall + 1, -1)
-            place[slots] = np.arange(len(slots))
-            both = np.flatnonzero((place[model.ends] >= 0).all(axis=1))
-            velocities = system.covariance[len(slots) :, len(slots) :]
-            relative[both] -= 2.0 * velocities[place[first[both]], place[second[both]]]
-    mobility = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)
-    return np.asarray(stiffening.energy[model.ends.min(axis=1)] * mobility > COLDER * relative)
+            relative += model.ends.mixed(system.covariance[len(slots) :, len(slots) :], slots)
+    mobility = model.ends.squares(1.0 / model.mass)
+    return np.asarray(stiffening.energy[model.ends.first()] * mobility > COLDER * relative)
 
 
 def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:
     """Whether static loads, residual forces or couplings kick each body too strongly, (body,) of bool."""
     kicks = model.kicking.copy()
     kicks[: len(model.ends)] = False
-    own = np.append(stiffening.bodies, 0.0)
-    for side in model.links[kicks].T:
-        np.add.at(own, side, stiffening.links[kicks])
-    alone = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1] <= 1
+    own = model.links.chosen(kicks).with_strengths(stiffening.bodies, stiffening.links[kicks])
+    alone = model.links.chosen(model.kicking).numbers() <= 1
     with np.errstate(divide="ignore", invalid="ignore"):
         thermal = np.sqrt(stiffening.energy / model.mass)
         static = 0.5 * step / model.mass * np.abs(stiffening.rest) / flexibility(model)
-    stopped = (step * model.damping > STOPPED * model.mass)[np.unique(model.ends[model.ends < model.wall])]
+    stopped = (step * model.damping > STOPPED * model.mass)[model.ends.coordinates()]
     overlapping = np.zeros(model.wall + 1, dtype=bool)
-    overlapping[model.ends[-model.clearance > PRESSED * stiffening.penetration]] = not stopped.any()
+    pressing = -model.clearance > PRESSED * stiffening.penetration
+    overlapping[model.ends.chosen(pressing).slots] = not stopped.any()
     pressed = ~(alone & ~model.residual) & (overlapping[:-1] | (static > STEADY_KICK * thermal))
-    return np.asarray(pressed | (step**2 * own[:-1] / (6.0 * model.mass) > OWN_KICKS))
+    return np.asarray(pressed | (step**2 * own / (6.0 * model.mass) > OWN_KICKS))
 
 
 def jitter(model: Model, step: float, duration: float) -> np.ndarray:
@@ -107,5 +101,4 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     for item in lines_of(model):
         near = np.abs(np.log2(item.frequencies * step / np.pi)) < 1.0
         density[item.body] += 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
-    of_bodies = np.append(2.0 * np.pi * step * density / model.mass**2, 0.0)
-    return np.asarray(np.sqrt(of_bodies[model.ends].sum(axis=1)))
+    return np.asarray(np.sqrt(model.ends.squares(2.0 * np.pi * step * density / model.mass**2)))

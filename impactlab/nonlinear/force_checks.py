@@ -88,8 +88,7 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
     InvalidInput
         Names the law, the place and the value.
     """
-    inverse = np.append(1.0 / model.mass, 0.0)[model.ends].sum(axis=1)
-    speed = np.sqrt(2.0 * energy[model.ends.min(axis=1)] * inverse) if len(model.ends) else np.zeros(0)
+    speed = np.sqrt(2.0 * energy[model.ends.first()] * model.ends.squares(1.0 / model.mass))
     contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
     _check(contacts, np.linspace(0.0, 1.0, max(4, min(PLACES, VALUES // max(1, len(contacts))))), everywhere=True)
     _check([*_couplings(model), *_residuals(model)], np.array([0.0, -1.0, 1.0]), everywhere=False)
@@ -175,7 +174,7 @@ def _couplings(model: Model) -> list[_Force]:
     couplings = model.network.couplings
     if not couplings:
         return []
-    length = _length(model)[model.coupled].max(axis=1)
+    length = model.coupled.largest(_length(model))
     return [
         _Force(f"coupling {name!r}", law, "force", "extension", scale, 0.0)
         for name, law, scale in _unique(couplings, (item.law for item in couplings.values()), length)
@@ -188,7 +187,7 @@ def _residuals(model: Model) -> list[_Force]:
     bodies = model.network.oscillators
     return [
         _Force(f"body {name!r}", body, "residual", "displacement", scale, 0.0)
-        for name, body, scale in _unique(bodies, bodies.values(), _length(model)[:-1])
+        for name, body, scale in _unique(bodies, bodies.values(), _length(model))
         if body.has_kernel("residual")
     ]
 
@@ -202,6 +201,6 @@ def _unique(members: Mapping[str, Any], components: Iterable[Any], *columns: np.
 
 
 def _length(model: Model) -> np.ndarray:
-    """Return the deviation of each body without contacts, 1 m where it is not known, 0 of the wall (m)."""
+    """Return the deviation of each body without contacts, 1 m where it is not known (m)."""
     length = spread(model)[0]
-    return np.append(np.where(np.isfinite(length), length, 1.0), 0.0)
+    return np.where(np.isfinite(length), length, 1.0)

@@ -158,18 +158,20 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
     differ = {part: bool(np.ptp(theirs) > SAME * theirs.max()) for part, theirs in bathed.items()}
     for part, theirs in bathed.items():
         result[members[part]] = np.where(cold[members[part]], theirs.max(), own[members[part]])
-    inside = np.flatnonzero((model.links < model.wall).all(axis=1))  # a wall takes nothing
-    inside = inside[np.argsort(labels[model.links[inside, 0]], kind="stable")]
-    ends = np.searchsorted(labels[model.links[inside, 0]], np.arange(len(members) + 1))
+    exchanges = model.links.exchanges(model.mass)
+    of_pair = labels[exchanges.first]
+    order = np.argsort(of_pair, kind="stable")
+    ends = np.searchsorted(of_pair[order], np.arange(len(members) + 1))
     longest, slowest = 0.0, -1
     for round_ in range(ITERATIONS if any(differ.values()) else 1):  # how often bodies collide depends on these
-        conductance = _conductances(model, stiffening, result)
+        conductance = exchanges.share * _meetings(model, stiffening, result)[exchanges.rows]
+        conductance = np.where(np.isfinite(conductance), conductance, 0.0)
         for part, theirs in bathed.items():
             if round_ and not differ[part]:
                 continue
-            slots, links = members[part], inside[ends[part] : ends[part + 1]]
-            first, second = np.searchsorted(slots, model.links[links]).T
-            temperatures, time, place = _settled(first, second, conductance[links], loss[slots], own[slots])
+            slots, pairs = members[part], order[ends[part] : ends[part + 1]]
+            first, second = (np.searchsorted(slots, side[pairs]) for side in (exchanges.first, exchanges.second))
+            temperatures, time, place = _settled(first, second, conductance[pairs], loss[slots], own[slots])
             if differ[part]:
                 result[slots] = [_rounded(max(item, theirs.min())) for item in temperatures.tolist()]
             if time > longest:
@@ -183,12 +185,12 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
 
     Then the start is at rest.
     """
-    variance = np.append(hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model), 0.0)
+    variance = hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model)
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = model.clearance / np.sqrt(2.0 * variance[model.ends].sum(axis=1))
+        reach = model.clearance / np.sqrt(2.0 * model.ends.squares(variance))
     open_ = [0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()]
     attempts = np.zeros(labels.max() + 1)
-    np.add.at(attempts, labels[model.ends.min(axis=1)], -np.log(np.maximum(open_, 1e-300)))
+    np.add.at(attempts, labels[model.ends.first()], -np.log(np.maximum(open_, 1e-300)))
     return np.asarray(attempts > MOST_ATTEMPTS)
 
 
@@ -197,15 +199,14 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
 
     Infinite where it is not known: nothing holds a body, or a residual force or a coupling may push it to the contact.
     """
-    mass, flexible = np.append(model.mass, np.inf), np.append(flexibility(model), 0.0)
-    warmth = np.append(stiffening.energy, 0.0)[model.ends].max(axis=1, initial=0.0)
-    pushed = np.append(model.residual, False)
-    pushed[model.links[np.concatenate([model.clearance < 0.0, np.ones(len(model.coupled), dtype=bool)])]] = True
+    warmth, pushed = model.ends.largest(stiffening.energy), np.append(model.residual, False)
+    pushed[model.ends.chosen(model.clearance < 0.0).slots] = True
+    pushed[model.coupled.slots] = True
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        variance = warmth * flexible[model.ends].sum(axis=1)
-        velocity = np.sqrt(warmth * (1.0 / mass[model.ends]).sum(axis=1))
+        variance = warmth * model.ends.squares(flexibility(model))
+        velocity = np.sqrt(warmth * model.ends.squares(1.0 / model.mass))
         rate = _rice(velocity, variance, np.maximum(model.clearance, 0.0))
-    return np.where(pushed[model.ends].any(axis=1) | ~np.isfinite(variance), np.inf, rate)
+    return np.where(model.ends.any(pushed[:-1]) | ~np.isfinite(variance), np.inf, rate)
 
 
 def _rice(velocity: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:
@@ -213,22 +214,16 @@ def _rice(velocity: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.n
     return np.asarray(velocity / (2.0 * np.pi * np.sqrt(variance)) * np.exp(-0.5 * level**2 / variance))
 
 
-def _conductances(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
-    """Return the part of a difference of temperatures that each link takes away in a second, (link,) (s-1)."""
-    contacts = len(model.contacts)
-    mass = np.append(model.mass, np.inf)[model.links]
-    warmth = np.append(temperature, 0.0)[model.links]
-    flexible = np.append(flexibility(model), 0.0)[model.ends]
+def _meetings(model: Model, stiffening: Stiffening, temperature: np.ndarray) -> np.ndarray:
+    """Return how often bodies meet along each link at some temperatures, (link,) (s-1)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        exchanged = np.where(np.isfinite(mass).all(axis=1), 4.0 / (2.0 + mass / mass[:, ::-1]).sum(axis=1), 0.0)
-        velocity = np.sqrt((warmth / mass).sum(axis=1)[:contacts])
-        variance = (warmth[:contacts] * flexible).sum(axis=1)
+        velocity = np.sqrt(model.ends.squares(temperature / model.mass))
+        variance = model.ends.squares(temperature * flexibility(model))
         apart = np.maximum(model.clearance, 0.0)
         bound = _rice(velocity, variance, apart)
         free = velocity / (apart + stiffening.penetration) / math.sqrt(2.0 * math.pi)  # these fly to and fro
-        springs = np.sqrt(stiffening.couplings * (1.0 / mass[contacts:]).sum(axis=1)) / (2.0 * np.pi)
-    result = exchanged * np.concatenate([np.where(np.isfinite(variance), bound, free), springs])
-    return np.where(np.isfinite(result), result, 0.0)
+        springs = np.sqrt(stiffening.couplings * model.coupled.squares(1.0 / model.mass)) / (2.0 * np.pi)
+    return np.concatenate([np.where(np.isfinite(variance), bound, free), springs])
 
 
 def _settled(
@@ -259,7 +254,7 @@ def _hopping(model: Model) -> tuple[float, bool, int]:
     """Return the longest time between changes of wells (s), whether wells differ in depth, and of which body it is."""
     longest, uneven, trapped = 0.0, False, -1
     temperature = model.mass * linear_variances(damped(model)[0])[1]
-    touched = np.bincount(model.links.ravel(), minlength=model.wall + 1)[:-1] > 0
+    touched = model.links.numbers() > 0
     seen: dict[tuple[Oscillator, float], tuple[float, bool]] = {}
     for slot in np.flatnonzero(model.residual):
         body = model.network.oscillators[model.bodies[slot]]
@@ -344,5 +339,5 @@ def _of_laws(model: Model) -> np.ndarray:
     network = model.network
     of_contacts = ["rate" in item.law.kernel("force")[1] for item in network.contacts.values()]
     of_couplings = [item.law.dissipative for item in network.couplings.values()]
-    slots: np.ndarray = model.links[np.flatnonzero(of_contacts + of_couplings)].min(axis=1)
+    slots: np.ndarray = model.links.first()[np.flatnonzero(of_contacts + of_couplings)]
     return slots

@@ -53,12 +53,12 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
 def measured_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
     """Return the energy that bodies bring into collisions where their mean square velocities are known (J), (body,).
 
-    Of contacts and couplings it is that of their relative motion at most, ``E[v₁²] + E[v₂²]`` over 1/m₁ + 1/m₂: a heavy
-    base that is shaken brings no more of its own.
+    Of contacts and couplings it is that of their relative motion at most, ``E[v₁²] + E[v₂²]`` over 1/m₁ + 1/m₂, or
+    ``Σ w² E[v²]`` over ``Σ w²/m``: a heavy base that is shaken brings no more of its own.
     """
-    inverse, square = np.append(1.0 / model.mass, 0.0)[model.links], np.append(velocity, 0.0)[model.links]
+    links = model.links
     energy = np.append(np.where(model.residual, model.mass * velocity, 0.0), 0.0)
-    np.maximum.at(energy, model.links.ravel(), np.repeat(square.sum(axis=1) / inverse.sum(axis=1), 2))
+    np.maximum.at(energy, links.slots, (links.squares(velocity) / links.squares(1.0 / model.mass))[links.rows])
     return SCATTER * energy[:-1]
 
 
@@ -66,17 +66,13 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     """Energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
     displacement, velocity = start
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
-    place = np.append(displacement, 0.0)
     result = np.append(energy, 0.0)
-    first, second = model.ends.T
     laws = [contact.law for contact in model.network.contacts.values()]
-    of_contacts = _work(_Contacts(laws), place[first] - place[second] - model.clearance)
-    np.add.at(result, model.ends.ravel(), np.repeat(of_contacts, 2))
-    first, second = model.coupled.T
-    of_couplings = _work(
-        _Couplings([item.law for item in model.network.couplings.values()]), place[second] - place[first]
-    )
-    np.add.at(result, model.coupled.ravel(), np.repeat(np.maximum(of_couplings, 0.0), 2))
+    of_contacts = _work(_Contacts(laws), model.ends.gap(displacement) - model.clearance)
+    np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
+    forces = _Couplings([item.law for item in model.network.couplings.values()])
+    of_couplings = np.maximum(_work(forces, -model.coupled.gap(displacement)), 0.0)
+    np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
 
 
@@ -128,22 +124,20 @@ class Stiffening:
         The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
         ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
         """
-        yielding = np.append(flexibility(model), 0.0)  # a wall does not
+        yielding = flexibility(model)
         overlap = np.maximum(-model.clearance, 0.0)
-        compliance = np.where(overlap > 0.0, yielding[model.ends].sum(axis=1), 0.0)
+        compliance = np.where(overlap > 0.0, model.ends.squares(yielding), 0.0)
         laws = [contact.law for contact in model.network.contacts.values()]
-        columns = (item.tolist() for item in (energy[model.ends.min(axis=1)], overlap, compliance))
+        columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
         found, places = of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         profiles = [(Profiles.of(found[3:]), places)]
-        rest = np.zeros(len(model.mass) + 1)
-        np.add.at(rest, model.ends[:, 0], -force)
-        np.add.at(rest, model.ends[:, 1], force)
-        rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)[:-1]
+        rest = model.ends.pushes(force)
+        rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
         couplings = model.coupling[0].copy()
         nonlinear = np.flatnonzero(couplings == 0.0)
         forces = [coupling.law for coupling in model.network.couplings.values()]
-        heats = energy[model.coupled[nonlinear].min(axis=1)].tolist()
+        heats = energy[model.coupled.first()[nonlinear]].tolist()
         rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
         found, places = of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
         couplings[nonlinear] = found[0, places]
@@ -270,16 +264,16 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
     It is the penetration or the spread of the gap, whichever is smaller, or that of another contact
     which a body of it has: penetration and spread of what is touched there. 1 if nothing moves.
     """
-    variance = np.append(spread(model)[0] ** 2, 0.0)
-    of_gap = np.sqrt(variance[model.ends].sum(axis=1))
+    variance = spread(model)[0] ** 2
+    of_gap = np.sqrt(model.ends.squares(variance))
     depth = np.where(penetration > 0.0, penetration, np.inf)
     scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)
-    narrowest = np.full(len(variance), np.inf)
-    reach = np.sqrt(np.where(np.isnan(variance), np.inf, variance))  # free bodies without noise: unknown
-    for side in (0, 1):
-        np.minimum.at(narrowest, model.ends[:, side], np.hypot(depth, reach[model.ends[:, 1 - side]]))
+    narrowest = np.full(model.wall + 1, np.inf)
+    unknown = np.where(np.isnan(variance), np.inf, variance)  # of free bodies without noise
+    size, slots, rows = np.abs(model.ends.weights), model.ends.slots, model.ends.rows
+    np.minimum.at(narrowest, slots, np.hypot(depth[rows], np.sqrt(model.ends.others(unknown))) / size)
     narrowest[-1] = np.inf  # a wall keeps no bodies from each other
-    scale = np.minimum(scale, narrowest[model.ends].min(axis=1))
+    np.minimum.at(scale, rows, size * narrowest[slots])
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 

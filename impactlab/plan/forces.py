@@ -76,15 +76,15 @@ def _kicked(model: Model, likely: np.ndarray) -> np.ndarray:
     acting = model.kicking.copy()
     acting[: len(likely)] &= likely
     result = np.append(model.residual, False)
-    result[model.links[acting].ravel()] = True
+    result[model.links.chosen(acting).slots] = True
     return result[:-1]
 
 
 def _half_kick(model: Model, step: float) -> np.ndarray:
     """Return `Forces.half_kick`."""
-    touching = np.bincount(model.links[model.kicking].ravel(), minlength=model.wall + 1)[:-1]
+    touching = model.links.chosen(model.kicking).numbers()
     alone = (touching <= 1) & ~model.residual
-    of_contacts = np.unique(model.ends[model.ends < model.wall])
+    of_contacts = model.ends.coordinates()
     friction = step * model.damping / model.mass
     for slots, _ in flowing_systems(model):
         friction[slots] = 0.0

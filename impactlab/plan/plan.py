@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from impactlab.assembly.model import connected_parts
+from impactlab.assembly.links import connected_parts
 from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
@@ -79,7 +79,7 @@ class Plan:
         driven = np.zeros(len(self.system.bodies), dtype=bool)
         for slots in (self.noise.rows, self.driving.forced, *(slots for slots, _ in self.driving.responses)):
             driven[slots] = True
-        labels = connected_parts(len(driven), self.system.links)
+        labels = connected_parts(self.system.links)
         return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
     def seconds(self, workers: int) -> float:

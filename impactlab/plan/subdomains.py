@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.assembly.links import Pairs
 from impactlab.assembly.members import packed
 from impactlab.assembly.model import Model
 from impactlab.machine import tuning
@@ -51,10 +52,10 @@ class Subdomains:
         """Cut a network into tiles; `reach` are evaluations of forces in a step, 0 if tiles are not wanted."""
         bodies, sizes = len(model.bodies), tuning()
         count = bodies // sizes.tile_bodies
-        if count < 2 or not reach:
+        if count < 2 or not reach or not model.ends.plain:
             return cls(0, ())
         bounds = np.arange(count + 1) * bodies // count
-        between = model.ends[(model.ends < bodies).all(axis=1)]
+        between = model.ends.pairs[(model.ends.pairs < bodies).all(axis=1)]
         both = np.concatenate([between, between[:, ::-1]])
         both = both[np.argsort(both[:, 0], kind="stable")]
         begin = np.searchsorted(both[:, 0], np.arange(bodies + 1))
@@ -90,11 +91,11 @@ def _near(begin: np.ndarray, neighbours: np.ndarray, start: np.ndarray, distance
 
 
 def _tile(model: Model, slots: np.ndarray, own: int) -> Tile:
-    wall = model.wall
+    wall, pairs = model.wall, model.ends.pairs
     place = np.full(wall + 1, -1)
     place[slots], place[wall] = np.arange(len(slots)), len(slots)
-    contacts = np.flatnonzero((place[model.ends] >= 0).all(axis=1))
-    owner = np.where(model.ends[:, 0] < wall, model.ends[:, 0], model.ends[:, 1])[contacts]
+    contacts = np.flatnonzero((place[pairs] >= 0).all(axis=1))
+    owner = np.where(pairs[:, 0] < wall, pairs[:, 0], pairs[:, 1])[contacts]
     mine = place[owner] < own
     contacts = np.concatenate([contacts[mine], contacts[~mine]])
     places = {"force": np.full(len(model.ends), -1), "residual": place}
@@ -107,6 +108,6 @@ def _tile(model: Model, slots: np.ndarray, own: int) -> Tile:
             tables.append((here[order, None], numbers[order]))
         else:  # nothing that a tile evaluates
             tables.append((leading[:0], numbers[:0]))
-    ends = place[model.ends[contacts]]
-    parameters, indices = packed(tables, ends, len(slots), contacts)
+    ends = place[pairs[contacts]]
+    parameters, indices = packed(tables, Pairs(len(slots), ends), contacts)
     return Tile(slots, contacts, int(own), int(np.count_nonzero(mine)), ends, parameters, indices)

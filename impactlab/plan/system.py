@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impactlab.assembly.links import Links, Pairs
 from impactlab.assembly.model import Model
 from impactlab.plan.subdomains import Tile
 
@@ -20,18 +21,20 @@ class System:
         Names by slot.
     linear : (3, body) ndarray
         Mass, damping and stiffness.
-    ends, clearance : ndarray
-        Of the contacts: slots of the bodies, (contact, 2), and clearance (m).
-    links : (link, 2) ndarray of int
-        Slots of the bodies of each contact, then of each coupling.
+    ends : Links
+        What contacts act along.
+    clearance : (contact,) ndarray
+        Their clearances (m).
+    links : Links
+        Contacts, then couplings.
     """
 
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
     linear: np.ndarray
-    ends: np.ndarray
+    ends: Links
     clearance: np.ndarray
-    links: np.ndarray
+    links: Links
 
     @classmethod
     def of(cls, model: Model) -> System:
@@ -41,11 +44,12 @@ class System:
 
     def restricted(self, tile: Tile) -> System:
         """Return those of a tile."""
+        ends = Pairs(len(tile.bodies), tile.ends)
         return System(
             tuple(self.bodies[slot] for slot in tile.bodies),
             tuple(self.contacts[slot] for slot in tile.contacts),
             self.linear[:, tile.bodies],
-            tile.ends,
+            ends,
             self.clearance[tile.contacts],
-            tile.ends,
+            ends,
         )

@@ -277,7 +277,7 @@ def _reach(model: Model, quantity: str) -> tuple[np.ndarray, np.ndarray]:
     stiffening = Stiffening.of(model, 0.5 * DEVIATIONS**2 * energy)
     rest = np.where(loose, 0.0, stiffening.rest)
     low, high = (np.append(rest + sign * DEVIATIONS * scale[0], 0.0) for sign in (-1.0, 1.0))
-    first, second = model.ends.T
+    first, second = model.ends.pairs.T if model.ends.plain else np.zeros((2, 0), dtype=np.int64)
     farthest = model.clearance + stiffening.penetration
     for _ in range(int(loose.sum())):  # what holds a body that no spring holds, from neighbour to neighbour
         before = low.copy(), high.copy()

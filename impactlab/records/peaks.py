@@ -178,7 +178,7 @@ class _Peaks(Keeper):
         self.record, self.parts, self.window = record, samples_per_realization(plan), record.steps_per_window(plan)
         bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
         slots = [plan.system.contacts.index(name) for name, _ in record.limits]
-        ends = plan.system.ends[slots]
+        ends = plan.system.ends.pairs[slots]
         first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
         self.forces = first[2] + np.array(slots, dtype=np.int64)
         self.rows = np.column_stack([*(np.where(ends < bodies, row + ends, -1) for row in first[:2]), self.forces])

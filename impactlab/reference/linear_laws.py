@@ -70,7 +70,7 @@ class LinearPart:
     @cached_property
     def _system(self) -> LinearSystem:
         model = self._model
-        springs, dampers = (model.of_links(strength) for strength in model.coupling)
+        springs, dampers = (model.links.springs(strength) for strength in model.coupling)
         damping, stiffness = np.diag(model.damping) + dampers, np.diag(model.stiffness) + springs
         return LinearSystem(model.mass, damping, stiffness, model.initial_intensities)
 

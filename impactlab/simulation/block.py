@@ -151,8 +151,8 @@ class Block:
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
         """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
-        first, second = self.plan.system.ends[contacts].T
-        closed: np.ndarray = np.sum(x[first] - x[second] > self.plan.system.clearance[contacts, None], axis=0)
+        gap = self.plan.system.ends.chosen(contacts).gap(x)
+        closed: np.ndarray = np.sum(gap > self.plan.system.clearance[contacts, None], axis=0)
         return closed
 
     def _start_with_series(self) -> Series:
@@ -165,10 +165,10 @@ class Block:
             Cosines(seed, lines, response.T, True, interval if method.takes_response else None, needed)
             for lines, (_, response) in zip(driving.lines, driving.responses, strict=True)
         ]
-        last = np.full(plan.system.linear.shape[1] + 1, -1)
+        last = np.full(plan.system.linear.shape[1], -1)
         for index, (slots, _) in enumerate(plan.driving.responses):
             last[slots] = index
-        latest = last[plan.system.ends].max(axis=1)
+        latest = plan.system.ends.largest(last, -1)
         self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
         if not method.takes_response:
             sampled = [Cosines(seed, item, np.ones((1, 1)), False, interval, needed) for item in driving.lines]
@@ -385,11 +385,10 @@ class Block:
         """Tell where the gaps are from which closings are counted, if they are."""
         if not self.plan.observed.counted:
             return
-        first, second = self.plan.system.ends[: self.plan.observed.contacts].T
-        self.sums.closings.before[0] = (
-            x[first] - x[second] - self.plan.system.clearance[: self.plan.observed.contacts, None]
-        )
-        self.sums.closings.before[1] = v[first] - v[second]
+        contacts = slice(self.plan.observed.contacts)
+        ends, clearance = self.plan.system.ends.chosen(contacts), self.plan.system.clearance[contacts, None]
+        self.sums.closings.before[0] = ends.gap(x) - clearance
+        self.sums.closings.before[1] = ends.gap(v)
 
     def segment(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
@@ -409,9 +408,8 @@ class Block:
         x, f = state.x[:-1], state.total[:-1]
         v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
         bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
-        one, other = plan.system.ends.T
         contacts = np.zeros_like(self.sums.contacts)
-        contacts[CLOSED] = state.reading[one] - state.reading[other] > plan.system.clearance[:, None]
+        contacts[CLOSED] = plan.system.ends.gap(state.reading) > plan.system.clearance[:, None]
         contacts[FORCE] = state.contact_force
         products = np.zeros_like(self.sums.products)
         if products.size:

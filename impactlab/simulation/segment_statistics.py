@@ -100,7 +100,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     moved = np.append(coarse.noise.random, False)
     if not coarse.steady or not moved.any():  # else what a start has left of a body that nothing moves is no motion
         moved[:] = True
-    still = {BODY: ~moved[:-1], CONTACT: ~moved[model.ends].any(axis=1)}
+    still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
     bias, error, measured = {}, {}, {}
     for name in BIASED:
         if name not in of_coarse or not len(of_coarse[name]):
@@ -197,7 +197,7 @@ def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:
     """Slots of bodies, or of one body of each contact."""
-    return model.ends.min(axis=1) if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
+    return model.ends.first() if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
 
 
 def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:

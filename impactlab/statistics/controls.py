@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impactlab.assembly.links import Links
 from impactlab.results.schema import BODY, CONTACT, STATISTICS, Estimate, Moments, stationary
 from impactlab.statistics.regression import Mean, Regression
 
@@ -143,7 +144,7 @@ def neighbours(links: np.ndarray, kicked: np.ndarray) -> Near:
     return Near(BODY, pairs[~np.append(False, several)], kicked)
 
 
-def touching(ends: np.ndarray, bodies: int) -> Near:
-    """Return, for each contact of two `ends`, its bodies, the first body first."""
-    pairs = np.stack([np.repeat(np.arange(len(ends)), 2), ends.ravel()], axis=1)
-    return Near(CONTACT, pairs[pairs[:, 1] < bodies], np.ones(len(ends), dtype=bool))
+def touching(ends: Links) -> Near:
+    """Return, for each contact, its bodies, the first body first."""
+    pairs = np.stack([ends.rows, ends.slots], axis=1)
+    return Near(CONTACT, pairs[ends.slots < ends.count], np.ones(len(ends), dtype=bool))

@@ -99,7 +99,7 @@ def _by_realization(units: Units) -> dict[str, np.ndarray]:
 def _forget(plan: Plan, values: Values) -> None:
     """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
     of_bodies = ~plan.noise.random
-    of_contacts = ~np.append(plan.noise.random, False)[plan.system.ends].any(axis=1)
+    of_contacts = ~plan.system.ends.any(plan.noise.random)
     for variable, (value, error) in values.labelled():
         still = of_contacts if variable.dimension == CONTACT else of_bodies
         error[still] = np.where(value[still] != 0.0, np.nan, 0.0)
@@ -115,7 +115,7 @@ def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Val
         same = np.ptp(statistic.formed(moments.of(statistic)), axis=-1) == 0.0
         error[same | (events.closings == 0.0)] = np.nan  # what was the same in all units is not known exactly
     widening = memory.widening(len(units.weights))
-    of_ends = np.append(widening, 1.0)[plan.system.ends].max(axis=1, initial=1.0)
+    of_ends = plan.system.ends.largest(widening, 1.0)
     for variable, (_, error) in values.labelled():
         error *= of_ends if variable.dimension == CONTACT else widening
 

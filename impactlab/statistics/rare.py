@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.assembly.model import connected_parts
+from impactlab.assembly.links import connected_parts
 from impactlab.errors import warn
 from impactlab.plan.observed import WINDOW
 from impactlab.plan.plan import Plan
@@ -55,7 +55,7 @@ class Events:
     def seldom(self, plan: Plan) -> np.ndarray:
         """Whether a contact of each body closed, or its kicks acted, too seldom for balances, (body,) of bool."""
         seldom = np.zeros(len(plan.system.bodies) + 1, dtype=bool)
-        seldom[plan.system.ends[(self.closings < CLOSINGS) & plan.forces.likely]] = True
+        seldom[plan.system.ends.chosen((self.closings < CLOSINGS) & plan.forces.likely).slots] = True
         return np.asarray(seldom[:-1] | (plan.forces.kicked & (self.pushes < CLOSINGS)))
 
 
@@ -81,9 +81,7 @@ def widen_contacts(plan: Plan, events: Events, kinetic: np.ndarray, estimates: E
     varies near contact.
     """
     rare = np.flatnonzero((events.closings > 0.0) & (events.closings < CLOSINGS))
-    inverse_mass = np.append(1.0 / plan.system.linear[0], 0.0)
-    square = np.append(kinetic, 0.0)
-    inverse_mass, square = (item[plan.system.ends[rare]].sum(axis=1) for item in (inverse_mass, square))
+    inverse_mass, square = map(plan.system.ends.chosen(rare).squares, (1.0 / plan.system.linear[0], kinetic))
     approach = np.sqrt(2.0 * np.maximum(square, 0.0))
     with np.errstate(divide="ignore"):
         duration = np.pi * plan.observed.window[rare] / WINDOW / approach
@@ -103,7 +101,7 @@ def widen_bodies(plan: Plan, events: Events, kinetic: np.ndarray, estimates: Est
     if not moved.size:
         return
     mass, _, stiffness = plan.system.linear
-    labels = connected_parts(len(mass), plan.system.links)
+    labels = connected_parts(plan.system.links)
     hottest = np.zeros(labels.max(initial=-1) + 1)
     np.maximum.at(hottest, labels, mass * kinetic)
     time = plan.clock.step * plan.clock.steps * plan.realizations.number

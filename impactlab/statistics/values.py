@@ -51,8 +51,8 @@ class Values:
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
         if usable.any() and mean.trusted and plan.clock.settled and not off:
-            bodies = neighbours(plan.system.links, _kicked(plan))
-            contacts = touching(plan.system.ends, len(plan.system.bodies))
+            bodies = neighbours(plan.system.links.pairs, _kicked(plan))
+            contacts = touching(plan.system.ends)
             direct, combined = combined, {}
             for near in (bodies, contacts):
                 combined |= controlled(near, moments, mean, usable)

@@ -94,7 +94,7 @@ def stopping_step(model: Model) -> float:
     """
     if model.lines:  # see `series_step`
         return math.inf
-    touching = np.unique(model.ends[model.ends < model.wall])
+    touching = model.ends.coordinates()
     fastest = float((model.damping[touching] / model.mass[touching]).max(initial=0.0))
     return 1.0 / fastest if fastest else math.inf
 

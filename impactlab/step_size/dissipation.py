@@ -43,7 +43,7 @@ def damping_step(model: Model, stiffening: Stiffening) -> float:
 def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rates at which contacts, couplings and residual forces slow bodies down (s-1).
 
-    They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v (1/m₁ + 1/m₂)`` over normal
+    They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v Σ w²/m`` over normal
     velocities of the energy that the bodies bring, at some indentations, extensions or displacements.
 
     Returns
@@ -51,24 +51,24 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     (contact,), (coupling,), (body,) ndarray
     """
     network = model.network
-    inverse_mass = np.append(1.0 / model.mass, 0.0)  # a wall does not move
+    inverse_mass = 1.0 / model.mass
     energy = np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
-    mobility = inverse_mass[model.ends].sum(axis=1)
+    mobility = model.ends.squares(inverse_mass)
     contacts = _rates(
         [item.law for item in network.contacts.values()],
         "force",
         np.multiply.outer(stiffening.penetration, DEPTHS),
         mobility,
-        energy[model.ends.min(axis=1)],
+        energy[model.ends.first()],
         1.0,
     )
-    extension = _deviations(energy[model.coupled.min(axis=1)], stiffening.couplings)
+    extension = _deviations(energy[model.coupled.first()], stiffening.couplings)
     couplings = _rates(
         [item.law for item in network.couplings.values()],
         "force",
         np.multiply.outer(extension, PLACES),
-        inverse_mass[model.coupled].sum(axis=1),
-        energy[model.coupled.min(axis=1)],
+        model.coupled.squares(inverse_mass),
+        energy[model.coupled.first()],
     )
     displacement = _deviations(energy, model.stiffness + stiffening.bodies)
     bodies = np.zeros(len(model.mass))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.assembly.links import Links, Pairs, joined
 from impactlab.assembly.model import Model
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.errors import warn
@@ -41,16 +42,11 @@ def _decays(model: Model) -> tuple[np.ndarray, np.ndarray]:
     Items are contacts, couplings, and bodies. A part is counted only if nothing cools the bodies of some item of it,
     which then warm those that something cools; otherwise it is 0.
     """
-    mass = np.append(model.mass, np.inf)
-    friction, damping = np.append(model.damping, 0.0), model.coupling[1]
-    bodies = np.append(friction[:-1] / model.mass, 0.0)
-    items = np.concatenate([model.links, np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)])
-    with np.errstate(invalid="ignore"):
-        own = (friction / mass**2)[items].sum(axis=1) / (1.0 / mass)[items].sum(axis=1)
-    labels = np.append(model.connected(), 0)
-    of_item = labels[items.min(axis=1)]
-    total = np.bincount(labels[:-1], bodies[:-1])
-    np.add.at(total, labels[model.coupled.min(axis=1)], damping * (1.0 / mass)[model.coupled].sum(axis=1))
+    mass, items, labels = model.mass, _items(model), model.connected()
+    own = items.squares(model.damping / mass**2) / items.squares(1.0 / mass)
+    of_item = labels[items.first()]
+    total = np.bincount(labels, model.damping / mass)
+    np.add.at(total, labels[model.coupled.first()], model.coupling[1] * model.coupled.squares(1.0 / mass))
     kicked = np.concatenate([np.ones(len(model.ends), dtype=bool), ~model.coupling.any(axis=0), model.residual])
     uncooled = np.zeros(len(total), dtype=bool)
     uncooled[of_item[kicked & (own == 0.0)]] = True
@@ -63,7 +59,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     Ω is the frequency of the closed contact and r the part of its stiffness that is there at a tenth of the
     thermal penetration (1 for a linear law, 0.2 for Hertz contact).
     """
-    mobility, compliance = _mobility(model, model.ends), _compliance(model, model.ends)
+    mobility, compliance = model.ends.squares(1.0 / model.mass), _compliance(model, model.ends)
     heated = np.flatnonzero((decay > 0.0) & (stiffening.contacts > 0.0) & (powers_of(model)[1] >= 1.0))
     depth, tangent, clearance = (
         item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
@@ -73,7 +69,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
     # how often the gap crosses the point of contact, by Rice's formula
     spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
-    often = _often(clearance, stiffening.energy[model.ends[heated].min(axis=1)], compliance)
+    often = _often(clearance, stiffening.energy[model.ends.first()[heated]], compliance)
     rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
     counted = (rate > 0.0) & (early > 0.0)
     with np.errstate(over="ignore", divide="ignore"):  # a contact that closes once in 10^300 s heats nothing
@@ -97,15 +93,16 @@ def _power_of(law: ContactLaw) -> tuple[float, float]:
     return (law.stiffness, 1.0) if type(law) is LinearContact else (math.nan, math.nan)
 
 
-def _mobility(model: Model, ends: np.ndarray) -> np.ndarray:
-    """Return the sum of the inverse masses at both ends (kg-1); a wall does not move."""
-    return np.asarray(np.append(1.0 / model.mass, 0.0)[ends].sum(axis=1))
+def _items(model: Model) -> Links:
+    """Return contacts and couplings, then each body by itself."""
+    slots = np.arange(model.wall)
+    return joined(model.links, Pairs(model.wall, np.stack([slots, np.full(model.wall, model.wall)], axis=1)))
 
 
-def _compliance(model: Model, ends: np.ndarray) -> np.ndarray:
-    """Return the sum of the compliances of the bodies' own springs at both ends (m N-1)."""
+def _compliance(model: Model, links: Links) -> np.ndarray:
+    """Return the compliance along links of the bodies' own springs (m N-1)."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.append(1.0 / model.stiffness, 0.0)[ends].sum(axis=1))
+        return links.squares(1.0 / model.stiffness)
 
 
 def _often(clearance: np.ndarray, energy: np.ndarray, compliance: np.ndarray) -> np.ndarray:
@@ -168,10 +165,8 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
 
     And through all contacts of free bodies, of which Rice's formula knows nothing.
     """
-    contacts = len(model.ends)
-    bodies = np.stack([np.arange(model.wall), np.full(model.wall, model.wall)], axis=1)
-    items = np.concatenate([model.links, bodies])
-    temperature = np.append(stiffening.energy, np.inf)[items.min(axis=1)]
+    contacts, items = len(model.ends), _items(model)
+    temperature = stiffening.energy[items.first()]
     counted = (temperature > 0.0) & (temperature < np.inf) & ((decay > 0.0) | (total > 0.0))
     stiffness, exponent = powers_of(model)
     smooth, free = exponent >= 1.0, np.isinf(_compliance(model, model.ends))
@@ -193,7 +188,7 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
         first += len(row)
     slots = np.concatenate(chosen)
     profiles = Profiles(*(np.concatenate(item) for item in zip(*found, strict=True)))
-    thermal = np.sqrt(temperature[slots] * _mobility(model, items[slots]))
+    thermal = np.sqrt(temperature[slots] * items.squares(1.0 / model.mass)[slots])
     density = 1.0 / profiles.room  # of places where the potential is least
     touching = slots < contacts
     if touching.any():
@@ -208,7 +203,7 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
         math.sqrt(2.0) * thermal,
         decay[slots],
         total[slots],
-        model.connected()[items[slots].min(axis=1)].astype(float),
+        model.connected()[items.first()[slots]].astype(float),
     )
 
 
@@ -220,7 +215,7 @@ def _density(
     Bodies that meet nothing else have that of their own springs. Others are kept together by their
     neighbours: at most as if the gap could have no more than its clearance and what thermal motion adds at both sides.
     """
-    ends, clearance = model.ends[slots], model.clearance[slots]
+    ends, clearance = model.ends.chosen(slots), model.clearance[slots]
     compliance = _compliance(model, ends)
     often = _often(clearance, temperature, compliance)
     wide = np.maximum(clearance, 0.0)
@@ -230,9 +225,7 @@ def _density(
         open_ = math.sqrt(2.0 * math.pi) * spread * np.array([_tail(item) for item in scaled.tolist()])
     open_ = np.where(spread < np.inf, open_, wide) * np.exp(-profiles.begin)
     alone = often / (often * profiles.room + open_)
-    number = np.bincount(model.ends.ravel(), minlength=model.wall + 1)
-    number[-1] = 0  # of a wall
-    crowd = crowd | (number[ends] > 1).any(axis=1)
+    crowd = crowd | ends.any(model.ends.numbers() > 1)
     return np.asarray(np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone))
 
 
@@ -250,9 +243,9 @@ def _tail(x: float) -> float:
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:
     """Warn of a step at which the energy of bodies that no friction cools may change by more than `WANDERING`."""
     labels = model.connected()
-    slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.min(axis=1)[model.coupling[1] > 0.0]])
+    slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.first()[model.coupling[1] > 0.0]])
     free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
-    slots = np.concatenate([model.links.min(axis=1), np.arange(model.wall)])
+    slots = _items(model).first()
     largest = kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(

@@ -78,7 +78,7 @@ def test_slots_follow_the_names():
     assert model.bodies == ("free", "duffing", "alone", "last")
     assert model.contacts == ("one", "two", "three")
     assert model.wall == 4
-    assert model.ends.tolist() == [[0, 1], [4, 0], [1, 3]]
+    assert model.ends.pairs.tolist() == [[0, 1], [4, 0], [1, 3]]
     assert model.mass.tolist() == [2.0, 1.0, 1.0, 1.0]
     assert model.damping.tolist() == [0.0, 0.5, 0.0, 0.0]
     assert model.stiffness.tolist() == [0.0, 4.0, 7.0, 0.0]
@@ -144,7 +144,7 @@ def test_intensities():
 def test_no_contacts_and_no_excitations():
     model = Model.of(il.Network({"a": il.LinearOscillator()}))
     assert model.members.kinds == ()
-    assert model.ends.shape == (0, 2)
+    assert model.ends.pairs.shape == (0, 2)
     assert model.members.parameters.size == 0
     assert model.connected().tolist() == [0]
 

@@ -90,7 +90,7 @@ def test_a_law_of_ones_own_between_contacts_and_bodies():
 
 def test_what_a_model_knows():
     model = Model.of(trio())
-    assert model.links.tolist() == [[0, 1], [1, 2], [2, 0], [2, 3]]
+    assert model.links.pairs.tolist() == [[0, 1], [1, 2], [2, 0], [2, 3]]
     assert (model.nonlinear_bodies.all(), model.dissipative) == (True, False)
     assert Model.of(trio(damping=0.1)).dissipative
     bodies = dict.fromkeys("pqrst", il.LinearOscillator(stiffness=1.0))

@@ -198,11 +198,11 @@ def test_controls_are_those_of_a_body_and_its_neighbours():
         },
     )
     plan = planned(network, step=0.01)
-    near = controls.neighbours(plan.system.links, np.ones(4, dtype=bool))
+    near = controls.neighbours(plan.system.links.pairs, np.ones(4, dtype=bool))
     assert near.pairs.tolist() == [
         [0, 0], [0, 2], [0, 3], [1, 1], [1, 2], [2, 2], [2, 0], [2, 1], [3, 3], [3, 0],
     ]  # fmt: skip
-    assert controls.touching(plan.system.ends, 4).pairs.tolist() == [[0, 2], [0, 0], [1, 0], [2, 1], [2, 2]]
+    assert controls.touching(plan.system.ends).pairs.tolist() == [[0, 2], [0, 0], [1, 0], [2, 1], [2, 2]]
     usable = np.array([[True, False], [True, True], [False, False], [False, True]])
     chosen = {}
     for rows, (bodies, places) in near.choices(usable, 2):

@@ -71,8 +71,8 @@ class _Means(Keeper):
 
     def _add(self, samples: np.ndarray, weight: float) -> None:
         _add_samples(
-            samples, weight, self.plan.system.ends, self.plan.system.clearance, self.bodies, self.contacts, self.motion,
-            self.gap, self.closed,
+            samples, weight, self.plan.system.ends.pairs, self.plan.system.clearance, self.bodies, self.contacts,
+            self.motion, self.gap, self.closed,
         )  # fmt: skip
 
     def result(self) -> dict[str, np.ndarray]:

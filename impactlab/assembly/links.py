@@ -1,0 +1,338 @@
+"""What contacts and couplings act along: the elongation of a link is a combination ``w·q`` of coordinates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+
+class Exchanges(NamedTuple):
+    """Pairs of coordinates that exchange energy along links, (pair,) each."""
+
+    first: np.ndarray
+    second: np.ndarray
+    rows: np.ndarray  # the link
+    share: np.ndarray  # part of the difference of their energies that they exchange in a collision, on average
+
+
+class Links(ABC):
+    """Contacts or couplings. A force F along a link of the elongation ``w·q`` pushes the coordinates q by −w F.
+
+    Attributes
+    ----------
+    count : int
+        Number of coordinates; a slot of this number is the wall, which is always at 0.
+    slots : (entry,) ndarray of int
+        Coordinates of all links, link by link.
+    weights : (entry,) ndarray
+        Their weights.
+    pairs : (pair, 2) ndarray of int
+        Slots that links connect, two by two; of plain links those with weights 1 and −1.
+    """
+
+    count: int
+    slots: np.ndarray
+    weights: np.ndarray
+    pairs: np.ndarray
+
+    plain: ClassVar[bool]
+    """Whether each link is the difference of two coordinates, or of one and the wall."""
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @property
+    @abstractmethod
+    def rows(self) -> np.ndarray:
+        """Link of each entry, (entry,)."""
+
+    @abstractmethod
+    def chosen(self, rows: np.ndarray | slice) -> Links:
+        """Return some of the links."""
+
+    @abstractmethod
+    def gap(self, q: np.ndarray) -> np.ndarray:
+        """Return the elongations ``w·q``, (link, …), from (coordinate, …) with or without the wall."""
+
+    @abstractmethod
+    def squares(self, values: np.ndarray) -> np.ndarray:
+        """Return ``Σ w² a`` of values a of the coordinates, (link,).
+
+        Of inverse masses it is the inverse mass along a link, of compliances its compliance, of variances of
+        independent coordinates the variance of its elongation.
+        """
+
+    @abstractmethod
+    def others(self, values: np.ndarray) -> np.ndarray:
+        """Return the same without the coordinate of each entry, (entry,)."""
+
+    @abstractmethod
+    def mixed(self, covariance: np.ndarray, slots: np.ndarray) -> np.ndarray:
+        """Return ``Σ w_i w_j C_ij`` over different coordinates among some slots of the covariance C, (link,)."""
+
+    @abstractmethod
+    def with_strengths(self, values: np.ndarray, strength: np.ndarray) -> np.ndarray:
+        """Return values of the coordinates plus the diagonal of :meth:`springs`, (coordinate,)."""
+
+    @abstractmethod
+    def pushes(self, force: np.ndarray) -> np.ndarray:
+        """Return the force ``−Σ w F`` on each coordinate, (coordinate,)."""
+
+    @abstractmethod
+    def first(self) -> np.ndarray:
+        """Return the coordinate of each link that has the lowest slot, (link,)."""
+
+    @abstractmethod
+    def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
+        """Return the largest of the values of each link's coordinates and that of a wall, (link,)."""
+
+    @abstractmethod
+    def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
+        """Return the matrix ``Σ k w wᵀ`` of springs of some strengths k.
+
+        It is that of all coordinates, or of those with some slots, in increasing order, among which the links are.
+        """
+
+    @abstractmethod
+    def with_row_sums(self, values: np.ndarray, strength: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
+        """Return values of the coordinates plus the sums of ``|M^-1/2 Σ k w wᵀ M^-1/2|`` over rows, (coordinate,)."""
+
+    @abstractmethod
+    def exchanges(self, mass: np.ndarray) -> Exchanges:
+        """Return which coordinates exchange energy along links; a wall takes nothing."""
+
+    def any(self, flags: np.ndarray) -> np.ndarray:
+        """Whether each link has a coordinate with a flag, (link,) of bool."""
+        return self.largest(flags.astype(float)) > 0.0
+
+    def all(self, flags: np.ndarray) -> np.ndarray:
+        """Whether all coordinates of each link have a flag, (link,) of bool."""
+        return ~self.any(~flags)
+
+    def numbers(self) -> np.ndarray:
+        """Return on how many links each coordinate is, (coordinate,)."""
+        return np.bincount(self.slots, minlength=self.count + 1)[: self.count]
+
+    def coordinates(self) -> np.ndarray:
+        """Return the slots of all coordinates that are on a link, in increasing order."""
+        return np.unique(self.slots[self.slots < self.count])
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs(Links):
+    """Links that are the difference of two coordinates, or of one and the wall.
+
+    Their `pairs` are (link, 2).
+    """
+
+    count: int
+    pairs: np.ndarray
+    slots: np.ndarray = field(init=False)
+    weights: np.ndarray = field(init=False)
+
+    plain: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "slots", self.pairs.ravel())
+        object.__setattr__(self, "weights", np.tile((1.0, -1.0), len(self.pairs)))
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.repeat(np.arange(len(self.pairs)), 2)
+
+    def chosen(self, rows: np.ndarray | slice) -> Pairs:
+        return Pairs(self.count, self.pairs[rows])
+
+    def gap(self, q: np.ndarray) -> np.ndarray:
+        first, second = self.pairs.T
+        if len(q) == self.count:
+            q = np.concatenate([q, np.zeros_like(q[:1])])
+        return np.asarray(q[first] - q[second])
+
+    def squares(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(np.append(values, 0.0)[self.pairs].sum(axis=1))
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        return np.asarray(np.append(values, 0.0)[self.pairs[:, ::-1]].ravel())
+
+    def mixed(self, covariance: np.ndarray, slots: np.ndarray) -> np.ndarray:
+        place = np.full(self.count + 1, -1)
+        place[slots] = np.arange(len(slots))
+        first, second = place[self.pairs].T
+        return np.where((first >= 0) & (second >= 0), -2.0 * covariance[first, second], 0.0)
+
+    def with_strengths(self, values: np.ndarray, strength: np.ndarray) -> np.ndarray:
+        result = np.append(values, 0.0)
+        for side in self.pairs.T:
+            np.add.at(result, side, strength)
+        return result[:-1]
+
+    def pushes(self, force: np.ndarray) -> np.ndarray:
+        result = np.zeros(self.count + 1)
+        for side, pushed in zip(self.pairs.T, (-force, force), strict=True):
+            np.add.at(result, side, pushed)
+        return result[:-1]
+
+    def first(self) -> np.ndarray:
+        return np.asarray(self.pairs.min(axis=1))
+
+    def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
+        return np.asarray(np.append(values, wall)[self.pairs].max(axis=1, initial=wall))
+
+    def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
+        slots = np.arange(self.count) if slots is None else slots
+        matrix = np.zeros((len(slots) + 1, len(slots) + 1))
+        one, two = np.searchsorted(slots, self.pairs).T  # the wall has the largest slot
+        for row, column, sign in ((one, one, 1.0), (two, two, 1.0), (one, two, -1.0), (two, one, -1.0)):
+            np.add.at(matrix, (row, column), sign * strength)
+        return matrix[:-1, :-1]
+
+    def with_row_sums(self, values: np.ndarray, strength: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
+        first, second = self.pairs.T
+        result, inverse = np.append(values, 0.0), np.append(inverse_mass, 0.0)
+        between = strength * np.sqrt(inverse[first] * inverse[second])
+        for side in (first, second):
+            np.add.at(result, side, strength * inverse[side] + between)
+        return result[:-1]
+
+    def exchanges(self, mass: np.ndarray) -> Exchanges:
+        rows = np.flatnonzero((self.pairs < self.count).all(axis=1))
+        first, second = self.pairs[rows].T
+        of_both = mass[self.pairs[rows]]
+        return Exchanges(first, second, rows, 4.0 / (2.0 + of_both / of_both[:, ::-1]).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations(Links):
+    """Links with weights of their own, of one coordinate or more; the wall has none.
+
+    Attributes
+    ----------
+    begin : (link + 1,) ndarray of int
+        Where the entries of each link begin.
+    """
+
+    count: int
+    begin: np.ndarray
+    slots: np.ndarray
+    weights: np.ndarray
+    pairs: np.ndarray = field(init=False)
+
+    plain: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        first = np.flatnonzero(np.diff(self.rows) == 0)  # each coordinate and the next
+        object.__setattr__(self, "pairs", np.stack([self.slots[first], self.slots[first + 1]], axis=1))
+
+    @classmethod
+    def of(cls, combinations: Sequence[Mapping[int, float]], count: int) -> Combinations:
+        """Make links of weights by slot."""
+        return cls(
+            count,
+            np.cumsum([0, *map(len, combinations)]),
+            np.array([slot for item in combinations for slot in item], dtype=np.int64),
+            np.array([weight for item in combinations for weight in item.values()], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.begin) - 1
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.repeat(np.arange(len(self)), np.diff(self.begin))
+
+    def chosen(self, rows: np.ndarray | slice) -> Combinations:
+        picked = np.arange(len(self))[rows].tolist()
+        parts = [slice(*self.begin[row : row + 2]) for row in picked]
+        return self.of([dict(zip(self.slots[part], self.weights[part], strict=True)) for part in parts], self.count)
+
+    def gap(self, q: np.ndarray) -> np.ndarray:
+        return self._sums(self.weights.reshape(-1, *[1] * (q.ndim - 1)) * q[self.slots])
+
+    def squares(self, values: np.ndarray) -> np.ndarray:
+        return self._sums(self.weights**2 * values[self.slots])
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        entries = np.split(self.weights**2 * values[self.slots], self.begin[1:-1])
+        rest = [np.delete(item, place).sum() for item in entries for place in range(len(item))]
+        return np.array(rest, dtype=float)
+
+    def mixed(self, covariance: np.ndarray, slots: np.ndarray) -> np.ndarray:
+        matrix = self._matrix(np.arange(self.count))[:, slots]
+        between = covariance - np.diag(np.diagonal(covariance))
+        return np.asarray(np.einsum("ri,ij,rj->r", matrix, between, matrix))
+
+    def with_strengths(self, values: np.ndarray, strength: np.ndarray) -> np.ndarray:
+        return values + np.bincount(self.slots, self.weights**2 * strength[self.rows], self.count)
+
+    def pushes(self, force: np.ndarray) -> np.ndarray:
+        return np.bincount(self.slots, -self.weights * force[self.rows], self.count)
+
+    def first(self) -> np.ndarray:
+        return np.minimum.reduceat(self.slots, self.begin[:-1])
+
+    def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
+        return np.maximum(np.maximum.reduceat(values[self.slots], self.begin[:-1]), wall)
+
+    def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
+        matrix = self._matrix(np.arange(self.count) if slots is None else slots)
+        return np.asarray((matrix.T * strength) @ matrix)
+
+    def with_row_sums(self, values: np.ndarray, strength: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
+        size = np.abs(self.weights) * np.sqrt(inverse_mass[self.slots])
+        return values + np.bincount(self.slots, size * (strength * self._sums(size))[self.rows], self.count)
+
+    def exchanges(self, mass: np.ndarray) -> Exchanges:
+        """See `Links.exchanges`: of the parts p of the inverse mass along a link, two have exchanged ``4 p₁p₂``."""
+        part = self.weights**2 / mass[self.slots]
+        part /= self._sums(part)[self.rows]
+        places = [begin + np.stack(np.triu_indices(end - begin, 1)) for begin, end in pairwise(self.begin.tolist())]
+        one, two = np.concatenate([np.zeros((2, 0), dtype=np.int64), *places], axis=1)
+        return Exchanges(self.slots[one], self.slots[two], self.rows[one], 4.0 * part[one] * part[two])
+
+    def _matrix(self, slots: np.ndarray) -> np.ndarray:
+        """Weights of coordinates with some slots, in increasing order, which hold all of the links', (link, slot)."""
+        matrix = np.zeros((len(self), len(slots)))
+        matrix[self.rows, np.searchsorted(slots, self.slots)] = self.weights
+        return matrix
+
+    def _sums(self, entries: np.ndarray) -> np.ndarray:
+        """Sums of entries over each link, (link, …)."""
+        return np.asarray(np.add.reduceat(entries, self.begin[:-1], axis=0))
+
+
+def joined(one: Links, other: Links) -> Links:
+    """Return some links and, after them, others between the same coordinates."""
+    if isinstance(one, Pairs) and isinstance(other, Pairs):
+        return Pairs(one.count, np.concatenate([one.pairs, other.pairs]))
+    begin, slots, weights = np.zeros(1, dtype=np.int64), [], []
+    for links in (one, other):
+        moving = links.slots < links.count
+        begin = np.append(begin, begin[-1] + np.cumsum(np.bincount(links.rows[moving], minlength=len(links))))
+        slots.append(links.slots[moving])
+        weights.append(links.weights[moving])
+    return Combinations(one.count, begin, np.concatenate(slots), np.concatenate(weights))
+
+
+def connected_parts(links: Links) -> np.ndarray:
+    """Label of the connected part of each coordinate, (coordinate,) of int; walls do not connect."""
+    pairs = links.pairs
+    first, second = pairs[(pairs < links.count).all(axis=1)].T
+    parts = np.arange(links.count)
+    while True:  # every coordinate takes the smallest label in reach, which doubles each time
+        before = parts.copy()
+        lowest = np.minimum(parts[first], parts[second])
+        for side in (parts[first], parts[second], first, second):
+            np.minimum.at(parts, side, lowest)
+        parts = parts[parts]
+        if (parts == before).all():
+            labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
+            return labels
