@@ -3,159 +3,30 @@
 Two whole runs at different steps drift apart after a few collisions, and then see nothing below their own noise.
 Segments that begin at one state, under the same noise, see the local error of the step with very little noise: the
 difference of each statistic in the segment, and that of the energy at its end, which the network keeps for as long as
-its energy is correlated.
+it retains energy.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from typing import Self
 
 import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.errors import Diverged, heard_by
 from impactlab.integrators.exact_flow import ExactFlow
-from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
-from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
 from impactlab.simulation.block import Block
+from impactlab.simulation.effort import FINER, FINEST, Effort
 from impactlab.simulation.request import Request
-from impactlab.simulation.segment_statistics import FEWEST, Coverage, Segments, bias_of, together
+from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, together
 from impactlab.simulation.smooth_path import SmoothPath
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
 
-SEGMENT = 32
-"""Steps of a segment where forces may part two paths: some contacts long, and short beside the time between them."""
-
-SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
-"""Part of the work of a run that the measurement may take, what it always may, and what is enough for any network, or
-for the whole path of a run without noise at the step and at a finer one (s, as a plan foresees it)."""
-
-UNCLEAR_SECONDS = 0.25
-"""Time that the measurement of a short run may take which leaves it open whether a bias is worth saying, or needs
-segments all over the run (s)."""
-
-LANES, SEGMENTS, MOST_SEGMENTS = 256, 64, 256
-"""Most realizations and segments of a measurement, and most segments where they must lie all over the run."""
-
-LONGEST = 4 * SEGMENT
-"""Steps of a segment up to which it may be longer for the sake of fewer."""
-
-SPIN_UP = 3.0
-"""Relaxation times before the first segment: states need be typical only."""
-
 SEED = 7, 2023
 """Seed of all measurements: the step of a network does not depend on that of the run."""
-
-FINER, FINEST = 2, 4
-"""Steps of the fine run in one of the coarse; where nothing is random, so that one path alone must tell the error."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What a measurement may take: a share of the work of a run.
-
-    Attributes
-    ----------
-    realizations : int
-    spin_up : int
-        Steps before the first segment.
-    steps : int
-        Steps of a segment.
-    begins : tuple of int
-        Steps after the spin-up at which segments begin.
-    run_up : int
-        Steps before a segment that does not follow the one before, in which the motion becomes that of its time.
-    looks : tuple of int
-        Numbers of segments after which biases are looked at: early, all that are planned, and more where much is
-        unclear.
-    """
-
-    realizations: int
-    spin_up: int
-    steps: int
-    begins: tuple[int, ...]
-    run_up: int
-    looks: tuple[int, ...]
-
-    @classmethod
-    def of(cls, plan: Plan, model: Model) -> Self:
-        """Choose what a share of the work of a plan buys."""
-        lane = LANE_STEP_SECONDS * (len(model.mass) + len(model.links))
-        clock, whole = plan.clock, plan.clock.steps // SLOTS * SLOTS
-        if not _random(plan) and whole and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
-            return cls(plan.realizations.number, clock.spin_up_steps, whole, (0,), 0, (1,))
-        apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
-        seconds = min(max(UNCLEAR_SECONDS if apart else LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
-        wanted = SEGMENTS * (settling + 3 * SEGMENT) if apart else 3 * FEWEST * SEGMENT
-        led = len(plan.driving.forced) > 0  # to a motion that may depend on how it began
-        spin_up = clock.spin_up_steps if led else min(clock.spin_up_steps, settling)
-        for realizations in _numbers(plan, model):
-            affordable = int(seconds / (STEP_SECONDS * (1 + len(model.mass) // 10) + lane * realizations))
-            if affordable >= 2 * spin_up + min(wanted, 3 * clock.all_steps):
-                break
-        spin_up = min(spin_up, affordable // 3)
-        left = max(affordable - spin_up, 3 * SEGMENT) // 3
-        if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
-            left = min(left, clock.steps)
-        steps = _segment(plan, model, left)
-        segments = max(1, min(SEGMENTS, left // steps))
-        if apart and segments * steps + SEGMENT < clock.steps:
-            begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling)
-            return cls(realizations, spin_up, steps, begins, run_up, (len(begins),))
-        looks: tuple[int, ...] = (segments,)
-        if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
-            most = segments * max(1, int(UNCLEAR_SECONDS / seconds))
-            looks = (segments // 4, *range(segments, most + 1, segments))
-        return cls(realizations, spin_up, steps, tuple(range(0, looks[-1] * steps, steps)), 0, looks)
-
-
-def _random(plan: Plan) -> bool:
-    return bool(plan.noise.random.any())
-
-
-def _apart(plan: Plan) -> bool:
-    """Whether what comes late in a run differs from how it begins, and can be reached without all that lies between."""
-    return not plan.steady and not plan.driving.lines and (_random(plan) or len(plan.driving.forced) > 0)
-
-
-def _numbers(plan: Plan, model: Model) -> list[int]:
-    """Return numbers of realizations that a measurement may have, the best first; the same on any number of cores."""
-    number = plan.realizations.number
-    if number == 1 or most_lanes(model, number, 1) == 1:
-        return [1]
-    least = len(model.mass) // 16 + 2  # blocks of one lane have a text of their own
-    return [max(LANES >> power, least) for power in range(0, 9, 2)]
-
-
-def _segment(plan: Plan, model: Model, left: int) -> int:
-    """Return the steps of a segment where so many can be measured."""
-    steps, memory = SEGMENT, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)
-    if not len(model.ends) or len(plan.driving.forced):  # paths do not part: as long as they remember
-        steps = max(steps, min(left // FEWEST, memory) // SLOTS * SLOTS)
-    if not plan.steady or plan.driving.lines:
-        steps = max(2, min(steps, left // 2 * 2))
-    if not _random(plan):  # parts of the whole path
-        steps = max(steps, -(-left // (SEGMENTS * SLOTS)) * SLOTS)
-    return steps
-
-
-def _spread(run: int, steps: int, affordable: int, settling: int) -> tuple[tuple[int, ...], int, int]:
-    """Return where segments begin that lie over a whole run alike, their length, and steps before each to settle in.
-
-    All are numbers of steps; one of a segment costs three, with the two of half its length.
-    """
-    longer = max(steps, -(-run // (MOST_SEGMENTS * SLOTS)) * SLOTS)
-    if 3 * run <= affordable and longer <= LONGEST:  # all of it
-        return tuple(range(0, run - longer + 1, longer)), longer, 0
-    segments = min(MOST_SEGMENTS, max(FEWEST, affordable // (settling + 3 * steps)), run // steps)
-    run_up = min(settling, max(0, affordable // segments - 3 * steps)) // SLOTS * SLOTS
-    begins = np.linspace(0, run - steps, segments).astype(int) // SLOTS * SLOTS
-    return tuple(begins.tolist()), steps, run_up
 
 
 def step_error(
