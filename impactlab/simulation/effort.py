@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
-from impactlab.simulation.segment_statistics import FEWEST
+from impactlab.simulation.step_error import FEWEST
 
 SEGMENT = 32
 """Steps of a segment where forces may part two paths: some contacts long, and short beside the time between them."""

@@ -13,11 +13,8 @@ from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, STATISTICS
-from impactlab.simulation.step_error import BIASED, CERTAIN, MAY_BE_ZERO, StepError, size_of
+from impactlab.simulation.step_error import BIASED, CERTAIN, FEWEST, MAY_BE_ZERO, StepError, size_of
 from impactlab.statistics.moments import moments_of
-
-FEWEST = 8
-"""Fewest segments that tell how long energies are correlated."""
 
 TOGETHER = 8
 """Realizations that are one in the statistics of a measurement where there are many: each takes time."""

@@ -33,6 +33,9 @@ CERTAIN, LOOKED_AT = 2.5, 10
 UNLIKE = 2.0
 """Ratio of the mean square velocity of a run to that in the measurement beyond which this says nothing of the run."""
 
+FEWEST = 8
+"""Fewest segments that tell how long energies are correlated."""
+
 STILL = 1e-9
 """Part of the mean square of a displacement below which its variance is rounding, or what a spin-up has left."""
 
