@@ -24,7 +24,7 @@ from impactlab.kernels.jump import (
 )
 from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
-from impactlab.kernels.rows import PEAK, F
+from impactlab.kernels.rows import F
 from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
 
 
@@ -210,7 +210,7 @@ def add_leaf(add, past, before, steps, lanes, sums):  # type: ignore[no-untyped-
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
     own = Sums(
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
-        sums.products, sums.ends, sums.pairs, sums.indices,
+        sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
         Closings(before, sums.closings.jitter, sums.closings.step), sums.flux, sums.turns,
     )  # fmt: skip
     for step in range(before.shape[1] and steps):
@@ -218,10 +218,10 @@ def add_leaf(add, past, before, steps, lanes, sums):  # type: ignore[no-untyped-
     call(add, address_of(Account(past, borrow(own))), 0)  # which lets go of what it does not borrow
     for row in range(F, sums.bodies.shape[1]):
         add_to(own.bodies[0, row], lanes, sums.bodies[0, row])
-    for row in range(sums.contacts.shape[0]):
-        if row != PEAK:
-            add_to(own.contacts[row], lanes, sums.contacts[row])
-    for contact in range(contacts):
-        for lane in range(number):
-            peak = sums.contacts[PEAK, contact, lanes[lane]]
-            sums.contacts[PEAK, contact, lanes[lane]] = max(peak, own.contacts[PEAK, contact, lane])
+    for row in range(sums.summed):
+        add_to(own.contacts[row], lanes, sums.contacts[row])
+    for row in range(sums.summed, sums.contacts.shape[0]):
+        for contact in range(contacts):
+            for lane in range(number):
+                most = sums.contacts[row, contact, lanes[lane]]
+                sums.contacts[row, contact, lanes[lane]] = max(most, own.contacts[row, contact, lane])

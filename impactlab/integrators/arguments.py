@@ -122,7 +122,9 @@ class Sums(NamedTuple):
     """Where a block adds up its statistics; see `impactlab.kernels.sums`."""
 
     bodies: np.ndarray  # (phase, row, body, lane)
-    contacts: np.ndarray  # (4, contact, lane)
+    contacts: np.ndarray  # (row, contact, lane)
+    summed: int  # rows over contacts that are sums; of the others the largest counts
+    samples: np.ndarray  # (row, body, lane) of what statistics sample of bodies
     products: np.ndarray  # (9, pair, lane)
     ends: np.ndarray  # (contact, 2)
     pairs: np.ndarray  # (pair, 2) slots of bodies
@@ -190,6 +192,8 @@ class _Types:
         self.sums = named(
             Sums,
             sums,
+            blocks,
+            i8,
             blocks,
             blocks,
             pairs,

@@ -6,19 +6,32 @@ import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numba import i8, void
 
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
-from impactlab.kernels.jit import Function, address_of, borrow, call, inlined, loop, part, pointer_to, scalar, value_at
+from impactlab.kernels.jit import (
+    Function,
+    address_of,
+    borrow,
+    call,
+    composed,
+    inlined,
+    loop,
+    part,
+    pointer_to,
+    scalar,
+    value_at,
+)
 from impactlab.kernels.random import fill_steps
-from impactlab.kernels.rows import TURN
+from impactlab.kernels.rows import FLUX, TURN
+from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.single import without_lanes
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
+from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 
 def advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]
@@ -79,6 +92,23 @@ def _near(series, first):  # type: ignore[no-untyped-def]
 def _add(account, index):  # type: ignore[no-untyped-def]
     history, sums = value_at(account)
     add_history(history, sums)
+    add_nothing(history, sums)
+
+
+@cache
+def _adding(samples: tuple[Sample, ...]) -> Function:
+    """Return the function that adds to all sums, with what statistics sample in the place of nothing."""
+    return composed(_add, version_of(samples), add_nothing=adding(samples))
+
+
+def all_samples() -> tuple[Sample, ...]:
+    """Return what statistics sample of contacts and of bodies."""
+    of_contacts, of_bodies = sampled_of(CONTACT), sampled_of(BODY)
+    return tuple(
+        Sample(statistic.sample, of_contact, row, statistic.largest)
+        for of_contact, first, statistics in ((True, FLUX + 1, of_contacts), (False, 0, of_bodies))
+        for row, statistic in enumerate(statistics, first)
+    )
 
 
 def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
@@ -87,7 +117,7 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
     What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
     """
     types = OF_ONE if single else OF_LANES
-    pairs = (types.noise, _fill), (types.series, _near), (types.account, _add)
+    pairs = (types.noise, _fill), (types.series, _near), (types.account, _adding(all_samples()))
     parts = [part(void(pointer_to(kind), i8), _text(function, single)) for kind, function in pairs]
 
     def run(forces: Function, *arguments: Any) -> None:
@@ -97,18 +127,22 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
     return run
 
 
-@cache
 def stepping(method: Function, single: bool) -> Callable[..., None]:
-    """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane.
+    """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane."""
+    return with_functions(_loop(method, single), single)
 
-    The text of its step stands in that of the loop: called, it would take a tenth of a microsecond more.
+
+@cache
+def _loop(method: Function, single: bool) -> Function:
+    """Return the same before it knows what it calls.
+
+    The text of the step stands in that of the loop: called, it would take a tenth of a microsecond more.
     """
-    text, file = _text(advance, single), Path(method.__code__.co_filename)
+    file = Path(method.__code__.co_filename)
     version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
-    name = f"{text.__name__}_{method.__qualname__}_{version}".replace(".", "_")  # which the cache knows it by
-    composed = FunctionType(text.__code__, {**text.__globals__, "step": inlined(_text(method, single))}, name)
-    composed.__qualname__ = name
-    return with_functions(loop((OF_ONE if single else OF_LANES).loop, composed), single)
+    name = f"{method.__qualname__}_{version}".replace(".", "_")
+    whole = composed(_text(advance, single), name, step=inlined(_text(method, single)))
+    return loop((OF_ONE if single else OF_LANES).loop, whole)
 
 
 @cache

@@ -21,6 +21,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterator
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -111,6 +112,15 @@ def inlined(function: Function) -> Function:
     compiled = scalar(function)
     _kernels[compiled] = inlined
     return compiled
+
+
+def composed(function: Function, version: str, **names: Any) -> Function:
+    """Return a function of the same text, not compiled, in which some names stand for others, known to the cache by a
+    version.
+    """
+    result = FunctionType(function.__code__, {**function.__globals__, **names}, f"{function.__name__}_{version}")
+    result.__qualname__ = result.__name__
+    return result
 
 
 def maker(item: Any) -> Callable[[Function], Function] | None:

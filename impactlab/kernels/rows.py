@@ -10,12 +10,12 @@ TURN = 9
 """Row of the sums over bodies, where series or given forces push some: the force of kicks times what the flow
 between them adds to the velocity."""
 
-CLOSED, FORCE, FLUX, PEAK = range(4)
-"""Rows of the sums over contacts: samples in contact, force, weighted closing velocity near the
-point of contact or the number of closings, largest force."""
+FLUX = 0
+"""Row of the sums over contacts: the weighted closing velocity near the point of contact, or the number of closings.
+After it come the rows of statistics, first those that are summed, then those of which the largest counts."""
 
-STATE_ROWS, KICK_ROWS, CONTACT_ROWS = 5, 9, 4
-"""How many rows there are over bodies, of methods that do not kick and of those that do, and over contacts."""
+STATE_ROWS, KICK_ROWS = 5, 9
+"""How many rows there are over bodies, of methods that do not kick and of those that do."""
 
 BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
 """In sums of transients the first rows are over [0, T], with half of the states at both ends. Then come those over the

@@ -83,7 +83,7 @@ def without_lanes(function: Function) -> Function:
     plain: Any = getattr(function, "py_func", function)
     tree: Any = _WithoutLanes().visit(parsed(textwrap.dedent(inspect.getsource(plain))))
     definition = tree.body[0]
-    definition.decorator_list, definition.name = [], f"{definition.name}_single"
+    definition.decorator_list, definition.name = [], f"{plain.__name__}_single"
     ast.fix_missing_locations(ast.increment_lineno(tree, plain.__code__.co_firstlineno - 1))
     names = dict(plain.__globals__)
     for name in plain.__code__.co_names:

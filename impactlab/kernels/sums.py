@@ -10,7 +10,7 @@ import math
 
 from impactlab.kernels.jit import inlined, kernel, scalar
 from impactlab.kernels.kick import differences
-from impactlab.kernels.rows import CLOSED, FF, FLUX, FORCE, FV, FX, PEAK, TURN, VV, XV, XX, F, V, X
+from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.single import instead_of
 
 SLOTS = 8
@@ -50,15 +50,18 @@ def close_slot(history, slot, last, sums):  # type: ignore[no-untyped-def]
 
 @inlined
 def add_history(history, sums):  # type: ignore[no-untyped-def]
-    """Add all slots to the sums; those of different phases of the method's cycle apart."""
+    """Add all slots to the sums; those of different phases of the method's cycle apart.
+
+    What statistics sample is added by `impactlab.kernels.samples.adding`.
+    """
     phases = sums.bodies.shape[0]
     for slot in (0, 1):
         slots = slot, slot + 2, slot + 4, slot + 6
         add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
-        if sums.contacts.shape[1]:
-            add_contacts(history, slots, sums)
+        if sums.contacts.shape[1] and not sums.closings.before.shape[1]:
+            add_flux(history, slots, sums)
         if sums.pairs.shape[0]:
             add_products(history.x, history, slots, sums.pairs, 0, sums.products)
             add_products(history.v, history, slots, sums.pairs, 3, sums.products)
@@ -119,27 +122,6 @@ def add_turns(force, middle, summing, phase, target):  # type: ignore[no-untyped
             sums[phase, TURN, body, lane] += turn if summing else 0.0
             last.force[body, lane] = force[body, lane]
             last.middle[body, lane] = middle[body, lane]
-
-
-@kernel
-def add_contacts(history, slots, target):  # type: ignore[no-untyped-def]
-    """Add the state of the contacts in four slots to ``target.contacts[row, contact, lane]``."""
-    a, b, c, d = slots
-    indentation, force, sums = history.indentation, history.contact_force, target.contacts
-    for contact in range(sums.shape[1]):
-        for lane in range(sums.shape[2]):
-            c0 = 1.0 if indentation[a, contact, lane] > 0.0 else 0.0
-            c1 = 1.0 if indentation[b, contact, lane] > 0.0 else 0.0
-            c2 = 1.0 if indentation[c, contact, lane] > 0.0 else 0.0
-            c3 = 1.0 if indentation[d, contact, lane] > 0.0 else 0.0
-            sums[CLOSED, contact, lane] += (c0 + c1) + (c2 + c3)
-        for lane in range(sums.shape[2]):
-            f0, f1 = force[a, contact, lane], force[b, contact, lane]
-            f2, f3 = force[c, contact, lane], force[d, contact, lane]
-            sums[FORCE, contact, lane] += (f0 + f1) + (f2 + f3)
-            sums[PEAK, contact, lane] = max(sums[PEAK, contact, lane], max(max(f0, f1), max(f2, f3)))
-    if target.closings.before.shape[1] == 0:
-        add_flux(history, slots, target)
 
 
 @scalar

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.reference.potential import gauss_legendre
+
+_RATES = np.linspace(-9.0, 9.0, 13)  # panels, in standard deviations
 
 Function = Callable[[np.ndarray], np.ndarray]
 
@@ -39,6 +43,20 @@ class Marginal:
     places: np.ndarray
     speed: float
     rarest: float = 1e-20
+
+    def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], second: Function) -> float:
+        """Return the mean of a function of the place, which may have a kink at 0, and of a second quantity there."""
+        starts, offsets, lengths = gauss_legendre(np.unique(np.append(self.places, 0.0)))
+        places = starts + offsets
+        return float(lengths * self.density(places) @ function(places, second(places)))
+
+    def mean_with_rate(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> float:
+        """Return the mean of a function of the place and its rate, which may have a kink where that is 0."""
+        starts, offsets, lengths = gauss_legendre(_RATES)
+        rates = starts + offsets
+        weights = lengths * np.exp(-0.5 * rates**2) / math.sqrt(2.0 * math.pi)
+        means = [self.mean(function, partial(np.full_like, fill_value=self.speed * rate)) for rate in rates]
+        return float(weights @ means)
 
     def exceedance(self, level: float) -> float:
         """Return the probability to be above a level."""

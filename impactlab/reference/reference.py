@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from impactlab.reference.laws import Laws, finite_array
 from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
 from impactlab.results.dataset import provenance
-from impactlab.results.schema import Moments, OfBodies, statistics
+from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_of, stationary, statistics
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,7 +64,7 @@ class ExactReference(Densities):
         kinetic = np.array([self._laws.speed(name) for name in oscillators]) ** 2
         linear = np.array([(body.mass, body.damping, body.stiffness) for body in oscillators.values()]).T
         bodies = OfBodies.of_law(linear, mean, variance + mean**2, variance, kinetic)
-        moments = Moments.of_law(bodies, *np.array([self._contact(name) for name in contacts]).reshape(-1, 3).T)
+        moments = Moments(bodies, self._others(BODY, self._body) | self._others(CONTACT, self._contact), {})
         dataset = statistics(list(oscillators), list(contacts), moments.values())
         configuration = {"network": self.network.to_dict()}
         return dataset.assign_attrs(
@@ -312,12 +313,34 @@ class ExactReference(Densities):
         law = self._laws.law(oscillator, quantity)
         return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
 
-    def _contact(self, name: str) -> tuple[float, float, float]:
-        """Return the part of the time in contact, the rate of contacts (s-1) and the mean force (N)."""
+    def _others(self, dimension: str, known: Callable[[str], dict[str, float]]) -> dict[str, np.ndarray]:
+        """Return the statistics of all bodies or contacts that are not formed of moments."""
+        values = [known(name) for name in (self.network.contacts if dimension == CONTACT else self.network.oscillators)]
+        others = [item.name for item in stationary() if item.dimension == dimension and item.formed is None]
+        return {name: np.array([of_one[name] for of_one in values]) for name in others}
+
+    def _body(self, name: str) -> dict[str, float]:
+        """Return the means of what is sampled of a body."""
+        sampled = sampled_of(BODY)
+        law = self._laws.of_body[name].marginal(name, self._laws.speed(name)) if sampled else None
+        return {item.name: law.mean_with_rate(item.sample) for item in sampled} if law else {}
+
+    def _contact(self, name: str) -> dict[str, float]:
+        """Return the statistics of a contact; of three laws know more than the density of the gap."""
+        sampled = {item.name: item.sample for item in sampled_of(CONTACT)}
         if name in self.untouched:
-            return 0.0, 0.0, 0.0
-        closed, density, force = self._laws.gap_law(name).contact(self.network.contacts[name])
-        return closed, self._laws.relative_speed(name) / math.sqrt(2.0 * math.pi) * density, force
+            return dict.fromkeys(["contact_rate", *sampled], 0.0)
+        laws, contact = self._laws, self.network.contacts[name]
+        law, speed = laws.gap_law(name), laws.relative_speed(name)
+        closed, density, force = law.contact(contact)
+        rate = speed / math.sqrt(2.0 * math.pi) * density
+        known = {"contact_ratio": closed, "contact_rate": rate, "mean_contact_force": force}
+        further = [item for item in sampled_of(CONTACT) if item.stationary and item.name not in known]
+        of_gap = law.gap_marginal(contact, speed) if further else None
+        for item in further:
+            assert of_gap is not None
+            known[item.name] = of_gap.mean(item.sample, contact.law.evaluate)
+        return known
 
 
 def exact(network: Composition) -> ExactReference:

@@ -38,40 +38,43 @@ class OfBodies(NamedTuple):
         return cls(mass, damping, stiffness, x, xx, variance, nothing, vv, nothing)
 
 
-class OfContacts(NamedTuple):
-    """Means over time from which statistics of contacts are formed, (contact, …) each."""
-
-    closed: np.ndarray  # part of the time
-    rate: np.ndarray  # of contacts (s-1)
-    force: np.ndarray  # (N)
-    peak: np.ndarray  # largest force (N)
-
-
 class Moments(NamedTuple):
-    """What statistics are formed of, and balances by the statistic."""
+    """What statistics are formed of.
+
+    Attributes
+    ----------
+    bodies : OfBodies
+    others : mapping of str to (body or contact, …) ndarray
+        Statistics that are not formed of these, as they are.
+    balances : mapping of str to (body, …) ndarray
+        By the statistic.
+    """
 
     bodies: OfBodies
-    contacts: OfContacts
+    others: Mapping[str, np.ndarray]
     balances: Mapping[str, np.ndarray]
-
-    @classmethod
-    def of_law(cls, bodies: OfBodies, closed: np.ndarray, rate: np.ndarray, force: np.ndarray) -> Self:
-        """Return those of a stationary law, which has no largest force."""
-        return cls(bodies, OfContacts(closed, rate, force, np.full_like(force, np.nan)), {})
 
     def values(self) -> dict[str, np.ndarray]:
         """Return the statistics that do not depend on the time of observation."""
-        return {statistic.name: statistic.formed(self.of(statistic)) for statistic in stationary()}
+        return {item.name: self.of(item) for item in stationary() if item.formed or item.name in self.others}
 
-    def of(self, statistic: Statistic) -> Any:
-        """Return those that a statistic is formed of."""
-        return self.contacts if statistic.dimension == CONTACT else self.bodies
+    def of(self, statistic: Statistic) -> np.ndarray:
+        """Return a statistic of each unit or of a law."""
+        return statistic.formed(self.bodies) if statistic.formed else self.others[statistic.name]
+
+    def of_rows(self, dimension: str, rows: np.ndarray) -> Moments:
+        """Return those of some bodies or contacts, without balances."""
+        bodies = OfBodies(*(values[rows] for values in self.bodies)) if dimension == BODY else self.bodies
+        others = {name: item[rows] for name, item in self.others.items() if STATISTICS[name].dimension == dimension}
+        return Moments(bodies, others, {})
 
     def of_units(self, units: slice) -> Moments:
         """Return those of some units, on the last axis."""
         bodies = OfBodies(*(values[:, units] for values in self.bodies))
-        contacts = OfContacts(*(values[:, units] for values in self.contacts))
-        return Moments(bodies, contacts, {name: values[:, units] for name, values in self.balances.items()})
+        others, balances = (
+            {name: values[:, units] for name, values in item.items()} for item in (self.others, self.balances)
+        )
+        return Moments(bodies, others, balances)
 
 
 class Estimate(NamedTuple):
@@ -151,8 +154,8 @@ class Statistic(Variable):
 
     Attributes
     ----------
-    formed : callable
-        Forms it of moments, `OfBodies` or `OfContacts`.
+    formed : callable, optional
+        Forms it of moments of bodies, `OfBodies`; others are estimated as they are.
     event : callable
         What one event that is too rare for standard errors, a `Push` or a `Closing`, adds to it.
     balanced : bool
@@ -168,7 +171,7 @@ class Statistic(Variable):
         Whether a value below 0 is nothing but scatter.
     """
 
-    formed: Callable[[Any], np.ndarray]
+    formed: Callable[[OfBodies], np.ndarray] | None = None
     event: Callable[[Any], Any] | None = None
     balanced: bool = False
     stationary: bool = True
@@ -176,9 +179,9 @@ class Statistic(Variable):
     square: str = ""
     never_negative: bool = False
 
-    def averaged(self, moments: Any, average: Average) -> Estimate:
+    def averaged(self, moments: Moments, average: Average) -> Estimate:
         """Return values and standard errors from the moments of independent units, (row, unit) each."""
-        value, error = average(self.formed(moments))
+        value, error = average(moments.of(self))
         return Estimate(np.maximum(value, 0.0) if self.never_negative else value, error)
 
     @property
@@ -195,13 +198,32 @@ class Statistic(Variable):
         return Variable(self.statistic, self.dimension, self.units, f"{self.long_name}: {text}", prefix)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sampled(Statistic):
+    """A statistic that is the mean over time of a function of the state.
+
+    Attributes
+    ----------
+    sample : callable
+        The function, for numbers and arrays, of the displacement and velocity of a body, or of the indentation and
+        force of a contact; 0 where both are 0 and where a contact is open. It is compiled into the loop and summed once
+        a step, where forces are evaluated; exact laws integrate it.
+    largest : bool
+        Of contacts: whether it is the largest value in a run, not the mean.
+    """
+
+    sample: Callable[[Any, Any], Any]
+    largest: bool = False
+
+
 class Variance(Statistic):
     """Variance of the displacement."""
 
-    def averaged(self, moments: OfBodies, average: Average) -> Estimate:
+    def averaged(self, moments: Moments, average: Average) -> Estimate:
         """Estimate E[x²] − E[x]², of which each unit has the influence x² − 2 E[x] x."""
-        mean = average(moments.x).value
-        value, error = average(moments.xx + moments.load - 2.0 * mean[:, None] * moments.x)
+        bodies = moments.bodies
+        mean = average(bodies.x).value
+        value, error = average(bodies.xx + bodies.load - 2.0 * mean[:, None] * bodies.x)
         return Estimate(np.maximum(value + mean**2, 0.0), error)
 
 
@@ -229,21 +251,20 @@ STATISTICS: dict[str, Statistic] = {
             "mean_square_velocity", BODY, "m2 s-2", "mean square velocity",
             formed=lambda bodies: bodies.vv, event=lambda push: push.vv, balanced=True,
         ),
-        Statistic(
+        Sampled(
             "contact_ratio", CONTACT, "1", "fraction of time in contact",
-            formed=lambda contacts: contacts.closed, event=lambda closing: closing.duration,
+            sample=lambda indentation, force: 1.0 * (indentation > 0.0), event=lambda closing: closing.duration,
         ),
         Statistic(
-            "contact_rate", CONTACT, "s-1", "rate of contacts", never_negative=True,
-            formed=lambda contacts: contacts.rate, event=lambda closing: 1.0,
+            "contact_rate", CONTACT, "s-1", "rate of contacts", never_negative=True, event=lambda closing: 1.0,
         ),
-        Statistic(
+        Sampled(
             "mean_contact_force", CONTACT, "N", "mean contact force over all time",
-            formed=lambda contacts: contacts.force, event=lambda closing: closing.impulse,
+            sample=lambda indentation, force: force, event=lambda closing: closing.impulse,
         ),
-        Statistic(
+        Sampled(
             "peak_contact_force", CONTACT, "N", "mean over realizations of the largest contact force",
-            formed=lambda contacts: contacts.peak, stationary=False,
+            sample=lambda indentation, force: force, largest=True, stationary=False,
         ),
     )
 }  # fmt: skip
@@ -253,6 +274,12 @@ STATISTICS: dict[str, Statistic] = {
 def stationary() -> list[Statistic]:
     """Return the statistics that do not depend on the time of observation."""
     return [statistic for statistic in STATISTICS.values() if statistic.stationary]
+
+
+def sampled_of(dimension: str) -> list[Sampled]:
+    """Return the statistics of bodies or contacts that are sampled, in the order of their sums: the largest last."""
+    found = [item for item in STATISTICS.values() if isinstance(item, Sampled) and item.dimension == dimension]
+    return sorted(found, key=lambda statistic: statistic.largest)
 
 
 def balances() -> list[Variable]:

@@ -10,9 +10,10 @@ from numpy.typing import DTypeLike
 
 from impactlab.integrators.arguments import Closings, Flux, History, State, Sums, Turns
 from impactlab.integrators.jumps import Zeros
-from impactlab.kernels.rows import CONTACT_ROWS, PAIR_ROWS, TURN
+from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
+from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 CACHE_LINE = 64
 """Bytes that a processor moves at a time, and of its longest vectors."""
@@ -81,10 +82,13 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     )
     slots = 0 if plan.subdomains.tiles else SLOTS
     history = History(*[zeros((slots, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2])
+    sampled = sampled_of(CONTACT)
     turning = observed.bodies * (plan.rows > TURN)
     sums = Sums(
         bodies=zeros((method.integrator.phases, plan.rows, observed.bodies, lanes)),
-        contacts=zeros((CONTACT_ROWS, observed.contacts, lanes)),
+        contacts=zeros((FLUX + 1 + len(sampled), observed.contacts, lanes)),
+        summed=FLUX + 1 + sum(not statistic.largest for statistic in sampled),
+        samples=zeros((len(sampled_of(BODY)), observed.bodies, lanes)),
         products=zeros((PAIR_ROWS, len(method.pairs), lanes)),
         ends=system.ends.pairs,
         pairs=method.pairs,

@@ -14,13 +14,14 @@ from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.rows import BEGUN, CLOSED, FORCE, INTENSITY, KICK_ROWS, TRANSIENT_ROWS, F
+from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.cosine_series import Cosines, sample_count
 from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, mean_and_slope, rough
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
+from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
 
 ATTEMPTS = 100
@@ -63,6 +64,7 @@ class Edge(NamedTuple):
     bodies: np.ndarray  # (row, body, lane)
     contacts: np.ndarray  # (row, contact, lane)
     products: np.ndarray  # (row, pair, lane)
+    samples: np.ndarray  # (row, body, lane)
 
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
@@ -364,7 +366,7 @@ class Block:
             self.advance(end - begin, sample)
             self._collect_sums()
             self.sums.bodies[:, :F] *= plan.method.interval  # states are added once per interval
-            totals = self.sums.bodies, self.sums.contacts, self.sums.products
+            totals = self._with_samples(self.sums.bodies, self.sums.samples), self.sums.contacts, self.sums.products
             if start is not None:
                 last = self._edge()
                 totals, start = self._over_time(begin, end, start, last), last
@@ -408,14 +410,29 @@ class Block:
         x, f = state.x[:-1], state.total[:-1]
         v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
         bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
-        contacts = np.zeros_like(self.sums.contacts)
-        contacts[CLOSED] = plan.system.ends.gap(state.reading) > plan.system.clearance[:, None]
-        contacts[FORCE] = state.contact_force
+        contacts, samples = np.zeros_like(self.sums.contacts), np.zeros_like(self.sums.samples)
+        indentation = plan.system.ends.gap(state.reading) - plan.system.clearance[:, None]
+        for sums, dimension, quantities in (
+            (contacts[FLUX + 1 :], CONTACT, (indentation, state.contact_force)),
+            (samples, BODY, (x, v)),
+        ):
+            for row, statistic in zip(sums, sampled_of(dimension), strict=True):
+                if not statistic.largest:
+                    row[:] = statistic.sample(*quantities)
         products = np.zeros_like(self.sums.products)
         if products.size:
             i, j = self.sums.pairs.T
             products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
-        return Edge(bodies, contacts, products)
+        return Edge(bodies, contacts, products, samples)
+
+    @staticmethod
+    def _with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """Return sums over bodies with those of what statistics sample in the last rows, all in the first phase."""
+        if not len(samples):
+            return bodies
+        rows = np.zeros((len(bodies), *samples.shape))
+        rows[0] = samples
+        return np.concatenate([bodies, rows], axis=1)
 
     def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
@@ -439,11 +456,11 @@ class Block:
             if plan.noise.time_varying:
                 bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
-        return bodies, sums.contacts + half[1], products
+        return self._with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))
-        for total in (self.sums.bodies, self.sums.contacts, self.sums.products):
+        for total in (self.sums.bodies, self.sums.contacts, self.sums.products, self.sums.samples):
             total[:] = 0.0
 
     def _collect_sums(self) -> None:

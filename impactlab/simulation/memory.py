@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from impactlab.errors import InvalidInput
-from impactlab.kernels.rows import CONTACT_ROWS, PAIR_ROWS, TRANSIENT_ROWS
+from impactlab.kernels.rows import FLUX, PAIR_ROWS, TRANSIENT_ROWS
 from impactlab.machine import available
 from impactlab.plan.plan import Plan
+from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import Counted, allocate
 
 COPIES = 6
@@ -25,8 +26,9 @@ def sizes(plan: Plan) -> tuple[int, int]:
     """Return the bytes that a realization takes while it runs, and what its sums take."""
     bodies, contacts, pairs = len(plan.system.bodies), len(plan.system.contacts), len(plan.method.pairs)
     whole = plan.transient and plan.method.integrator.kicks
-    of_sums = 8 * plan.method.integrator.phases * (TRANSIENT_ROWS if whole else plan.rows) * bodies
-    of_sums += 8 * CONTACT_ROWS * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
+    rows = (TRANSIENT_ROWS if whole else plan.rows) + len(sampled_of(BODY))
+    of_sums = 8 * plan.method.integrator.phases * rows * bodies
+    of_sums += 8 * (FLUX + 1 + len(sampled_of(CONTACT))) * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
     counted = Counted()
     allocate(plan, 1, counted)
     for tile in plan.subdomains.tiles:

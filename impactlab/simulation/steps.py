@@ -17,6 +17,7 @@ from impactlab.nonlinear.closings import counts_closings
 from impactlab.plan.clock import MOST_SAMPLES, MOST_STEPS, TRANSIENT, batch_count, fit_step
 from impactlab.plan.driving import check_periods
 from impactlab.plan.start import Start
+from impactlab.results.schema import BODY, sampled_of
 from impactlab.simulation.expected import Expected
 from impactlab.simulation.request import Request
 from impactlab.step_size.automatic import choose_step, highest_step
@@ -73,9 +74,8 @@ class Steps:
         """
         intervals, duration, given = request.intervals(), request.duration, request.step is not None
         period = check_periods(model, duration + expected.spin_up)
-        may_sample = expected.stationary and sampled_will_do(
-            model, request.integrator, any(record.every_step for record in request.records)
-        )
+        every_step = any(record.every_step for record in request.records) or bool(sampled_of(BODY))
+        may_sample = expected.stationary and sampled_will_do(model, request.integrator, every_step)
         chosen = _step_before_fitting(model, request, expected, may_sample)
         if period is not None and not given and (not intervals or _divides(intervals[0], period)):
             intervals.append(period)

@@ -66,9 +66,9 @@ def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> 
     result = {statistic.name: Estimate(*np.empty((2, len(near.doubtful)))) for statistic in own}
     for rows, chosen in near.choices(usable, most):
         average = AtBalance(Regression(balances[chosen], mean.weights), mean, near.doubtful[rows])
+        of_rows = moments.of_rows(near.dimension, rows)
         for statistic in own:
-            of = moments.of(statistic)
-            value, error = statistic.averaged(type(of)(*(item[rows] for item in of)), average)
+            value, error = statistic.averaged(of_rows, average)
             result[statistic.name].value[rows], result[statistic.name].error[rows] = value, error
     return result
 

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from impactlab.kernels.rows import FORCE, VV, XX, X
+from impactlab.kernels.rows import FLUX, VV, XX, X
+from impactlab.results.schema import CONTACT, sampled_of
 
 FEWEST = 8
 """Realizations from which on their scatter alone tells the error of a difference."""
@@ -34,7 +35,10 @@ def drift_of(bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray, truste
     alone = realizations < FEWEST
     if half == 0 or (alone and not trusted):
         return math.nan
-    sums = np.concatenate([bodies[:, [X, XX, VV]].reshape(len(steps), -1, realizations), contacts[:, FORCE]], axis=1)
+    row = [statistic.name for statistic in sampled_of(CONTACT)].index("mean_contact_force")
+    sums = np.concatenate(
+        [bodies[:, [X, XX, VV]].reshape(len(steps), -1, realizations), contacts[:, FLUX + 1 + row]], axis=1
+    )
     differences, error, freedom = _by_batches(sums, steps) if alone else _by_realizations(sums, steps)
     moving = error > 1e-12 * np.abs(sums).max(axis=(0, 2), initial=1e-300) / steps.sum()
     largest = np.abs(differences[moving] / error[moving]).max(initial=0.0)

@@ -65,7 +65,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     random, trusted = bool(plan.noise.random.any()), plan.realizations.trusted
     if random and not trusted:
         _warn_of_few(plan)
-    events = Events.of(plan, units.moments.contacts.closed, units.pushes)
+    events = Events.of(plan, units.moments.others["contact_ratio"], units.pushes)
     seldom = events.seldom(plan)
     mean = Mean(units.weights, trusted and random)
     values = Values.of(plan, units.moments, units.whole, mean, seldom)
@@ -91,7 +91,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
 
 def _by_realization(units: Units) -> dict[str, np.ndarray]:
     """Return statistics and balances of the realizations."""
-    statistics = {item.name: item.formed(units.whole.of(item)) for item in STATISTICS.values()}
+    statistics = {item.name: units.whole.of(item) for item in STATISTICS.values()}
     balances = {STATISTICS[name].balance.name: item for name, item in units.whole.balances.items()}
     return {name: item.T for name, item in (statistics | balances).items()}
 
@@ -112,7 +112,7 @@ def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Val
     widen_bodies(plan, events, kinetic, values.of_dimension(BODY))
     for statistic, (_, error) in values.of_dimension(CONTACT):
         moments = units.moments if statistic.stationary else units.whole
-        same = np.ptp(statistic.formed(moments.of(statistic)), axis=-1) == 0.0
+        same = np.ptp(moments.of(statistic), axis=-1) == 0.0
         error[same | (events.closings == 0.0)] = np.nan  # what was the same in all units is not known exactly
     widening = memory.widening(len(units.weights))
     of_ends = plan.system.ends.largest(widening, 1.0)

@@ -8,10 +8,10 @@ import numpy as np
 
 from impactlab.integrators.arguments import Group
 from impactlab.integrators.kicks import kick_share
-from impactlab.kernels.rows import BEGUN, CLOSED, FF, FLUX, FORCE, FV, FX, INTENSITY, PEAK, TURN, VV, XV, XX, F, V, X
+from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV, XV, XX, F, V, X
 from impactlab.plan.driving import Driving
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import Moments, OfBodies, OfContacts
+from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_of
 from impactlab.statistics.balances import balances_of
 from impactlab.statistics.chain import Chain, weighted_sum
 from impactlab.statistics.joint_moments import joint_moments, mean_load
@@ -53,14 +53,14 @@ def moments_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.nd
     mass, damping, stiffness = np.broadcast_to(plan.system.linear[..., None], (3, *motion.load.shape))
     variance = np.maximum(motion.square[0] + motion.load - motion.mean[0] ** 2, 0.0)
     (x, v), (xx, vv) = motion.mean, motion.square
-    peak, contacts = contacts[PEAK], contacts / steps
-    flux = 9.0 / 8.0 * contacts[FLUX] / plan.observed.window[:, None]
-    rate = contacts[FLUX] / plan.clock.step if plan.observed.counted else flux
-    return Moments(
-        OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load),
-        OfContacts(contacts[CLOSED], rate, contacts[FORCE], peak),
-        balances,
-    )
+    flux = contacts[FLUX] / steps
+    rate = flux / plan.clock.step if plan.observed.counted else 9.0 / 8.0 * flux / plan.observed.window[:, None]
+    of_bodies, of_contacts = sampled_of(BODY), sampled_of(CONTACT)
+    rows = [*zip(of_bodies, sums.sum(axis=0)[sums.shape[1] - len(of_bodies) :], strict=True)]
+    rows += zip(of_contacts, contacts[FLUX + 1 :], strict=True)
+    others = {item.name: row if item.largest else row / steps for item, row in rows}
+    bodies = OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load)
+    return Moments(bodies, {"contact_rate": rate, **others}, balances)
 
 
 def _of_bodies(

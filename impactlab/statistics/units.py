@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from impactlab.kernels.rows import FF, PEAK
+from impactlab.kernels.rows import FF, FLUX
 from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import Moments
+from impactlab.results.schema import CONTACT, Moments, sampled_of
 from impactlab.statistics.moments import moments_of
 
 
@@ -47,7 +47,9 @@ class Units:
         counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
         total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
         whole = [item.sum(axis=0) for item in (bodies, contacts, products)]
-        whole[1][PEAK] = contacts[:, PEAK].max(axis=0)
+        for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
+            if statistic.largest:
+                whole[1][row] = contacts[:, row].max(axis=0)
         alone = realizations >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
         if alone:

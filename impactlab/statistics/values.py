@@ -47,7 +47,7 @@ class Values:
         """
         balances = {name: mean(item) for name, item in moments.balances.items()}
         off = unbalanced(balances, plan.system.bodies, plan.noise.random)
-        combined, direct = {item.name: item.averaged(moments.of(item), mean) for item in stationary()}, {}
+        combined, direct = {item.name: item.averaged(moments, mean) for item in stationary()}, {}
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
         if usable.any() and mean.trusted and plan.clock.settled and not off:
@@ -59,7 +59,7 @@ class Values:
         of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
         for statistic in STATISTICS.values():
             if not statistic.stationary:
-                combined[statistic.name] = statistic.averaged(whole.of(statistic), of_realizations)
+                combined[statistic.name] = statistic.averaged(whole, of_realizations)
         return cls(combined, direct, balances, off)
 
     def labelled(self) -> Iterator[tuple[Variable, Estimate]]:

@@ -107,7 +107,7 @@ def errors(factor: Any) -> Plant:
 
 def scaled_rate(factor: float) -> Plant:
     def change(found: Any, *_: Any) -> Any:
-        return found._replace(contacts=found.contacts._replace(rate=factor * found.contacts.rate))
+        return found._replace(others={**found.others, "contact_rate": factor * found.others["contact_rate"]})
 
     return returned(units, "moments_of", change)
 

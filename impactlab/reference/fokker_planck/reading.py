@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.reference.fokker_planck.propagator import Propagator
-from impactlab.results.schema import Moments, OfBodies
+from impactlab.results.schema import CONTACT, Moments, OfBodies, sampled_of
 
 _FINE = 4000
 
@@ -38,7 +38,13 @@ class Reading:
         squares, kinetic = np.array([item[0] for item in moments]).T
         linear = pair.mass, pair.damping, pair.stiffness
         bodies = OfBodies.of_law(linear, means, squares, squares - means**2, kinetic)
-        return Moments.of_law(bodies, *np.array([[self._closed()], [self._rate()], [force]])).values()
+        gaps = self.weights.sum(axis=1)
+        sampled = {
+            item.name: (gaps * item.sample(propagator.gap, propagator.forces)).sum() for item in sampled_of(CONTACT)
+        }
+        known = {"contact_ratio": self._closed(), "contact_rate": self._rate(), "mean_contact_force": force}
+        others = {name: np.array([value]) for name, value in (sampled | known).items()}
+        return Moments(bodies, others, {}).values()
 
     @cached_property
     def balances(self) -> dict[str, np.ndarray]:
