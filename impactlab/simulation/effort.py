@@ -135,7 +135,8 @@ def _spread(run: int, steps: int, affordable: int, settling: int) -> tuple[tuple
     longer = max(steps, -(-run // (MOST_SEGMENTS * SLOTS)) * SLOTS)
     if 3 * run <= affordable and longer <= LONGEST:  # all of it
         return tuple(range(0, run - longer + 1, longer)), longer, 0
-    segments = min(MOST_SEGMENTS, max(FEWEST, affordable // (settling + 3 * steps)), run // steps)
-    run_up = min(settling, max(0, affordable // segments - 3 * steps)) // SLOTS * SLOTS
+    through, apart = (affordable - run) // (2 * steps), max(FEWEST, affordable // (settling + 3 * steps))
+    segments = min(MOST_SEGMENTS, max(through, apart), run // steps)
+    run_up = run if through >= apart else max(0, min(settling, affordable // segments - 3 * steps))
     begins = np.linspace(0, run - steps, segments).astype(int) // SLOTS * SLOTS
-    return tuple(begins.tolist()), steps, run_up
+    return tuple(begins.tolist()), steps, run_up // SLOTS * SLOTS
