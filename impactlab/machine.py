@@ -14,47 +14,26 @@ from impactlab.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Tuning:
-    """Sizes that suit a machine, as measured on one. No result depends on them.
-
-    Attributes
-    ----------
-    lanes : int
-        Largest number of realizations in a block: enough to outweigh what a step costs at any number, few enough for
-        the cache.
-    cached : int
-        Bodies times lanes of a block that stay in a core's cache.
-    fewest_lanes : int
-        Lanes that are not worth dividing for it.
-    bodies_per_lane, single_lane_bodies : int
-        Bodies per lane, and bodies, from which loops over the bodies of one lane cost less than loops over lanes.
-    series_bytes : float
-        Memory that the series of a block may take.
-    call_seconds : float
-        Length of a compiled call: short, so that interrupts are answered.
-    tile_bodies : int
-        Bodies of a tile: few enough for the cache, enough to outweigh what a call costs.
-    tile_steps : tuple of int
-        Steps that tiles make alone, the best first; multiples of the slots of the sums.
-    tile_excess : float
-        Largest number of bodies in all tiles with their halos, as a multiple of the bodies of the network.
-    chunk_bytes : int
-        Size of what is written to a file at a time, and of its chunks, if a sample of a block is not larger.
-    cosines : float
-        Cosines that are evaluated at a time where no FFT sums them.
-    """
+    """Sizes that suit a machine, as measured on one. No result depends on them."""
 
     lanes: int = 520
-    cached: int = 4000
-    fewest_lanes: int = 64
-    bodies_per_lane: int = 16
-    single_lane_bodies: int = 200
-    series_bytes: float = 160e6
-    call_seconds: float = 0.05
-    tile_bodies: int = 4000
+    """Largest number of realizations in a block: enough to outweigh what a step costs at any number, few enough for the
+    cache.
+    """
+    cached: int = 4000  # bodies times lanes of a block that stay in a core's cache
+    fewest_lanes: int = 64  # lanes that are not worth dividing for it
+    bodies_per_lane: int = 16  # from which on loops over the bodies of one lane cost less than loops over lanes
+    single_lane_bodies: int = 200  # bodies from which on they do, too
+    series_bytes: float = 160e6  # memory that the series of a block may take
+    call_seconds: float = 0.05  # length of a compiled call: short, so that interrupts are answered
+    tile_bodies: int = 4000  # bodies of a tile: few enough for the cache, enough to outweigh what a call costs
     tile_steps: tuple[int, ...] = (64, 32, 16, 8)
+    """Steps that tiles make alone, the best first; multiples of the slots of the sums."""
     tile_excess: float = 1.5
+    """Largest number of bodies in all tiles with their halos, as a multiple of the bodies of the network."""
     chunk_bytes: int = 1_000_000
-    cosines: float = 4e6
+    """Size of what is written to a file at a time, and of its chunks, if a sample of a block is not larger."""
+    cosines: float = 4e6  # cosines that are evaluated at a time where no FFT sums them
 
 
 _tuning = Tuning()

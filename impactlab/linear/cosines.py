@@ -10,24 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """A sum of cosines on one body.
+    """A sum of cosines on one body."""
 
-    Attributes
-    ----------
-    body : int
-        Slot.
-    name : str
-        Name of the body, which names the stream of the phases.
-    frequencies : (line,) ndarray
-        Angular frequencies (rad s-1).
-    amplitudes : (line,) ndarray
-        Amplitudes of the force (N).
-    """
-
-    body: int
-    name: str
-    frequencies: np.ndarray
-    amplitudes: np.ndarray
+    body: int  # slot
+    name: str  # of the body, which names the stream of the phases
+    frequencies: np.ndarray  # (line,) angular (rad s-1)
+    amplitudes: np.ndarray  # (line,) of the force (N)
 
 
 def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:

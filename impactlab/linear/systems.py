@@ -26,21 +26,12 @@ class LinearSystem:
 
     Displacements in which no spring holds the bodies (rows of K that add up to 0) are left
     out of the state, so that the velocities of free bodies have their law.
-
-    Attributes
-    ----------
-    mass : (body,) ndarray
-        Diagonal of M (kg).
-    damping, stiffness : (body, body) ndarray
-        C and K (N s m-1, N m-1).
-    intensity : (body,) ndarray
-        Two-sided spectral densities of the noises (N2 s rad-1).
     """
 
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    intensity: np.ndarray
+    mass: np.ndarray  # (body,) diagonal of M (kg)
+    damping: np.ndarray  # (body, body) C (N s m-1)
+    stiffness: np.ndarray  # (body, body) K (N m-1)
+    intensity: np.ndarray  # (body,) two-sided spectral densities of the noises (N2 s rad-1)
 
     @cached_property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:

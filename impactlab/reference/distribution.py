@@ -15,18 +15,10 @@ from impactlab.reference.potential import Gap
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """Law of a displacement or of a difference of two.
+    """Law of a displacement or of a difference of two."""
 
-    Attributes
-    ----------
-    law : Piecewise
-        The density, not normalised, 0 outside its panels.
-    rarest : float
-        Density, relative to its top, that is still resolved.
-    """
-
-    law: Piecewise
-    rarest: float = 1e-20
+    law: Piecewise  # the density, not normalised, 0 outside its panels
+    rarest: float = 1e-20  # density, relative to its top, that is still resolved
 
     @cached_property
     def total(self) -> float:

@@ -24,19 +24,11 @@ _CHUNK = 4_000_000  # numbers at a time
 
 @dataclass(frozen=True, eq=False)
 class CosineResponse:
-    """What a sum of cosines with random phases on one body moves.
+    """What a sum of cosines with random phases on one body moves."""
 
-    Attributes
-    ----------
-    frequencies, amplitudes : (line,) ndarray
-        Of the force (rad s-1, N).
-    receptance : (line, body) ndarray
-        Complex displacement of each body by unit force (m N-1).
-    """
-
-    frequencies: np.ndarray
-    amplitudes: np.ndarray
-    receptance: np.ndarray
+    frequencies: np.ndarray  # (line,) of the force (rad s-1)
+    amplitudes: np.ndarray  # (line,) of the force (N)
+    receptance: np.ndarray  # (line, body) complex displacement of each body by unit force (m N-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,23 +40,13 @@ class GaussianLaw:
     ``½ |A H(ω)|²`` and is independent of all others, H being the receptance; the sum is
     not Gaussian, but its characteristic function is known, ``exp(−σ² t²/2) Π J₀(|A H| t)``,
     and gives the density of a displacement or a velocity by one sum.
-
-    Parameters
-    ----------
-    bodies : tuple of str
-        Names of the bodies.
-    system : LinearSystem
-        Their motion and the white noise on them; every motion is damped, and springs hold all bodies.
-    temperature : float, optional
-        Temperature of all bodies, if it is one and no coupling has damping (J).
-    cosines : sequence of CosineResponse
-        The sums of cosines.
     """
 
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # names
     system: LinearSystem
-    temperature: float | None = None
-    cosines: Sequence[CosineResponse] = ()
+    """Their motion and the white noise on them; every motion is damped, and springs hold all bodies."""
+    temperature: float | None = None  # temperature of all bodies, if it is one and no coupling has damping (J)
+    cosines: Sequence[CosineResponse] = ()  # the sums of cosines
 
     @cached_property
     def covariance(self) -> np.ndarray:

@@ -37,17 +37,6 @@ class GibbsLaw:
     with a kink of its own); the part on either side of a corner is right relative to
     itself, however small it is.
 
-    Parameters
-    ----------
-    bodies : tuple of str
-        Names of the bodies.
-    potential : Potential
-        Φ and T.
-    weights : tuple of float
-        Weight of q in the displacement of each body.
-    spread : float
-        Standard deviation of what the displacements have beside q (m).
-
     Raises
     ------
     NoExactReference
@@ -56,10 +45,10 @@ class GibbsLaw:
         If a potential is not the integral of its force.
     """
 
-    bodies: tuple[str, ...]
-    potential: Potential
-    weights: tuple[float, ...] = (1.0,)
-    spread: float = 0.0
+    bodies: tuple[str, ...]  # names
+    potential: Potential  # φ and T
+    weights: tuple[float, ...] = (1.0,)  # weight of q in the displacement of each body
+    spread: float = 0.0  # standard deviation of what the displacements have beside q (m)
     edges: np.ndarray = field(init=False, repr=False)
     ground: float = field(init=False, repr=False)
     normalization: float = field(init=False, repr=False)

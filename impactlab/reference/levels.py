@@ -18,18 +18,10 @@ _CROSSING = ("displacement", "contact_force")
 
 @dataclass(frozen=True, eq=False)
 class Coordinate:
-    """What has levels: a displacement, or a contact force, which grows with an indentation.
+    """What has levels: a displacement, or a contact force, which grows with an indentation."""
 
-    Attributes
-    ----------
-    law : Marginal
-        Law of the displacement or the indentation.
-    force : ContactLaw, optional
-        Law of the force.
-    """
-
-    law: Marginal
-    force: ContactLaw | None = None
+    law: Marginal  # law of the displacement or the indentation
+    force: ContactLaw | None = None  # law of the force
 
     @classmethod
     def of(cls, laws: Laws, name: str, quantity: str) -> Coordinate:

@@ -131,18 +131,10 @@ class LinearPart:
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """The bodies of a subsystem without its contacts.
+    """The bodies of a subsystem without its contacts."""
 
-    Attributes
-    ----------
-    laws : list of GaussianLaw
-        Their laws.
-    mattering : dict of str to float
-        The contacts that matter, with the clearance (m) from which on they would not.
-    """
-
-    laws: list[GaussianLaw]
-    mattering: dict[str, float]
+    laws: list[GaussianLaw]  # their laws
+    mattering: dict[str, float]  # the contacts that matter, with the clearance (m) from which on they would not
 
     @classmethod
     def of(cls, subsystem: Subsystem) -> Apart | None:

@@ -23,26 +23,14 @@ class Marginal:
 
     A level u is then crossed upwards at the rate ``speed/sqrt(2π) p(u)`` (Rice, Bell Syst.
     Tech. J. 24, 1945, 46).
-
-    Attributes
-    ----------
-    density : callable
-        Density p (m-1) at some places (m).
-    above : callable
-        Probability of more than one place.
-    places : (place,) ndarray
-        Increasing places, close enough to show every peak of the density; at the last it has vanished.
-    speed : float
-        Standard deviation of the rate (m s-1).
-    rarest : float
-        Density, relative to its top, that is still resolved.
     """
 
-    density: Function
-    above: Callable[[float], float]
+    density: Function  # density p (m-1) at some places (m)
+    above: Callable[[float], float]  # probability of more than one place
     places: np.ndarray
-    speed: float
-    rarest: float = 1e-20
+    """(place,) increasing places, close enough to show every peak of the density; at the last it has vanished."""
+    speed: float  # standard deviation of the rate (m s-1)
+    rarest: float = 1e-20  # density, relative to its top, that is still resolved
 
     def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], second: Function) -> float:
         """Return the mean of a function of the place, which may have a kink at 0, and of a second quantity there."""

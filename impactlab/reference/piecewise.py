@@ -23,18 +23,10 @@ _CHUNK = 2_000  # panels that are looked at together
 
 @dataclass(frozen=True, eq=False)
 class Piecewise:
-    """Some functions of one coordinate: Legendre polynomials on the same panels.
+    """Some functions of one coordinate: Legendre polynomials on the same panels."""
 
-    Attributes
-    ----------
-    edges : (panel + 1,) ndarray
-        Edges of the panels, increasing.
-    coefficients : (function, panel, order) ndarray
-        Coefficients of the polynomials.
-    """
-
-    edges: np.ndarray
-    coefficients: np.ndarray
+    edges: np.ndarray  # (panel + 1,) edges of the panels, increasing
+    coefficients: np.ndarray  # (function, panel, order) coefficients of the polynomials
 
     @cached_property
     def nodes(self) -> np.ndarray:

@@ -46,30 +46,15 @@ class Potential:
 
     ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``; from it a line
     may be taken off, ``slope q + level`` in units of T.
-
-    Parameters
-    ----------
-    names : str
-        The bodies, as messages show them.
-    temperature : float
-        T (J).
-    stiffness : float
-        Stiffness of the coordinate (N m-1).
-    gaps : tuple of Gap
-        The contacts.
-    residual : Oscillator, optional
-        The oscillator whose residual potential acts on q.
-    slope, level : float
-        The line that is taken off (m-1, 1).
     """
 
-    names: str = field(compare=False)
-    temperature: float
-    stiffness: float
-    gaps: tuple[Gap, ...] = ()
-    residual: Oscillator | None = None
-    slope: float = 0.0
-    level: float = 0.0
+    names: str = field(compare=False)  # the bodies, as messages show them
+    temperature: float  # T (J)
+    stiffness: float  # stiffness of the coordinate (N m-1)
+    gaps: tuple[Gap, ...] = ()  # the contacts
+    residual: Oscillator | None = None  # the oscillator whose residual potential acts on q
+    slope: float = 0.0  # of the line that is taken off (m-1)
+    level: float = 0.0  # of the line
 
     @property
     def corners(self) -> np.ndarray:

@@ -167,27 +167,14 @@ def _fine(tolerance: float) -> Fineness:
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """What bodies from one on to the end of the ring contribute, as a function of its relative displacement.
+    """What bodies from one on to the end of the ring contribute, as a function of its relative displacement."""
 
-    Attributes
-    ----------
-    factor : Piecewise
-        Logarithm of the body's own factor.
-    outer : Piecewise, optional
-        Factor of its difference from body 0, if they are connected.
-    onwards : _Stage, optional
-        The same of the next body.
-    kernel : Piecewise, optional
-        Factor of the difference from it, as a function of its relative displacement less that of this body.
-    edges : ndarray
-        Edges of panels that resolve the function.
-    """
-
-    factor: Piecewise
-    outer: Piecewise | None
-    onwards: _Stage | None
+    factor: Piecewise  # logarithm of the body's own factor
+    outer: Piecewise | None  # factor of its difference from body 0, if they are connected
+    onwards: _Stage | None  # the same of the next body
     kernel: Piecewise | None
-    edges: np.ndarray
+    """Factor of the difference from it, as a function of its relative displacement less that of this body."""
+    edges: np.ndarray  # edges of panels that resolve the function
 
     def resolved(self, looked_at: np.ndarray) -> _Stage:
         """Return it with panels that resolve it for some places of body 0."""

@@ -39,20 +39,11 @@ class OfBodies(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """What statistics are formed of.
-
-    Attributes
-    ----------
-    bodies : OfBodies
-    others : mapping of str to (body or contact, …) ndarray
-        Statistics that are not formed of these, as they are.
-    balances : mapping of str to (body, …) ndarray
-        By the statistic.
-    """
+    """What statistics are formed of."""
 
     bodies: OfBodies
-    others: Mapping[str, np.ndarray]
-    balances: Mapping[str, np.ndarray]
+    others: Mapping[str, np.ndarray]  # statistics that are not formed of these, as they are
+    balances: Mapping[str, np.ndarray]  # by the statistic
 
     def values(self) -> dict[str, np.ndarray]:
         """Return the statistics that do not depend on the time of observation."""
@@ -104,23 +95,13 @@ class Closing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of a dataset: a number for each body or contact.
+    """A variable of a dataset: a number for each body or contact."""
 
-    Attributes
-    ----------
-    statistic, units, long_name : str
-        The statistic that it is, or belongs to.
-    dimension : str
-        `BODY` or `CONTACT`.
-    prefix : str
-        Of its name, before the statistic.
-    """
-
-    statistic: str
-    dimension: str
+    statistic: str  # the statistic that it is, or belongs to
+    dimension: str  # `BODY` or `CONTACT`
     units: str
     long_name: str
-    prefix: str = ""
+    prefix: str = ""  # of its name, before the statistic
 
     @property
     def name(self) -> str:
@@ -150,34 +131,20 @@ class Variable:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Statistic(Variable):
-    """A statistic.
-
-    Attributes
-    ----------
-    formed : callable, optional
-        Forms it of moments of bodies, `OfBodies`; others are estimated as they are.
-    event : callable
-        What one event that is too rare for standard errors, a `Push` or a `Closing`, adds to it.
-    balanced : bool
-        Whether there is a second estimate of it, by a balance: their difference, 0 in expectation, is a control
-        variate of all statistics.
-    stationary : bool
-        Whether it does not depend on the time of observation.
-    held : bool
-        Whether it has a stationary value only where something holds the body.
-    square : str
-        Statistic whose root is its size, where it may be 0 by symmetry.
-    never_negative : bool
-        Whether a value below 0 is nothing but scatter.
-    """
+    """A statistic."""
 
     formed: Callable[[OfBodies], np.ndarray] | None = None
+    """Forms it of moments of bodies, `OfBodies`; others are estimated as they are."""
     event: Callable[[Any], Any] | None = None
+    """What one event that is too rare for standard errors, a `Push` or a `Closing`, adds to it."""
     balanced: bool = False
-    stationary: bool = True
-    held: bool = False
-    square: str = ""
-    never_negative: bool = False
+    """Whether there is a second estimate of it, by a balance: their difference, 0 in expectation, is a control variate
+    of all statistics.
+    """
+    stationary: bool = True  # whether it does not depend on the time of observation
+    held: bool = False  # whether it has a stationary value only where something holds the body
+    square: str = ""  # statistic whose root is its size, where it may be 0 by symmetry
+    never_negative: bool = False  # whether a value below 0 is nothing but scatter
 
     def averaged(self, moments: Moments, average: Average) -> Estimate:
         """Return values and standard errors from the moments of independent units, (row, unit) each."""
@@ -200,20 +167,14 @@ class Statistic(Variable):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sampled(Statistic):
-    """A statistic that is the mean over time of a function of the state.
-
-    Attributes
-    ----------
-    sample : callable
-        The function, for numbers and arrays, of the displacement and velocity of a body, or of the indentation and
-        force of a contact; 0 where both are 0 and where a contact is open. It is compiled into the loop and summed once
-        a step, where forces are evaluated; exact laws integrate it.
-    largest : bool
-        Of contacts: whether it is the largest value in a run, not the mean.
-    """
+    """A statistic that is the mean over time of a function of the state."""
 
     sample: Callable[[Any, Any], Any]
-    largest: bool = False
+    """The function, for numbers and arrays, of the displacement and velocity of a body, or of the indentation and force
+    of a contact; 0 where both are 0 and where a contact is open. It is compiled into the loop and summed once a step,
+    where forces are evaluated; exact laws integrate it.
+    """
+    largest: bool = False  # of contacts: whether it is the largest value in a run, not the mean
 
 
 class Variance(Statistic):

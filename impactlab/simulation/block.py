@@ -41,21 +41,12 @@ Tick = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """What a block returns: sums per batch and realization, and what its records kept.
+    """What a block returns: sums per batch and realization, and what its records kept."""
 
-    Attributes
-    ----------
-    bodies : (batch, phase, row, body, lane) ndarray
-    contacts : (batch, row, contact, lane) ndarray
-    products : (batch, row, pair, lane) ndarray
-    records : list
-        One dictionary of arrays per record.
-    """
-
-    bodies: np.ndarray
-    contacts: np.ndarray
-    products: np.ndarray
-    records: list[dict[str, np.ndarray]] = field(default_factory=list)
+    bodies: np.ndarray  # (batch, phase, row, body, lane)
+    contacts: np.ndarray  # (batch, row, contact, lane)
+    products: np.ndarray  # (batch, row, pair, lane)
+    records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
 
 
 class Edge(NamedTuple):

@@ -20,28 +20,15 @@ from impactlab.simulation.request import Request
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Estimates of a motion before it is simulated.
+    """Estimates of a motion before it is simulated."""
 
-    Attributes
-    ----------
-    start : str or ndarray
-        "stationary", "rest", or displacements and velocities, (2, body).
-    spin_up : float
-        (s)
-    stiffening, measured : Stiffening
-        Tangent stiffness of contacts, couplings and residual forces at the estimated energies of the bodies, and at
-        those measured before the run.
-    relaxed : Relaxation
-    settling : float
-        Longest relaxation time of the decay from the start to stationary motion (s).
-    """
-
-    start: str | np.ndarray
-    spin_up: float
+    start: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body)
+    spin_up: float  # (s)
     stiffening: Stiffening
-    measured: Stiffening
+    """Tangent stiffness of contacts, couplings and residual forces at the estimated energies of the bodies."""
+    measured: Stiffening  # the same at energies measured before the run
     relaxed: Relaxation
-    settling: float
+    settling: float  # longest relaxation time of the decay from the start to stationary motion (s)
 
     @classmethod
     def of(cls, model: Model, request: Request) -> Self:

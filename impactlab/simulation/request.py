@@ -20,28 +20,6 @@ from impactlab.records.record import Record
 class Request:
     """The arguments of a run; see `impactlab.simulate`.
 
-    Attributes
-    ----------
-    duration : float
-    realizations : int
-    step : float or None
-    integrator : Integrator
-    spin_up : float or None
-    initial : object
-    records : sequence of Record
-    seed : tuple of int
-        128 bits.
-    workers : int
-        Number of blocks that run at once.
-    coarse : bool
-        Whether this is the coarse run of a pair with common noise: each increment is the sum of two of the run at half
-        the step.
-    longest_step : float
-        Upper bound of the automatic step (s).
-    mean_square_velocity : (body,) ndarray or None
-        Mean square velocities measured before the run, infinite where they were not (m2 s-2). The automatic step may
-        then exceed that of the rules, since its error is measured.
-
     Raises
     ------
     InvalidInput
@@ -55,11 +33,17 @@ class Request:
     spin_up: float | None
     initial: Any
     records: Sequence[Record]
-    seed: tuple[int, int]
-    workers: int = 1
+    seed: tuple[int, int]  # 128 bits
+    workers: int = 1  # number of blocks that run at once
     coarse: bool = False
-    longest_step: float = math.inf
+    """Whether this is the coarse run of a pair with common noise: each increment is the sum of two of the run at half
+    the step.
+    """
+    longest_step: float = math.inf  # upper bound of the automatic step (s)
     mean_square_velocity: np.ndarray | None = None
+    """(body,) mean square velocities measured before the run, infinite where they were not (m2 s-2). The automatic step
+    may then exceed that of the rules, since its error is measured.
+    """
 
     def __post_init__(self) -> None:
         check_integrator(self.integrator)

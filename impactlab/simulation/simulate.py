@@ -169,17 +169,6 @@ def simulate(
 class Execution:
     """Where a run happens, and what it may take; parameters are those of `simulate`.
 
-    Attributes
-    ----------
-    executor : Executor, optional
-    progress : bool or callable, optional
-    seconds : float
-        Time that it may be foreseen to take (s).
-    out : str or path, optional
-    above : bool
-        Whether a measured step may exceed that of the rules: runs at twice the step are to be stable, too, where an
-        accuracy is to be reached.
-
     Raises
     ------
     InvalidInput
@@ -188,9 +177,12 @@ class Execution:
 
     executor: Executor | None = None
     progress: bool | Callable[[float], None] | None = None
-    seconds: float = math.inf
+    seconds: float = math.inf  # time that it may be foreseen to take (s)
     out: str | os.PathLike[str] | None = None
     above: bool = True
+    """Whether a measured step may exceed that of the rules: runs at twice the step are to be stable, too, where an
+    accuracy is to be reached.
+    """
 
     def __post_init__(self) -> None:
         if self.executor is not None and not isinstance(self.executor, Executor):

@@ -31,37 +31,19 @@ DURATION_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The time step, the numbers of steps, and the contact-free intervals that are crossed in one transition.
+    """The time step, the numbers of steps, and the contact-free intervals that are crossed in one transition."""
 
-    Attributes
-    ----------
-    step : float
-        (s)
-    automatic : float
-        The step that would be chosen by rules if none were given (s), 0 if none can be.
-    number : int
-        Number of steps over which statistics are taken.
-    spin_up : int
-        Number of steps before that.
-    longest : int
-        Steps in the longest contact-free interval; 1 if every step is taken.
-    leaf, levels : int
-        Steps in the shortest interval, and the number of halvings that lead to it.
-    counted : bool
-        Whether contact rates are counted closings; otherwise they are fluxes through a narrow band of the gap.
-    sampled : bool
-        Whether states after steps or intervals are samples, without the path between, which stationary motion allows.
-    """
-
-    step: float
-    automatic: float
-    number: int
-    spin_up: int
-    longest: int
-    leaf: int
-    levels: int
+    step: float  # (s)
+    automatic: float  # the step that would be chosen by rules if none were given (s), 0 if none can be
+    number: int  # number of steps over which statistics are taken
+    spin_up: int  # number of steps before that
+    longest: int  # steps in the longest contact-free interval; 1 if every step is taken
+    leaf: int  # steps in the shortest interval
+    levels: int  # number of halvings that lead to it
     counted: bool
+    """Whether contact rates are counted closings; otherwise they are fluxes through a narrow band of the gap."""
     sampled: bool
+    """Whether states after steps or intervals are samples, without the path between, which stationary motion allows."""
 
     @classmethod
     def of(cls, model: Model, request: Request, expected: Expected, start: Start, window: np.ndarray) -> Self:

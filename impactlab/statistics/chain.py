@@ -13,25 +13,14 @@ _CHUNK = 4096  # bodies whose equations are solved at a time
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Steps of linear bodies.
+    """Steps of linear bodies."""
 
-    Attributes
-    ----------
-    step : float
-        (s)
-    mass, damping, stiffness : (body,) ndarray
-    flows : Flows
-        What is between kicks.
-    alone : (body,) ndarray of bool
-        Whether no coupling is a part of the flow of each body.
-    """
-
-    step: float
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    flows: Flows
-    alone: np.ndarray
+    step: float  # (s)
+    mass: np.ndarray  # (body,)
+    damping: np.ndarray  # (body,)
+    stiffness: np.ndarray  # (body,)
+    flows: Flows  # what is between kicks
+    alone: np.ndarray  # (body,) of bool: whether no coupling is a part of the flow of each body
 
     @property
     def increment(self) -> np.ndarray:

@@ -87,20 +87,11 @@ class AtBalance:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Bodies whose balances may be controls of each body or contact.
-
-    Attributes
-    ----------
-    dimension : str
-    pairs : (pair, 2) ndarray of int
-        A body or contact, and a body: all pairs of one in turn, the nearest first.
-    doubtful : (body or contact,) ndarray of bool
-        Whether forces that regressions do not see may make its scatter.
-    """
+    """Bodies whose balances may be controls of each body or contact."""
 
     dimension: str
-    pairs: np.ndarray
-    doubtful: np.ndarray
+    pairs: np.ndarray  # (pair, 2) of int: a body or contact, and a body: all pairs of one in turn, the nearest first
+    doubtful: np.ndarray  # (body or contact,) of bool: whether forces that regressions do not see may make its scatter
 
     def choices(self, usable: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
         """Give rows that have equally many controls, and bodies and balances of these, (row, control) each.

@@ -36,19 +36,13 @@ _ROWS = {X: "mean_displacement", XX: "mean_square_displacement", VV: "mean_squar
 
 @dataclass(frozen=True)
 class Memory:
-    """What realizations remember.
-
-    Attributes
-    ----------
-    share : (body,) ndarray
-        Part of the variance between the units of an estimate that more of them do not average away; 0 where nothing is
-        remembered.
-    warning : str
-        A sentence that says it; empty if nothing is.
-    """
+    """What realizations remember."""
 
     share: np.ndarray
-    warning: str = ""
+    """(body,) part of the variance between the units of an estimate that more of them do not average away; 0 where
+    nothing is remembered.
+    """
+    warning: str = ""  # a sentence that says it; empty if nothing is
 
     def widening(self, units: int) -> np.ndarray:
         """Return what standard errors of so many units must be multiplied by, (body,)."""

@@ -27,32 +27,18 @@ from impactlab.statistics.values import Values
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Statistics of a run.
+    """Statistics of a run."""
 
-    Attributes
-    ----------
-    values : Values
-        Values and standard errors.
-    by_realization : dict of str to (realization, body or contact) ndarray
-        Statistics and balances of each realization, as they are called in a dataset.
-    drift : float
-        Largest difference between the first and the second half of the run, in standard
-        errors; with fewer than 8 realizations also between its first quarter and the rest, and NaN without
-        enough batches.
-    contacts_per_sample : (contact,) ndarray
-        How often each contact closed in a unit, on average.
-    heating : Heating
-        Heat that the step made.
-    remembered : str
-        Says that realizations settle into different motions; empty if they do not.
-    """
-
-    values: Values
+    values: Values  # values and standard errors
     by_realization: dict[str, np.ndarray]
+    """Statistics and balances of each realization, as they are called in a dataset."""
     drift: float
-    contacts_per_sample: np.ndarray
-    heating: Heating
-    remembered: str
+    """Largest difference between the first and the second half of the run, in standard errors; with fewer than 8
+    realizations also between its first quarter and the rest, and NaN without enough batches.
+    """
+    contacts_per_sample: np.ndarray  # (contact,) how often each contact closed in a unit, on average
+    heating: Heating  # heat that the step made
+    remembered: str  # says that realizations settle into different motions; empty if they do not
 
 
 def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:

@@ -25,23 +25,15 @@ CERTAIN, VERY_CERTAIN = 4.0, 5.0
 
 @dataclass(frozen=True)
 class Heating:
-    """Heat that a step makes, over the power that noise puts in.
-
-    Attributes
-    ----------
-    share, error : float
-        Of the connected part of the network where it is most certainly not 0, and its standard error; NaN where it is
-        not known: where forces depend on velocities, which take or bring heat themselves.
-    body : str
-        The first body of that part.
-    parts : int
-        Connected parts that were looked at.
-    """
+    """Heat that a step makes, over the power that noise puts in."""
 
     share: float = math.nan
-    error: float = math.nan
-    body: str = ""
-    parts: int = 1
+    """Of the connected part of the network where it is most certainly not 0; NaN where it is not known: where forces
+    depend on velocities, which take or bring heat themselves.
+    """
+    error: float = math.nan  # standard error of the share
+    body: str = ""  # the first body of that part
+    parts: int = 1  # connected parts that were looked at
 
     @property
     def significance(self) -> float:

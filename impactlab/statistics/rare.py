@@ -27,21 +27,12 @@ ACTED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Events:
-    """How often something independent happened, in all units together.
+    """How often something independent happened, in all units together."""
 
-    Attributes
-    ----------
-    closings : (contact,) ndarray
-        To each contact.
-    pushes : (body,) ndarray
-        To each body, by kicks; infinite where the method does not kick.
-    moved : (body,) ndarray of int
-        Slots of bodies that nothing but kicks moves, and too seldom for standard errors.
-    """
-
-    closings: np.ndarray
-    pushes: np.ndarray
+    closings: np.ndarray  # (contact,) to each contact
+    pushes: np.ndarray  # (body,) to each body, by kicks; infinite where the method does not kick
     moved: np.ndarray
+    """(body,) of int: slots of bodies that nothing but kicks moves, and too seldom for standard errors."""
 
     @classmethod
     def of(cls, plan: Plan, closed: np.ndarray, squares: np.ndarray) -> Events:

@@ -16,28 +16,14 @@ from impactlab.statistics.moments import moments_of
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """What standard errors come from.
+    """What standard errors come from."""
 
-    Attributes
-    ----------
-    moments, whole : Moments
-        Of the units, and of the realizations.
-    weights : (unit,) ndarray
-        Steps of a unit; 1 for realizations.
-    steps : (batch,) ndarray
-        Steps of the batches.
-    alone : bool
-        Whether realizations are the units, not their batches.
-    pushes : (body, unit) ndarray
-        Mean square of the forces of kicks; without rows if the method does not kick.
-    """
-
-    moments: Moments
-    whole: Moments
-    weights: np.ndarray
-    steps: np.ndarray
-    alone: bool
-    pushes: np.ndarray
+    moments: Moments  # of the units
+    whole: Moments  # of the realizations
+    weights: np.ndarray  # (unit,) steps of a unit; 1 for realizations
+    steps: np.ndarray  # (batch,) steps of the batches
+    alone: bool  # whether realizations are the units, not their batches
+    pushes: np.ndarray  # (body, unit) mean square of the forces of kicks; without rows if the method does not kick
 
     @classmethod
     def of(cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Units:

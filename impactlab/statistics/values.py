@@ -15,21 +15,12 @@ from impactlab.statistics.regression import Mean
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values and standard errors, by the statistic.
+    """Values and standard errors, by the statistic."""
 
-    Attributes
-    ----------
-    combined, direct : dict of str to Estimate
-        Values at balance 0, and plain means; where no balances are used plain means and nothing.
-    balances : dict of str to Estimate
-    unbalanced : str
-        Which balance does not close; empty if all do.
-    """
-
-    combined: dict[str, Estimate]
-    direct: dict[str, Estimate]
+    combined: dict[str, Estimate]  # at balance 0; where no balances are used plain means
+    direct: dict[str, Estimate]  # plain means, where balances are used
     balances: dict[str, Estimate]
-    unbalanced: str
+    unbalanced: str  # which balance does not close; empty if all do
 
     @classmethod
     def of(cls, plan: Plan, moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray) -> Values:

@@ -108,24 +108,12 @@ def _array(place: str, element: str, value: Any) -> tuple[Any, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class StudyResult:
-    """What a study found.
+    """What a study found."""
 
-    Attributes
-    ----------
-    study : Study
-        The study with its settings.
-    tree : DataTree
-        What its `collect` made, with the claims in the group ``claims``.
-    checks : list of Check
-        The study's own checks.
-    folder : Path or None
-        Where the files are, if there are any.
-    """
-
-    study: Study
-    tree: xr.DataTree
-    checks: list[Check]
-    folder: Path | None = None
+    study: Study  # the study with its settings
+    tree: xr.DataTree  # what its `collect` made, with the claims in the group ``claims``
+    checks: list[Check]  # the study's own checks
+    folder: Path | None = None  # where the files are, if there are any
 
     @property
     def passed(self) -> bool:

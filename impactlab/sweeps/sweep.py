@@ -27,21 +27,11 @@ _UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What a sweep simulates, and how its results become one dataset.
+    """What a sweep simulates, and how its results become one dataset."""
 
-    Attributes
-    ----------
-    coordinates : dict of str to xarray.Variable
-        The values by name.
-    points : tuple of Point
-        Their product; the last name varies fastest.
-    reference : bool
-        Whether the exact statistics are wanted.
-    """
-
-    coordinates: dict[str, xr.Variable]
-    points: tuple[Point, ...]
-    reference: bool = False
+    coordinates: dict[str, xr.Variable]  # the values by name
+    points: tuple[Point, ...]  # their product; the last name varies fastest
+    reference: bool = False  # whether the exact statistics are wanted
 
     def jobs(self) -> dict[str, Job]:
         """Return the simulations by the key of their point."""

@@ -20,20 +20,11 @@ RELATIVE_BALANCES = "balance_force", "balance_power"
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """Statistics, and those with one direction of the basis made coarser.
-
-    Attributes
-    ----------
-    values : dict of str to ndarray
-    coarser : dict of str to dict
-        By the directions of `LADDER`.
-    balances : dict of str to ndarray
-        What should be 0.
-    """
+    """Statistics, and those with one direction of the basis made coarser."""
 
     values: Values
-    coarser: dict[str, Values]
-    balances: Values
+    coarser: dict[str, Values]  # by the directions of `LADDER`
+    balances: Values  # what should be 0
 
     @cached_property
     def relative(self) -> dict[str, float]:

@@ -22,21 +22,11 @@ _FILTER, _POWER = 36.0, 16
 
 
 class Modes(NamedTuple):
-    """Waves of the gap.
+    """Waves of the gap."""
 
-    Attributes
-    ----------
-    numbers : (waves,) ndarray
-        Wave numbers (m-1), from 0.
-    onto : (2 waves, nodes) ndarray
-        From probabilities at nodes to the real and the imaginary part of each wave.
-    off : (nodes, 2 waves) ndarray
-        Back.
-    """
-
-    numbers: np.ndarray
-    onto: np.ndarray
-    off: np.ndarray
+    numbers: np.ndarray  # (waves,) wave numbers (m-1), from 0
+    onto: np.ndarray  # (2 waves, nodes) from probabilities at nodes to the real and the imaginary part of each wave
+    off: np.ndarray  # (nodes, 2 waves) back
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,25 +35,14 @@ class Grid:
 
     Functions of the gap are trigonometric polynomials in s. The cells ``Q'(s)`` grow from `fine` to
     `coarse` along a logistic curve, so that Q is analytic.
-
-    Parameters
-    ----------
-    fine, coarse : float
-        Cells in the contact and far from it (m).
-    penetration : float
-        Indentation that the fine cells are for (m).
-    first : float
-        Place of the first node inside the contact, in cells.
-    before, count : int
-        Nodes outside of the contact, and all of them, an odd number.
     """
 
-    fine: float
-    coarse: float
-    penetration: float
-    first: float
-    before: int
-    count: int
+    fine: float  # cells in the contact (m)
+    coarse: float  # cells far from it (m)
+    penetration: float  # indentation that the fine cells are for (m)
+    first: float  # place of the first node inside the contact, in cells
+    before: int  # nodes outside of the contact
+    count: int  # all nodes, an odd number
 
     @classmethod
     def of(cls, well: Well, box: float, count: int) -> Grid:

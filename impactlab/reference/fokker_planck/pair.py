@@ -31,22 +31,14 @@ class Pair:
 
     The coordinates are ``q = x₁ − x₂ − clearance``, in which the contact closes at 0, and the
     center ``y = (k₁ x₁ + k₂ x₂)/(k₁ + k₂)``, which at equal temperatures is independent of q.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The bodies, in the order of the contact.
-    contact : Contact
-    mass, damping, stiffness, intensity : (2,) ndarray
-        In SI units; the intensity is the two-sided spectral density of the force.
     """
 
-    names: tuple[str, str]
+    names: tuple[str, str]  # the bodies, in the order of the contact
     contact: Contact
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    intensity: np.ndarray
+    mass: np.ndarray  # (2,)
+    damping: np.ndarray  # (2,)
+    stiffness: np.ndarray  # (2,)
+    intensity: np.ndarray  # (2,) two-sided spectral densities of the forces
 
     @classmethod
     def of(cls, network: Composition) -> Pair:

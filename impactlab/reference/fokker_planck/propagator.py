@@ -54,17 +54,10 @@ class Propagator:
 
     Drifts carry waves to ever shorter ones in the velocities, where noise should end them. What the
     grid does not resolve would come back as long waves, and is absorbed.
-
-    Parameters
-    ----------
-    pair : Pair
-    well : Well
-        Its gap at the temperature that sets the box.
-    basis : Basis
     """
 
     pair: Pair
-    well: Well
+    well: Well  # its gap at the temperature that sets the box
     basis: Basis
 
     @cached_property
