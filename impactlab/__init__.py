@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 _HOME = {
     "components.component": ["Component", "parameter"],
     "components.oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
-    "components.sides": ["WALL"],
+    "components.sides": ["WALL", "Combination"],
     "components.contact": ["Contact", "ContactLaw", "HertzContact", "LinearContact", "PowerLawContact"],
     "components.excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
     "components.coupling": ["Coupling", "CouplingLaw", "LinearCoupling"],

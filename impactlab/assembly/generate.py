@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
+from typing import NamedTuple
 
 from impactlab.assembly.inlining import Inliner, free_name
 from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
@@ -18,11 +19,13 @@ from impactlab.assembly.model import Model, kept
 from impactlab.kernels.single import single_text
 
 _TAKEN = frozenset({
-    "above", "after", "at", "below", "body", "clear", "clearance", "contact_force", "count", "differences", "end",
-    "enough", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step",
+    "above", "after", "at", "begin", "below", "body", "clear", "clearance", "contact_force", "count", "differences",
+    "elongations", "end", "enough", "entry", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps",
+    "gather", "given", "half_step",
     "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
-    "off", "off_after", "off_end", "parameters", "r", "range", "rate", "refined", "response", "result", "row", "rows",
-    "run", "second", "share", "slot", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v",
+    "off", "off_after", "off_end", "parameters", "push_back", "r",
+    "range", "rate", "refined", "response", "result", "row", "rows",
+    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v",
     "velocity", "x",
 })  # fmt: skip
 
@@ -40,6 +43,20 @@ def forces(x, v, middle, half_step, parameters, indices, indentation, contact_fo
 '''
 
 _DISTANCES = "    differences(indices, x, indentation)\n"
+
+_ELONGATIONS = "    elongations(indices, parameters, x, indentation)\n"
+
+_ALONG = (
+    "at = indices[0]",
+    "slots = at + indices[at]",
+    "begin, end = indices[at + 1 + {link} + member], indices[at + 2 + {link} + member]",
+)
+"""Where the coordinates of a link with weights stand, and its entries."""
+
+_ALONG_RATE = (
+    "for entry in range(begin, end):",
+    "    rate {sign}= parameters[entry] * middle[indices[slots + entry], lane]",
+)
 
 _TIMETABLE = '''
 @timetable
@@ -143,13 +160,15 @@ def _generated(model: Model, single: bool) -> str:
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts += [f"\n{_slowing(kind, names[kind])}" for kind in model.members.kinds if kind.slows]
     parts.append("\n" + _FORCES)
-    if single and len(model.ends):
+    if len(model.ends) and not model.ends.plain:
+        parts.append(_ELONGATIONS)
+    elif single and len(model.ends):
         parts.append(_DISTANCES)
     for role in _LOOPS:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(model))
         parts += [
-            _LOOPS[role](index, kind, names[kind], single)
+            _LOOPS[role](index, kind, names[kind], _Form(single, model.ends.plain))
             for index, kind in enumerate(model.members.kinds)
             if kind.role == role
         ]
@@ -176,9 +195,12 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.members.kinds}
     slowing = any(kind.slows for kind in model.members.kinds)
     tables = "forcing" in roles or model.time_varying
-    called = (["differences", "gather"] if single else ["gather"]) if len(model.ends) else []
+    plain = ["differences", "gather"] if single else ["gather"]
+    called = [] if not len(model.ends) else plain if model.ends.plain else ["elongations", "push_back"]
+    kernels_from = "kick" if model.ends.plain or not called else "combinations"
+    resident = bool(called) and model.ends.plain
     decorators = {
-        "resident": bool(called),
+        "resident": resident,
         "rows": bool(model.members.kinds),
         "scalar": bool(kernels),
         "timetable": tables,
@@ -191,9 +213,9 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         *(["import numpy as np", ""] if "np." in text else []),
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
-        f"from impactlab.kernels.kick import {', '.join(called) or 'clear'}",
+        f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
-        *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if called else []),
+        *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if resident else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -245,15 +267,25 @@ def _local(field: str) -> str:
     return f"{field}_" if field.rstrip("_") in _TAKEN or field.startswith("column_") else field
 
 
-def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+class _Form(NamedTuple):
+    """What the text is for: blocks of one lane or of many, and links that are pairs or have weights."""
+
+    single: bool
+    plain: bool
+
+
+def _contact_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
     """Write the loop over some contacts.
 
     The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
     value, which throws a body out of every contact, does not pass for an open one.
     """
     place: tuple[str, ...] = ()
-    distance = "gaps[member, lane]"
-    if not single or kind.slows:
+    distance, rate = "gaps[member, lane]", ["    rate = middle[first, lane] - middle[second, lane] + {of_own}"]
+    if not form.plain and kind.slows:
+        place = tuple(line.format(link="slot") for line in _ALONG)
+        rate = ["    rate = {of_own}", *(f"    {line}".format(sign="+") for line in _ALONG_RATE)]
+    elif form.plain and (not form.single or kind.slows):
         place = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
         distance = "x[first, lane] - x[second, lane]"
     lines = [f"gap = {distance} - clearance"]
@@ -262,7 +294,7 @@ def _contact_loop(index: int, kind: Kind, name: str, single: bool) -> str:
         lines += [
             "force = gap - gap",
             "if not gap <= 0.0:",
-            "    rate = middle[first, lane] - middle[second, lane] + response * forces_of[member, lane]",
+            *(line.format(of_own="response * forces_of[member, lane]") for line in rate),
             f"    force = {_over_kick(kind, name, 'gap', 'rate')}",
             "gaps[member, lane] = gap",
             "forces_of[member, lane] = force",
@@ -285,10 +317,32 @@ def _over_kick(kind: Kind, name: str, place: str, speed: str) -> str:
 
 def _gathering(model: Model) -> str:
     """Begin the total force with that of the contacts."""
-    return "    gather(indices, contact_force, total)\n" if len(model.ends) else "    clear(total)\n"
+    if not len(model.ends):
+        return "    clear(total)\n"
+    if not model.ends.plain:
+        return "    push_back(indices, parameters, contact_force, total)\n"
+    return "    gather(indices, contact_force, total)\n"
 
 
-def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+def _combination_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
+    """Write the loop over some couplings in a network with weights."""
+    rate = ["rate = 0.0", *(line.format(sign="-") for line in _ALONG_RATE)] if "rate" in kind.kinematic else []
+    lines = [
+        "extension = 0.0",
+        "for entry in range(begin, end):",
+        "    extension -= parameters[entry] * x[indices[slots + entry], lane]",
+        *rate,
+        f"force = {_call(kind, name, {'extension': 'extension', 'rate': 'rate'})}",
+        "for entry in range(begin, end):",
+        "    total[indices[slots + entry], lane] += parameters[entry] * force",
+    ]
+    return (
+        f"{_run(index, kind, *(line.format(link='link') for line in _ALONG))}"
+        "            for lane in range(total.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+    )
+
+
+def _coupling_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
     rate = (
         "                rate = middle[second + member, lane] - middle[first + member, lane]\n"
         if "rate" in kind.kinematic
@@ -306,7 +360,7 @@ def _coupling_loop(index: int, kind: Kind, name: str, single: bool) -> str:
     )
 
 
-def _residual_loop(index: int, kind: Kind, name: str, single: bool) -> str:
+def _residual_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
     slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if kind.slows else [])]
     if kind.slows:  # after all other forces
         lines = [
@@ -330,8 +384,9 @@ def _timetable_loop(index: int, kind: Kind, name: str) -> str:
     )
 
 
-_LOOPS: dict[str, Callable[[int, Kind, str, bool], str]] = {
+_LOOPS: dict[str, Callable[[int, Kind, str, _Form], str]] = {
     "force": _contact_loop,
     "coupling": _coupling_loop,
+    "combination": _combination_loop,
     "residual": _residual_loop,
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
-from impactlab.assembly.links import Links
+from impactlab.assembly.links import Combinations, Links, joined
 from impactlab.components.component import Component, finite
 
 PLACES, HEADER = 3, 2
@@ -17,11 +17,13 @@ PLACES, HEADER = 3, 2
 LEADING = {
     "force": ("slot",),
     "coupling": ("first", "second"),
+    "combination": ("link",),
     "residual": ("body",),
     "forcing": ("row",),
     "intensity": ("row",),
 }
-"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's."""
+"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's, and 'combination' a coupling's
+where links have weights."""
 
 
 Table = tuple[np.ndarray, np.ndarray]
@@ -83,10 +85,11 @@ class Members:
     tables : tuple of Table
         Members of each kind.
     parameters : ndarray
-        Parameters of all kinds, run by run, one name after the other.
+        Parameters of all kinds, run by run, one name after the other; before them the weights of links that have some.
     indices : ndarray of int
         Members whose indices follow each other make a run, along which loops vectorise. Three places:
-        of what `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts; for each kind the
+        of what `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
+        `impactlab.kernels.combinations` reads); for each kind the
         number of its runs and the place of the first; then, at these places, the runs: indices of the
         first member, number of members, place of the parameters.
     """
@@ -97,11 +100,11 @@ class Members:
     indices: np.ndarray
 
     @classmethod
-    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links) -> Members:
-        """Lay out the members of each kind, with contacts along some links."""
+    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:
+        """Lay out the members of each kind, with contacts and couplings along some links."""
         kinds = tuple(sorted(rows, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
         tables = tuple(_table(kind, rows[kind]) for kind in kinds)
-        return cls(kinds, tables, *packed(tables, ends))
+        return cls(kinds, tables, *packed(tables, ends if ends.plain else joined(ends, coupled)))
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Return the kinds of some roles."""
@@ -119,9 +122,13 @@ def packed(members: Iterable[Table], links: Links, order: np.ndarray | None = No
 
     The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
     """
-    ends = links.pairs
-    tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
     columns, header = [np.zeros(0)], []
+    if isinstance(links, Combinations):
+        table = np.concatenate([[len(links) + 2], links.begin, links.slots])
+        tables, columns = [table, table[:0], table[:0]], [links.weights]
+    else:
+        ends = links.pairs
+        tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
     for leading, numbers in members:
         *begins, counts = runs(*leading.T)
         ends_of_runs = np.cumsum(counts)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
-from impactlab.assembly.links import Links, Pairs, connected_parts, joined
+from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.components.component import call_each
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
-from impactlab.components.sides import Wall
+from impactlab.components.sides import is_difference, weights_of
 
 Result = TypeVar("Result")
 
@@ -62,19 +62,8 @@ class Model:
     @classmethod
     def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
-        slots = {name: slot for slot, name in enumerate(network.oscillators)}
-
-        def slot_of(body: str | Wall) -> int:
-            return slots[body] if isinstance(body, str) else len(slots)
-
-        def slots_of(link: Contact | Coupling) -> tuple[int, int]:
-            return slot_of(link.first), slot_of(link.second)
-
         bodies = list(network.oscillators.values())
-        ends, coupled = (
-            Pairs(len(slots), np.array([slots_of(item) for item in links.values()], dtype=np.int64).reshape(-1, 2))
-            for links in (network.contacts, network.couplings)
-        )
+        ends, coupled = _links(network, flowing)
         return cls(
             network=network,
             mass=np.array([body.mass for body in bodies]),
@@ -85,7 +74,7 @@ class Model:
             coupled=coupled,
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
-            members=Members.of(_members(network, ends, coupled, flowing), ends),
+            members=Members.of(_members(network, ends, flowing), ends, coupled),
         )
 
     @cached_property
@@ -139,7 +128,7 @@ class Model:
         """Slot of the wall."""
         return len(self.bodies)
 
-    @property
+    @cached_property
     def links(self) -> Links:
         """Contacts, then couplings."""
         return joined(self.ends, self.coupled)
@@ -161,6 +150,8 @@ class Model:
                 slowed.append(self.ends.chosen(leading[:, 0]).slots if kind.role == "force" else leading[:, 0])
             elif kind.role == "coupling" and "rate" in kind.kinematic:
                 slowed.append(np.repeat(leading, 2))
+            elif kind.role == "combination" and "rate" in kind.kinematic:
+                slowed.append(np.repeat(self.links.chosen(leading[:, 0]).slots, 2))
         numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
         return 0 if not self.dissipative else min(int(numbers.max()), 2)
 
@@ -254,7 +245,31 @@ class Model:
         return result
 
 
-def _members(network: Composition, ends: Links, coupled: Links, flowing: Collection[str]) -> dict[Kind, list[Row]]:
+def _links(network: Composition, flowing: Collection[str]) -> tuple[Links, Links]:
+    """Return contacts and couplings as links.
+
+    Both are pairs if all that kick are differences: combinations that flow are only terms of a matrix.
+    """
+    slots = {name: slot for slot, name in enumerate(network.oscillators)}
+    contacts, couplings = list(network.contacts.values()), list(network.couplings.values())
+    kicking = [item for name, item in network.couplings.items() if name not in flowing]
+    plain = all(map(is_difference, [*contacts, *kicking]))
+
+    def links_of(items: Sequence[Contact | Coupling], plain: bool) -> Links:
+        if plain:
+            return Pairs(len(slots), np.array([_pair(slots, item) for item in items], dtype=np.int64).reshape(-1, 2))
+        combinations = [{slots[name]: weight for name, weight in weights_of(item).items()} for item in items]
+        return Combinations.of(combinations, len(slots))
+
+    return links_of(contacts, plain), links_of(couplings, plain and all(map(is_difference, couplings)))
+
+
+def _pair(slots: Mapping[Any, int], link: Contact | Coupling) -> tuple[int, int]:
+    """Return the slots of both sides; the wall has that after the last body."""
+    return slots.get(link.first, len(slots)), slots.get(link.second, len(slots))
+
+
+def _members(network: Composition, ends: Links, flowing: Collection[str]) -> dict[Kind, list[Row]]:
     """Return what acts by its kernels, kind by kind, without the couplings that flow."""
     bodies = list(network.oscillators.values())
     mobilities = ends.squares(np.array([1.0 / body.mass for body in bodies])).tolist()
@@ -263,11 +278,12 @@ def _members(network: Composition, ends: Links, coupled: Links, flowing: Collect
         kind = Kind("force", type(contact.law), "force")
         extra = (contact.clearance, mobilities[slot]) if kind.slows else (contact.clearance,)
         result.setdefault(kind, []).append((contact.law, (slot,), extra))
-    for (name, coupling), pair in zip(network.couplings.items(), coupled.pairs.tolist(), strict=True):
-        kind = Kind("coupling", type(coupling.law), "force")
+    slots = {name: slot for slot, name in enumerate(network.oscillators)}
+    for index, (name, coupling) in enumerate(network.couplings.items()):
+        kind = Kind("coupling" if ends.plain else "combination", type(coupling.law), "force")
         result.setdefault(kind, [])  # also without a row: the text does not depend on what flows
         if name not in flowing:
-            result[kind].append((coupling.law, tuple(pair), ()))
+            result[kind].append((coupling.law, _pair(slots, coupling) if ends.plain else (len(ends) + index,), ()))
     for slot, body in enumerate(bodies):
         if body.has_kernel("residual"):
             kind = Kind("residual", type(body), "residual")

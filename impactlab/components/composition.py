@@ -14,7 +14,7 @@ from impactlab.components.coupling import Coupling
 from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.potentials import check_potentials
-from impactlab.components.sides import WALL
+from impactlab.components.sides import named_by
 from impactlab.errors import InvalidInput
 
 Member = TypeVar("Member", bound=Component)
@@ -56,11 +56,11 @@ class Composition:
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
         for name, link in [*self._contacts.items(), *self._couplings.items()]:
-            for side in (link.first, link.second):
-                if side is not WALL and side not in self._oscillators:
+            for body in named_by(link):
+                if body not in self._oscillators:
                     raise InvalidInput(
-                        f"{type(link).__name__} {name!r} names a body {side!r} that is not in the network; "
-                        f"{suggestion(str(side), self._oscillators)}"
+                        f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
+                        f"{suggestion(body, self._oscillators)}"
                     )
         for name in self._excitations:
             if name not in self._oscillators:

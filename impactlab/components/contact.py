@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.components.component import Component, call_each, parameter
-from impactlab.components.sides import Wall, check_sides, plain_sides
+from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
 
@@ -129,9 +129,10 @@ class Contact(Component):
 
     Parameters
     ----------
-    first, second : str or WALL
+    first, second : str, Combination or WALL
         Names of the bodies. ``Contact("a", WALL, law, clearance=d)`` stops ``a`` at
-        ``x = +d``, ``Contact(WALL, "a", law, clearance=d)`` stops it at ``x = −d``.
+        ``x = +d``, ``Contact(WALL, "a", law, clearance=d)`` stops it at ``x = −d``. The displacement of a
+        combination is that of its point.
     law : ContactLaw
         Law of the force.
     clearance : float
@@ -140,11 +141,11 @@ class Contact(Component):
     Raises
     ------
     InvalidInput
-        If a body is in contact with itself, or a value is not what it should be.
+        If a body is in contact with itself, no weight is left of a combination, or a value is not what it should be.
     """
 
-    first: str | Wall = parameter(kw_only=False)
-    second: str | Wall = parameter(kw_only=False)
+    first: Side = parameter(kw_only=False)
+    second: Side = parameter(kw_only=False)
     law: ContactLaw = parameter(kw_only=False)
     clearance: float = parameter(0.0, units="m")
 

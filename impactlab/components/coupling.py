@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.components.component import Component, parameter
-from impactlab.components.sides import Wall, check_sides, plain_sides
+from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
 
@@ -72,19 +72,19 @@ class Coupling(Component):
 
     Parameters
     ----------
-    first, second : str or WALL
-        Names of the bodies.
+    first, second : str, Combination or WALL
+        Names of the bodies. The displacement of a combination is that of its point.
     law : CouplingLaw
         Law of the force.
 
     Raises
     ------
     InvalidInput
-        If a body is coupled to itself, or a value is not what it should be.
+        If a body is coupled to itself, no weight is left of a combination, or a value is not what it should be.
     """
 
-    first: str | Wall = parameter(kw_only=False)
-    second: str | Wall = parameter(kw_only=False)
+    first: Side = parameter(kw_only=False)
+    second: Side = parameter(kw_only=False)
     law: CouplingLaw = parameter(kw_only=False)
 
     def __post_init__(self) -> None:

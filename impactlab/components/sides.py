@@ -1,8 +1,11 @@
-"""The two sides of a contact or a coupling: names of bodies, or the wall."""
+"""The two sides of a contact or a coupling: names of bodies, combinations of them, or the wall."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from impactlab.errors import InvalidInput
@@ -20,24 +23,127 @@ class Wall:
 
 WALL = Wall()
 
-_WALL_DATA = {"wall": True}
+_WALL_DATA, _COMBINATION = {"wall": True}, "combination"
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Combination:
+    """A point whose displacement is a weighted sum of those of bodies, ``Σ w x``, as a side of a contact or a coupling.
+
+    A force on the point acts on each body with its weight, so that it does the same work: the end of a lever, a point
+    of a beam between two others, a deflection in the shape of a mode.
+
+    Parameters
+    ----------
+    weights : mapping of str to float
+        Weight of each body by its name.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no weight, or one is 0 or not finite.
+    """
+
+    weights: tuple[tuple[str, float], ...]
+
+    def __init__(self, weights: Mapping[str, float]) -> None:
+        if not isinstance(weights, Mapping) or not weights:
+            raise InvalidInput(
+                "A Combination needs a weight for at least one body, such as "
+                f'il.Combination({{"a": 1.0, "b": -0.5}}), not {weights!r}.'
+            )
+        for name, weight in weights.items():
+            if not isinstance(name, str) or not name:
+                raise InvalidInput(f"Combination: a weight belongs to the name of a body, not to {name!r}.")
+            known = isinstance(weight, Real) and not isinstance(weight, bool)
+            if not known or not math.isfinite(weight) or not weight:
+                raise InvalidInput(
+                    f"Combination: the weight of {name!r} must be a finite number other than 0, not {weight!r}."
+                )
+        object.__setattr__(self, "weights", tuple((name, float(weight)) for name, weight in weights.items()))
+
+    def __repr__(self) -> str:
+        return f"Combination({dict(self.weights)!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Combination, (dict(self.weights),)
+
+
+Side = str | Combination | Wall
+
+
+def _weights_of_side(side: Side) -> dict[str, float]:
+    if isinstance(side, Combination):
+        return dict(side.weights)
+    return {side: 1.0} if isinstance(side, str) else {}
+
+
+def weights_of(link: Any) -> dict[str, float]:
+    """Return the weights w of the bodies in ``first − second = w·x`` of a contact or coupling, without those of 0."""
+    result = _weights_of_side(link.first)
+    for name, weight in _weights_of_side(link.second).items():
+        result[name] = result.get(name, 0.0) - weight
+    return {name: weight for name, weight in result.items() if weight}
+
+
+def bodies_of(link: Any) -> tuple[str, ...]:
+    """Return the names of the bodies of a contact or a coupling, those of its first side first."""
+    return tuple(weights_of(link))
+
+
+def named_by(link: Any) -> Iterator[str]:
+    """Give the names of all bodies that a contact or a coupling names, also of those whose weights cancel."""
+    for side in (link.first, link.second):
+        yield from _weights_of_side(side)
+
+
+def is_difference(link: Any) -> bool:
+    """Whether both sides of a contact or coupling are bodies, or one is the wall."""
+    return not isinstance(link.first, Combination) and not isinstance(link.second, Combination)
 
 
 def check_sides(link: Any) -> None:
-    """Refuse sides of a contact or coupling that are not two bodies, or one and WALL, which may be given as data."""
+    """Refuse sides of a contact or coupling that leave nothing to act on; they may be given as data.
+
+    Combinations that come to one body or to the difference of two are written as such.
+    """
     kind = type(link).__name__
     for side in ("first", "second"):
-        body = getattr(link, side)
-        if isinstance(body, Mapping) and dict(body) == _WALL_DATA:
-            object.__setattr__(link, side, WALL)
-        elif not isinstance(body, str | Wall) or body == "":
-            raise InvalidInput(f"{kind}.{side} must be the name of a body or il.WALL, not {body!r}.")
-    if link.first == link.second:
+        object.__setattr__(link, side, _side(f"{kind}.{side}", getattr(link, side)))
+    if is_difference(link):
+        if link.first == link.second:
+            raise InvalidInput(
+                f"A {kind.lower()} of a body with itself: {link.first!r} was given twice; name two different bodies."
+            )
+        return
+    weights = weights_of(link)
+    if not weights:
         raise InvalidInput(
-            f"A {kind.lower()} of a body with itself: {link.first!r} was given twice; name two different bodies."
+            f"A {kind.lower()} of {link.first!r} with {link.second!r} acts on nothing: no weight is left of their "
+            "difference."
         )
+    if sorted(weights.values()) in ([1.0], [-1.0], [-1.0, 1.0]):
+        named = {weight: name for name, weight in weights.items()}
+        object.__setattr__(link, "first", named.get(1.0, WALL))
+        object.__setattr__(link, "second", named.get(-1.0, WALL))
+
+
+def _side(place: str, side: Any) -> Side:
+    if isinstance(side, Mapping) and dict(side) == _WALL_DATA:
+        return WALL
+    if isinstance(side, Mapping) and set(side) == {_COMBINATION}:
+        return Combination(side[_COMBINATION])
+    if not isinstance(side, str | Wall | Combination) or side == "":
+        raise InvalidInput(f"{place} must be the name of a body, an il.Combination or il.WALL, not {side!r}.")
+    return side
 
 
 def plain_sides(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the data of a contact or coupling with plain data in the place of WALL."""
-    return {name: dict(_WALL_DATA) if value is WALL else value for name, value in data.items()}
+    """Return the data of a contact or coupling with plain data in the place of WALL and of combinations."""
+    return {name: _plain(value) for name, value in data.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Combination):
+        return {_COMBINATION: dict(value.weights)}
+    return dict(_WALL_DATA) if value is WALL else value

@@ -97,6 +97,7 @@ class Closings(NamedTuple):
 
     before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where they are not counted
     jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
+    weights: np.ndarray  # of coordinates in gaps, see `impactlab.kernels.combinations`; nothing where all are pairs
     step: float  # (s)
 
 
@@ -126,7 +127,7 @@ class Sums(NamedTuple):
     summed: int  # rows over contacts that are sums; of the others the largest counts
     samples: np.ndarray  # (row, body, lane) of what statistics sample of bodies
     products: np.ndarray  # (9, pair, lane)
-    ends: np.ndarray  # (contact, 2)
+    ends: np.ndarray  # (contact, 2), nothing where gaps have weights
     pairs: np.ndarray  # (pair, 2) slots of bodies
     indices: np.ndarray  # `impactlab.assembly.members.Members.indices`
     closings: Closings
@@ -199,7 +200,7 @@ class _Types:
             pairs,
             pairs,
             slots,
-            named(Closings, blocks, numbers, f8),
+            named(Closings, blocks, numbers, numbers, f8),
             named(Flux, numbers, table, blocks, block, block),
             named(Turns, numbers, block, block),
         )

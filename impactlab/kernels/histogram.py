@@ -32,26 +32,25 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, subsam
 
 
 @kernel
-def add_crossings(snapshots, rows, clearance, inverse_width, flux, inward, push):  # type: ignore[no-untyped-def]
+def add_crossings(snapshots, along, clearance, inverse_width, flux, inward, push):  # type: ignore[no-untyped-def]
     """Add what crosses indentations of a contact to bins of them, ``[lane, bin]``.
 
     To `flux` half the speed, for levels are crossed as often on the way out as in, and the two look at what a step does
     to a velocity from both sides; to `inward` the speed on the way in, and to `push` that times the force.
 
-    `rows` are those of the displacements of its bodies, −1 for a wall, of their velocities, and of its force.
+    It is `along` bodies: rows of their displacements and of their velocities, (2, body), weights of these, and the row
+    of its force.
     """
+    rows, weights, of_force = along
     bins = flux.shape[1]
     for sample in range(snapshots.shape[0]):
         for lane in range(snapshots.shape[2]):
             depth, closing = -clearance, 0.0
-            if rows[0] >= 0:
-                depth += snapshots[sample, rows[0], lane]
-                closing += snapshots[sample, rows[2], lane]
-            if rows[1] >= 0:
-                depth -= snapshots[sample, rows[1], lane]
-                closing -= snapshots[sample, rows[3], lane]
+            for body in range(rows.shape[1]):
+                depth += weights[body] * snapshots[sample, rows[0, body], lane]
+                closing += weights[body] * snapshots[sample, rows[1, body], lane]
             place = depth * inverse_width
             if depth > 0.0 and place < bins:
                 flux[lane, int(place)] += 0.5 * abs(closing)
                 inward[lane, int(place)] += max(closing, 0.0)
-                push[lane, int(place)] += max(closing, 0.0) * snapshots[sample, rows[4], lane]
+                push[lane, int(place)] += max(closing, 0.0) * snapshots[sample, of_force, lane]

@@ -41,6 +41,10 @@ class _WithoutLanes(ast.NodeTransformer):
         return ast.Constant(0) if _is_lane(node) and isinstance(node.ctx, ast.Load) else node
 
 
+_OF_BLOCKS = ("impactlab.kernels.kick", "impactlab.kernels.combinations")
+"""Modules with kernels that a generated module calls."""
+
+
 def single_text(text: str) -> str:
     """Return the text of a generated module for blocks of one lane."""
     tree = _WithoutLanes().visit(parsed(text))
@@ -50,7 +54,7 @@ def single_text(text: str) -> str:
             node.names = [
                 ast.alias("FORCES_OF_ONE", "FORCES") if item.name == "FORCES" else item for item in node.names
             ]
-        elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.kick":
+        elif isinstance(node, ast.ImportFrom) and node.module in _OF_BLOCKS:
             singles = [f"{item.name} = single({item.name})" for item in node.names]
             lines = ["from impactlab.kernels.single import single", *singles]
             body[place + 1 : place + 1] = parsed("\n".join(lines)).body

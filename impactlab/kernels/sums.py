@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from impactlab.kernels.combinations import elongations
 from impactlab.kernels.jit import inlined, kernel, scalar
 from impactlab.kernels.kick import differences
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
@@ -40,7 +41,10 @@ def empty_slots(history, begin, end):  # type: ignore[no-untyped-def]
 @inlined
 def close_slot(history, slot, last, sums):  # type: ignore[no-untyped-def]
     """Count the closings of a step; return whether the history must be added: after its last slot, or of a call."""
-    if sums.closings.before.shape[1]:
+    if sums.closings.before.shape[1] and sums.closings.weights.shape[0]:
+        elongations(sums.indices, sums.closings.weights, history.v[slot], sums.flux.closing[0])
+        count_closings_along(history.indentation[slot], sums.flux.closing[0], sums)
+    elif sums.closings.before.shape[1]:
         count_closings(history.indentation[slot], history.v[slot], sums)
     full = last or slot == SLOTS - 1
     if full:
@@ -168,6 +172,20 @@ def count_closings(indentation, v, target):  # type: ignore[no-untyped-def]
             )  # fmt: skip
             sums[FLUX, contact, lane] += number
             before[0, contact, lane], before[1, contact, lane] = depth, closing
+
+
+@kernel
+def count_closings_along(indentation, closing, target):  # type: ignore[no-untyped-def]
+    """Do the same with the rates of the indentations."""
+    before, sums, step = target.closings.before, target.contacts, target.closings.step
+    for contact in range(sums.shape[1]):
+        jitter = target.closings.jitter[contact]
+        for lane in range(sums.shape[2]):
+            depth, rate = indentation[contact, lane], closing[contact, lane]
+            sums[FLUX, contact, lane] += closings(
+                before[0, contact, lane], before[1, contact, lane], depth, rate, step, jitter
+            )
+            before[0, contact, lane], before[1, contact, lane] = depth, rate
 
 
 @scalar

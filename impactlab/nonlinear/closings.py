@@ -41,10 +41,10 @@ def counts_closings(
     The flux through a window around the point of contact scatters less and does not see the step, as
     long as the law of gap and closing velocity is smooth within the window, and kicks are fluctuations. That is so
     under stationary white noise, with conservative forces that begin smoothly, without loads or residual forces
-    that are large at a step, and where bodies of a contact do not move together.
+    that are large at a step, and where bodies of a contact do not move together. Gaps with weights are always counted.
     """
     varying = model.lines or model.forced or model.time_varying or isinstance(start, np.ndarray)
-    if varying or not model.white or not integrator.kicks or model.dissipative:
+    if varying or not model.white or not integrator.kicks or model.dissipative or not model.ends.plain:
         return bool(len(model.ends))
     touching = model.ends.coordinates()
     return bool(

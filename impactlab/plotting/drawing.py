@@ -39,7 +39,7 @@ def draw_network(network: impactlab.Network, ax: Axes | None = None) -> Figure:
     ----------
     network : Network
         Drawn are the first eight bodies and their contacts with walls and neighbours;
-        what is not drawn is named below, as are couplings.
+        what is not drawn is named below, as are couplings and contacts of combinations.
     ax : Axes, optional
         Where to draw; a figure of the right size is made by default.
 

@@ -178,10 +178,14 @@ class _Peaks(Keeper):
         self.record, self.parts, self.window = record, samples_per_realization(plan), record.steps_per_window(plan)
         bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
         slots = [plan.system.contacts.index(name) for name, _ in record.limits]
-        ends = plan.system.ends.pairs[slots]
         first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
         self.forces = first[2] + np.array(slots, dtype=np.int64)
-        self.rows = np.column_stack([*(np.where(ends < bodies, row + ends, -1) for row in first[:2]), self.forces])
+        ends = [plan.system.ends.chosen(np.array([slot])) for slot in slots]
+        moving = [item.slots < bodies for item in ends]
+        self.weights = [item.weights[some] for item, some in zip(ends, moving, strict=True)]
+        self.rows = [
+            np.stack([row + item.slots[some] for row in first[:2]]) for item, some in zip(ends, moving, strict=True)
+        ]
         self.clearance = plan.system.clearance[slots]
         self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
         self.flux, self.inward, self.push = np.zeros((3, self.parts, count, lanes, record.bins))
@@ -194,7 +198,8 @@ class _Peaks(Keeper):
         self.samples[:, part] += len(snapshots)
         for row in range(len(self.rows)):
             target = self.flux[part, row], self.inward[part, row], self.push[part, row]
-            add_crossings(snapshots, self.rows[row], self.clearance[row], self.inverse_width[row], *target)
+            along = self.rows[row], self.weights[row], self.forces[row]
+            add_crossings(snapshots, along, self.clearance[row], self.inverse_width[row], *target)
         for window in range(begin // self.window, min((self.seen - 1) // self.window + 1, self.peaks.shape[1])):
             inside = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
             largest = snapshots[inside, self.forces].max(axis=0).T

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
+from impactlab.components.sides import is_difference
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import Apart, LinearPart
@@ -27,6 +28,10 @@ from impactlab.reference.tree import TreeLaw
 
 Law = GibbsLaw | TreeLaw | RingLaw | GaussianLaw
 
+_WEIGHTED = (
+    "acts on a combination with weights; with contacts the law is computed for differences of two bodies, or of a body "
+    "and a wall."
+)
 _FORCED = "a contact or a coupling that pushes it would."
 
 
@@ -113,6 +118,8 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
             f"{kind}, the law of contact {name!r}, does not define potential; define potential(indentation, ...), "
             f"the integral of {kind}.force from 0."
         )
+    if not is_difference(contact):
+        yield f"contact {name!r} {_WEIGHTED}"
 
 
 def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
@@ -120,6 +127,8 @@ def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
         yield f"the law of coupling {name!r} is not an il.LinearCoupling, the only one that is treated."
     elif coupling.law.linear[1]:
         yield f"coupling {name!r} has damping without noise: its temperature is 0; with damping=0 it would do."
+    if not is_difference(coupling):
+        yield f"coupling {name!r} {_WEIGHTED}"
 
 
 def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,13 +94,12 @@ class GaussianLaw:
         place = self._place(body, quantity)
         return float(self.covariance[place, place])
 
-    def relative_variances(self, bodies: Sequence[str]) -> tuple[float, float]:
-        """Return the variances of the displacement and the velocity of one body, or of a difference of two."""
-        signs = np.array([1.0, -1.0][: len(bodies)])
-        parts = []
+    def relative_variances(self, weights: Mapping[str, float]) -> tuple[float, float]:
+        """Return the variances of the displacement and the velocity of a weighted sum of bodies."""
+        factors, parts = np.array(list(weights.values())), []
         for quantity in ("displacement", "velocity"):
-            places = [self._place(name, quantity) for name in bodies]
-            parts.append(float(signs @ self.covariance[np.ix_(places, places)] @ signs))
+            places = [self._place(name, quantity) for name in weights]
+            parts.append(float(factors @ self.covariance[np.ix_(places, places)] @ factors))
         return parts[0], parts[1]
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from impactlab.components.component import suggestion
 from impactlab.components.composition import Composition
+from impactlab.components.sides import bodies_of, weights_of
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.conditions import Law
 from impactlab.reference.gaussian import GaussianLaw
@@ -56,7 +57,7 @@ class Laws:
     def gap_law(self, contact: str) -> GibbsLaw | TreeLaw | RingLaw:
         """Return the law of which a contact is a part."""
         known_name("contact", contact, self.network.contacts)
-        law = self.of_body[self._sides(contact)[0]]
+        law = self.of_body[bodies_of(self.network.contacts[contact])[0]]
         if isinstance(law, GaussianLaw):
             raise NoExactReference(
                 f"Contact {contact!r} was left out, because it closes with a probability below {NEVER:g}; the law of "
@@ -71,13 +72,10 @@ class Laws:
             return math.sqrt(law.variance(oscillator, "velocity"))
         return math.sqrt(law.temperature / self.network.oscillators[oscillator].mass)
 
-    def _sides(self, contact: str) -> list[str]:
-        item = self.network.contacts[contact]
-        return [side for side in (item.first, item.second) if isinstance(side, str)]
-
     def relative_speed(self, contact: str) -> float:
         """Return the standard deviation of the rate of an indentation."""
-        return math.sqrt(sum(self.speed(name) ** 2 for name in self._sides(contact)))
+        weights = weights_of(self.network.contacts[contact])
+        return math.sqrt(sum(weight**2 * self.speed(name) ** 2 for name, weight in weights.items()))
 
 
 def known_name(kind: str, name: str, known: Iterable[str]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
+from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
 from impactlab.linear.laws import lines_of, responses
 from impactlab.linear.systems import LinearSystem
@@ -149,10 +150,11 @@ class Apart:
         slowest = max(part.slowest for part in parts)
         mattering = {}
         for name, contact in subsystem.contacts.items():
-            bodies = [side for side in (contact.first, contact.second) if isinstance(side, str)]
-            together = part_of[bodies[0]] is part_of[bodies[-1]]
-            moving = [bodies] if together else [[body] for body in bodies]
-            place, speed = np.sum([part_of[pair[0]].law.relative_variances(pair) for pair in moving], axis=0).tolist()
+            moving: dict[int, dict[str, float]] = {}
+            for body, weight in weights_of(contact).items():
+                moving.setdefault(id(part_of[body]), {})[body] = weight
+            together = [part_of[next(iter(weights))].law.relative_variances(weights) for weights in moving.values()]
+            place, speed = np.sum(together, axis=0).tolist()
             # exp(−c²/2σ²) bounds the tail, also of sums of cosines; times ω/2π it is a Gaussian's rate of crossings
             often = 1.0 + slowest * math.sqrt(speed / place) / (2.0 * math.pi)
             enough = math.sqrt(2.0 * place * math.log(often / NEVER))

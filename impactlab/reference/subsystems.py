@@ -6,10 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
+from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
 _SAME_TEMPERATURE = 1e-9  # relative difference
@@ -131,8 +133,8 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
 
     links: list[Contact | Coupling] = [*network.contacts.values(), *acting.values()]
     for link in links:
-        one, *other = map(led, sides(link))
-        leader[one] = other[0] if other else one
+        for one, other in pairwise(sides(link)):
+            leader[led(one)] = led(other)
     members: dict[str, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
     for name in network.oscillators:
         members.setdefault(led(name), ([], {}, {}))[0].append(name)
@@ -159,8 +161,8 @@ def refusal(reasons: Sequence[str]) -> NoExactReference:
 
 
 def sides(link: Contact | Coupling) -> tuple[str, ...]:
-    """Return the one or two bodies of a contact or a coupling, as sorted names."""
-    return tuple(sorted(side for side in (link.first, link.second) if isinstance(side, str)))
+    """Return the bodies of a contact or a coupling, as sorted names."""
+    return tuple(sorted(bodies_of(link)))
 
 
 def named(bodies: Sequence[str]) -> str:

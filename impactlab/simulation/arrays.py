@@ -63,6 +63,8 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     system, forces, observed, method = plan.system, plan.forces, plan.observed, plan.method
     bodies, contacts, rows, single = len(system.bodies), len(system.ends), len(plan.noise.rows), plan.single
 
+    plain = system.ends.plain
+
     def of_bodies() -> np.ndarray:
         return zeros((bodies + 1, lanes))
 
@@ -90,18 +92,19 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         summed=FLUX + 1 + sum(not statistic.largest for statistic in sampled),
         samples=zeros((len(sampled_of(BODY)), observed.bodies, lanes)),
         products=zeros((PAIR_ROWS, len(method.pairs), lanes)),
-        ends=system.ends.pairs,
+        ends=system.ends.pairs if plain else np.zeros((0, 2), dtype=np.int64),
         pairs=method.pairs,
         indices=forces.indices,
         closings=Closings(
             before=zeros((2, observed.contacts * observed.counted, lanes)),
             jitter=observed.jitter,
+            weights=forces.parameters[:0] if plain else forces.parameters,
             step=plan.clock.step,
         ),
         flux=Flux(
             window=observed.window,
             half_kick=forces.half_kick,
-            closing=zeros((4, contacts * single, lanes)),
+            closing=zeros((4, contacts * (single or not plain), lanes)),
             push=zeros(((bodies + 1) * single * bool(len(forces.half_kick)), lanes)),
             kick=zeros((contacts * single, lanes)),
         ),

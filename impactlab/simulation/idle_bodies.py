@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
+from impactlab.components.sides import bodies_of
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.results.schema import STATISTICS
@@ -44,9 +45,9 @@ def _only(model: Model, chosen: np.ndarray) -> Composition:
     names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
     return type(network)(
         {name: body for name, body in network.oscillators.items() if name in names},
-        {name: item for name, item in network.contacts.items() if not names.isdisjoint((item.first, item.second))},
+        {name: item for name, item in network.contacts.items() if not names.isdisjoint(bodies_of(item))},
         {name: item for name, item in network.excitations.items() if name in names},
-        {name: item for name, item in network.couplings.items() if not names.isdisjoint((item.first, item.second))},
+        {name: item for name, item in network.couplings.items() if not names.isdisjoint(bodies_of(item))},
     )
 
 

@@ -112,9 +112,9 @@ def test_a_body_named_like_the_wall_is_a_body():
     [
         (("a", "a", LAW), r"contact of a body with itself: 'a' was given twice"),
         ((il.WALL, il.WALL, LAW), r"contact of a body with itself: WALL was given twice"),
-        (("", "a", LAW), r"Contact.first must be the name of a body or il.WALL, not ''"),
-        (("a", None, LAW), r"Contact.second must be the name of a body or il.WALL, not None"),
-        (("a", 3, LAW), r"Contact.second must be the name of a body or il.WALL, not 3"),
+        (("", "a", LAW), r"Contact.first must be the name of a body, an il.Combination or il.WALL, not ''"),
+        (("a", None, LAW), r"Contact.second must be the name of a body, an il.Combination or il.WALL, not None"),
+        (("a", 3, LAW), r"Contact.second must be the name of a body, an il.Combination or il.WALL, not 3"),
         (("a", "b", 1e4), r"Contact.law must be a contact law such as .*, not 10000.0"),
         (("a", "b", il.HertzContact), r"Contact.law must be a contact law"),
         (("a", "b"), r"Contact needs law"),

@@ -48,8 +48,14 @@ def test_coupling_and_its_data():
             r"coupling of a body with itself: 'a' was given twice; name two",
         ),
         ((il.WALL, {"wall": True}, il.LinearCoupling(1.0)), r"with itself: WALL was given twice"),
-        (("", "a", il.LinearCoupling(1.0)), r"Coupling.first must be the name of a body or il.WALL, not ''"),
-        (("a", 3, il.LinearCoupling(1.0)), r"Coupling.second must be the name of a body or il.WALL, not 3"),
+        (
+            ("", "a", il.LinearCoupling(1.0)),
+            r"Coupling.first must be .*, an il.Combination or il.WALL, not ''",
+        ),
+        (
+            ("a", 3, il.LinearCoupling(1.0)),
+            r"Coupling.second must be .*, an il.Combination or il.WALL, not 3",
+        ),
         (("a", "b", 3.0), r"Coupling.law must be a coupling law such as il.LinearCoupling\(1e3\), not 3.0"),
         (("a", "b", il.HertzContact(1.0)), r"Coupling.law must be a coupling law"),
         (("a", "b", il.HertzContact(1.0).to_dict()), r"'HertzContact' is not a CouplingLaw"),

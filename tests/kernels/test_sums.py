@@ -37,7 +37,8 @@ def empty_sums(phases, rows, half_kick=(), jitter=None):
     half_kicks = np.array(half_kick).reshape(-1, BODIES + 1)
     work = np.zeros((4, 2, LANES)), np.zeros(((BODIES + 1) * bool(half_kick), LANES)), np.zeros((2, LANES))
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
-    counting = Closings(before, np.zeros(0) if jitter is None else np.array(jitter), 0.1)
+    jitters = np.zeros(0) if jitter is None else np.array(jitter)
+    counting = Closings(before, jitters, np.zeros(0), 0.1)
     turns = Turns(np.zeros(BODIES), *[np.zeros((0, LANES))] * 2)
     flux = Flux(WINDOW, half_kicks, *work)
     return Sums(
