@@ -10,12 +10,19 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "components.component": ["Component", "parameter"],
+    "components.component": ["Component", "parameter", "state"],
     "components.oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
     "components.sides": ["WALL", "Combination"],
-    "components.contact": ["Contact", "ContactLaw", "HertzContact", "LinearContact", "PowerLawContact"],
+    "components.contact": [
+        "Contact",
+        "ContactLaw",
+        "HertzContact",
+        "LankaraniNikraveshContact",
+        "LinearContact",
+        "PowerLawContact",
+    ],
     "components.excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
-    "components.coupling": ["Coupling", "CouplingLaw", "LinearCoupling"],
+    "components.coupling": ["BoucWenCoupling", "Coupling", "CouplingLaw", "LinearCoupling", "MaxwellCoupling"],
     "networks.network": ["Network", "chain"],
     "networks.check": ["NetworkCheck"],
     "networks.compiled": ["CompiledNetwork"],

@@ -2,14 +2,18 @@
 
 from impactlab.components.component import Component as Component
 from impactlab.components.component import parameter as parameter
+from impactlab.components.component import state as state
 from impactlab.components.contact import Contact as Contact
 from impactlab.components.contact import ContactLaw as ContactLaw
 from impactlab.components.contact import HertzContact as HertzContact
+from impactlab.components.contact import LankaraniNikraveshContact as LankaraniNikraveshContact
 from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
+from impactlab.components.coupling import BoucWenCoupling as BoucWenCoupling
 from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
+from impactlab.components.coupling import MaxwellCoupling as MaxwellCoupling
 from impactlab.components.excitation import Excitation as Excitation
 from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
 from impactlab.components.excitation import WhiteNoise as WhiteNoise

@@ -13,6 +13,11 @@ import pytest
 from scipy.integrate import quad
 
 import impactlab as il
+from impactlab.assembly.build import build
+from impactlab.assembly.generate import generate
+from impactlab.assembly.model import Model
+from impactlab.kernels.jit import evaluate
+from impactlab.kernels.memory import with_states
 
 for module in pkgutil.walk_packages(il.__path__, "impactlab."):
     if not module.name.endswith("__main__"):
@@ -43,6 +48,8 @@ def sample(cls):
     """Make a component in which no number has its default value."""
     values = {}
     for field in dataclasses.fields(cls):
+        if field.name in cls.state_names():
+            continue  # their start values
         limits = field.metadata
         low = next((limits[name] for name in ("minimum", "above") if limits.get(name) is not None), 0.0)
         high = limits.get("maximum")
@@ -93,7 +100,7 @@ def test_component_is_a_value(cls):
             delattr(one, field.name)
         if type_of(field) in ("float", "int"):
             value, high = getattr(one, field.name), field.metadata["maximum"]
-            new = 2 * value if high is None else type(value)(high)
+            new = 2 * value + (not value) if high is None else type(value)(high)
             changed = one.replace(**{field.name: new})
             assert changed != one
             assert getattr(changed, field.name) == new
@@ -147,6 +154,8 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
 def test_physical_constants_of_a_force_are_not_negative(cls):
     """Masses, stiffnesses and damping have a lower limit; a negative one is refused."""
     for field in dataclasses.fields(cls):
+        if field.name in cls.state_names():
+            continue
         with pytest.raises(il.InvalidInput, match=r"not -1.0"):
             sample(cls).replace(**{field.name: -1.0})
 
@@ -179,14 +188,26 @@ def test_residual_is_the_derivative_of_its_potential(cls):
         assert float(body.call("residual_potential", x)) == pytest.approx(work, rel=1e-10)
 
 
+def compiled_forces(network, y):
+    """Forces of the contacts, and on the bodies, in states [x..., v...], from the start values of laws with states."""
+    model, count = Model.of(network), y.shape[1]
+    bodies, contacts = len(model.bodies), len(model.contacts)
+    x, v, total = np.zeros((3, 1, bodies + 1, count))
+    x[0, :-1], v[0, :-1] = np.split(y, 2)
+    indentation, contact_force = np.zeros((2, 1, contacts, count))
+    parameters = with_states(model.members.parameters, model.members.states, count, np.zeros)
+    evaluate(build(generate(model)).forces, x, v, parameters, model.members.indices, indentation, contact_force, total)
+    return contact_force[0], total[0, :-1]
+
+
 @each_law
 def test_compiled_and_plain_force_agree(cls):
     """To one unit in the last place on random states, open and closed."""
     law = sample(cls)
     bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
-    compiled = il.Network(bodies, {"c": il.Contact("a", "b", law, clearance=0.25)}).compile()
+    network = il.Network(bodies, {"c": il.Contact("a", "b", law, clearance=0.25)})
     y = np.random.default_rng(1).normal(size=(4, 400))
-    force = compiled.to_dataset(np.arange(400.0), y).contact_force[:, 0]
+    force = compiled_forces(network, y)[0][0]
     plain = law.evaluate(y[0] - y[1] - 0.25, y[2] - y[3])
     assert 100 < np.count_nonzero(plain) < 300
     np.testing.assert_array_max_ulp(force, plain, maxulp=1)
@@ -197,12 +218,27 @@ def test_compiled_and_plain_coupling_agree(cls):
     """On both bodies, to one unit in the last place; nothing pulls at no extension and no rate."""
     law = sample(cls)
     bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
-    compiled = il.Network(bodies, couplings={"c": il.Coupling("a", "b", law)}).compile()
     y = np.random.default_rng(3).normal(size=(4, 100))
-    force = np.array([compiled.rhs(0.0, column)[2:] for column in y.T]).T
+    force = compiled_forces(il.Network(bodies, couplings={"c": il.Coupling("a", "b", law)}), y)[1]
     plain = law.evaluate(y[1] - y[0], y[3] - y[2])
     np.testing.assert_array_max_ulp(force, np.array([plain, -plain]), maxulp=1)
     assert law.evaluate(0.0) == 0.0
+
+
+@pytest.mark.parametrize("cls", [cls for cls in [*LAWS, *COUPLING_LAWS, *OSCILLATORS] if cls.state_names()])
+def test_states_stay_where_nothing_moves(cls):
+    """Those that hold at some place and speed still hold there at the same time: what is accepted twice is as once."""
+    law = sample(cls)
+    kinematic, fields = law.arguments("update")
+    rng = np.random.default_rng(4)
+    for place, rate in rng.normal(size=(20, 2)):
+        values = {name: getattr(law, name) for name in law.field_names()}
+        values.update(dict.fromkeys(law.kernels["update"], place), rate=rate, velocity=rate, elapsed=0.0)
+        for _ in range(2):
+            before = [values[name] for name in law.state_names()]
+            new = law.update(*(values[item] for item in (*kinematic, *fields)))
+            values.update(zip(law.state_names(), np.atleast_1d(new).tolist(), strict=True))
+        assert [values[name] for name in law.state_names()] == pytest.approx(before, abs=1e-12)
 
 
 @each_with("residual", OSCILLATORS)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from impactlab.assembly.inlining import Inliner, free_name
 from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
 from impactlab.assembly.model import Model, kept
+from impactlab.components.component import ELAPSED, UPDATE
 from impactlab.kernels.single import single_text
 
 _TAKEN = frozenset({
@@ -40,6 +41,13 @@ def forces(x, v, middle, half_step, parameters, indices, indentation, contact_fo
     indentation, contact_force: of every contact [contact, lane]; positive when closed.
     total: force on every body [body, lane].
     """
+'''
+
+_ACCEPT = '''
+@accepting(ACCEPT)
+def accept(place, number):
+    """Bring the states of laws from the last accepted place to this one; see `impactlab.kernels.memory.Accepted`."""
+    x, v, parameters, indices = value_at(place)
 '''
 
 _DISTANCES = "    differences(indices, x, indentation)\n"
@@ -122,7 +130,7 @@ def _slowing(kind: Kind, name: str) -> str:
         "below": "r - near",
     }
     calls = {item: _call(kind, name, {place: place, speed: value}) for item, value in at.items()}
-    fields = "".join(f", {_local(field)}" for field in kind.fields)
+    fields = "".join(f", {_local(field)}" for field in kind.component.arguments(kind.kernel)[1])
     return _SLOWING.format(name=name, place=place, fields=fields, **calls)
 
 
@@ -153,10 +161,11 @@ def generate(model: Model, single: bool = False) -> str:
 def _generated(model: Model, single: bool) -> str:
     names = _kernel_names(model.members.kinds)
     kernels: dict[str, str] = {}
-    taken = set(names.values())
+    taken = {_name_of(name, kind, kernel) for kind, name in names.items() for kernel in kind.kernels}
     for kind, name in names.items():
-        Inliner(name, kernels, taken).inline(kind.component.kernel(kind.kernel)[0], name)
-    parts = [_header(model, kernels, single)]
+        for kernel in kind.kernels:
+            Inliner(name, kernels, taken).inline(getattr(kind.component, kernel), _name_of(name, kind, kernel))
+    form, parts = _Form(single, model.ends.plain), [_header(model, kernels, single)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts += [f"\n{_slowing(kind, names[kind])}" for kind in model.members.kinds if kind.slows]
     parts.append("\n" + _FORCES)
@@ -168,10 +177,13 @@ def _generated(model: Model, single: bool) -> str:
         if role == "coupling":  # after the contacts
             parts.append(_gathering(model))
         parts += [
-            _LOOPS[role](index, kind, names[kind], _Form(single, model.ends.plain))
+            _LOOPS[role](index, kind, names[kind], form)
             for index, kind in enumerate(model.members.kinds)
             if kind.role == role
         ]
+    if any(kind.states for kind in model.members.kinds):
+        parts.append("\n" + _ACCEPT)
+        parts += [_accept_loop(i, kind, names[kind], form) for i, kind in enumerate(model.members.kinds) if kind.states]
     for role, what in _TIMETABLES.items():
         if (role == "forcing" and model.members.of_role(role)) or (role == "intensity" and model.time_varying):
             parts.append("\n" + _TIMETABLE.format(name=role, what=what))
@@ -191,10 +203,16 @@ def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
     return names
 
 
+def _name_of(name: str, kind: Kind, kernel: str) -> str:
+    """Return the name of a kernel of a kind, of which one has a `name`."""
+    return name if kernel == kind.kernel else f"{name}_{kernel}"
+
+
 def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.members.kinds}
     slowing = any(kind.slows for kind in model.members.kinds)
     tables = "forcing" in roles or model.time_varying
+    remembering = any(kind.states for kind in model.members.kinds)
     plain = ["differences", "gather"] if single else ["gather"]
     called = [] if not len(model.ends) else plain if model.ends.plain else ["elongations", "push_back"]
     kernels_from = "kick" if model.ends.plain or not called else "combinations"
@@ -204,6 +222,7 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         "rows": bool(model.members.kinds),
         "scalar": bool(kernels),
         "timetable": tables,
+        "value_at": remembering,
     }
     text = "\n".join(kernels.values())
     lines = [
@@ -214,6 +233,7 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
         "from impactlab.kernels.jit import FORCES, "
         + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
         f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
+        *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered"] if remembering else []),
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
         *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if resident else []),
     ]
@@ -227,13 +247,16 @@ def _run(index: int, kind: Kind, *lines: str, slices: tuple[str, ...] = ()) -> s
     """
     leading, at, names = LEADING[kind.role], PLACES + HEADER * index, _parameters(kind)
     entries = [*leading, "count", *(["start"] if names else [])]
+    at_states, size = f"indices[at + {len(leading) + 2}]", len(leading) + 2 + bool(kind.states)
     parts = [item.replace("= ", "= rows(").replace("[", ", ").replace("]", ", count)") for item in slices]
     parts += [f"column_{k} = rows(parameters, start{_times(k)}, count)" for k in range(len(names))]
+    parts += [f"{_row(k)} = remembered(parameters, {at_states}{_less(k)}, count, x)" for k in range(len(kind.states))]
     text = [
         f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
-        + (f" with {', '.join(kind.parameters)}" if names else ""),
+        + (f" with {', '.join(kind.parameters)}" if names else "")
+        + (f"; states {', '.join(kind.states)}" if kind.states else ""),
         f"for run in range(indices[{at}]):",
-        f"    at = indices[{at + 1}] + {len(leading) + 2} * run",
+        f"    at = indices[{at + 1}] + {size} * run",
         *(f"    {name} = indices[at{_plus(k)}]" for k, name in enumerate(entries)),
         *(f"    {part}" for part in parts),
         f"    for member in range({slices[0].split(' ')[0]}.shape[0]):"
@@ -258,13 +281,35 @@ def _plus(offset: int) -> str:
     return f" + {offset}" if offset else ""
 
 
+def _less(count: int) -> str:
+    return ("", " - count")[count] if count < 2 else f" - {count} * count"
+
+
+def _row(state: int) -> str:
+    """Name of the rows of a state inside a loop."""
+    return f"remembered_{state}"
+
+
 def _call(kind: Kind, name: str, values: dict[str, str]) -> str:
-    return f"{name}({', '.join([*(values[item] for item in kind.kinematic), *map(_local, kind.fields)])})"
+    """Call the kernel of a kind."""
+    kinematic, fields = kind.component.arguments(kind.kernel)
+    return f"{name}({', '.join([*(values[item] for item in kinematic), *(_local(item) for item in fields)])})"
+
+
+def _update(kind: Kind, name: str, values: dict[str, str], result: str | None = None) -> str:
+    """Assign the states at some place to their names, or to another `result`."""
+    kinematic, fields = kind.component.arguments(UPDATE)
+    old = {state: f"{_row(k)}[member, lane]" for k, state in enumerate(kind.states)}
+    values = {**values, ELAPSED: "parameters[-1]"}
+    arguments = [*(values[item] for item in kinematic), *(old.get(item, _local(item)) for item in fields)]
+    new = result or ", ".join(map(_local, kind.states))
+    return f"{new} = {_name_of(name, kind, UPDATE)}({', '.join(arguments)})"
 
 
 def _local(field: str) -> str:
     """Name of a field's value inside a loop, where some names are taken."""
-    return f"{field}_" if field.rstrip("_") in _TAKEN or field.startswith("column_") else field
+    taken = field.rstrip("_") in _TAKEN or field.startswith(("column_", "remembered"))
+    return f"{field}_" if taken else field
 
 
 class _Form(NamedTuple):
@@ -281,26 +326,30 @@ def _contact_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
     value, which throws a body out of every contact, does not pass for an open one.
     """
     place: tuple[str, ...] = ()
-    distance, rate = "gaps[member, lane]", ["    rate = middle[first, lane] - middle[second, lane] + {of_own}"]
-    if not form.plain and kind.slows:
+    distance, rate = "gaps[member, lane]", ["rate = middle[first, lane] - middle[second, lane]{own}"]
+    if not form.plain and (kind.slows or "rate" in kind.kinematic):
         place = tuple(line.format(link="slot") for line in _ALONG)
-        rate = ["    rate = {of_own}", *(f"    {line}".format(sign="+") for line in _ALONG_RATE)]
-    elif form.plain and (not form.single or kind.slows):
+        rate = ["rate = 0.0{own}", *(line.format(sign="+") for line in _ALONG_RATE)]
+    elif form.plain and (not form.single or kind.slows or "rate" in kind.kinematic):
         place = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
         distance = "x[first, lane] - x[second, lane]"
     lines = [f"gap = {distance} - clearance"]
+    at_gap = _trial(kind, name, {"indentation": "gap", "rate": "rate"})
     if kind.slows:  # each alone: the rate without what this contact did to it in the pass before
         place = (*place, "response = half_step * mobility")
         lines += [
             "force = gap - gap",
             "if not gap <= 0.0:",
-            *(line.format(of_own="response * forces_of[member, lane]") for line in rate),
+            *(f"    {line}".format(own=" + response * forces_of[member, lane]") for line in rate),
+            *(f"    {line}" for line in at_gap),
             f"    force = {_over_kick(kind, name, 'gap', 'rate')}",
             "gaps[member, lane] = gap",
             "forces_of[member, lane] = force",
         ]
     else:
         lines += [
+            *(line.format(own="") for line in rate if at_gap and "rate" in kind.kinematic),
+            *at_gap,
             f"force = {_call(kind, name, {'indentation': 'max(gap, 0.0)'})}",
             "gaps[member, lane] = gap",
             "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
@@ -312,7 +361,13 @@ def _contact_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
 
 
 def _over_kick(kind: Kind, name: str, place: str, speed: str) -> str:
-    return f"{name}_over_kick({', '.join([place, speed, 'response', *map(_local, kind.fields)])})"
+    fields = kind.component.arguments(kind.kernel)[1]
+    return f"{name}_over_kick({', '.join([place, speed, 'response', *map(_local, fields)])})"
+
+
+def _trial(kind: Kind, name: str, values: dict[str, str]) -> list[str]:
+    """Find the states at a trial place, if the force reads them."""
+    return [_update(kind, name, values)] if kind.reads_states else []
 
 
 def _gathering(model: Model) -> str:
@@ -332,6 +387,7 @@ def _combination_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
         "for entry in range(begin, end):",
         "    extension -= parameters[entry] * x[indices[slots + entry], lane]",
         *rate,
+        *_trial(kind, name, {"extension": "extension", "rate": "rate"}),
         f"force = {_call(kind, name, {'extension': 'extension', 'rate': 'rate'})}",
         "for entry in range(begin, end):",
         "    total[indices[slots + entry], lane] += parameters[entry] * force",
@@ -348,30 +404,63 @@ def _coupling_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
         if "rate" in kind.kinematic
         else ""
     )
-    call = _call(kind, name, {"extension": "extension", "rate": "rate"})
+    values = {"extension": "extension", "rate": "rate"}
+    call, trial = _call(kind, name, values), _trial(kind, name, values)
     return (
         f"{_run(index, kind)}"
         "            for lane in range(total.shape[1]):\n"
         "                extension = x[second + member, lane] - x[first + member, lane]\n"
-        f"{rate}"
-        f"                force = {call}\n"
+        f"{rate}" + "".join(f"                {line}\n" for line in trial) + f"                force = {call}\n"
         "                total[first + member, lane] += force\n"
         "                total[second + member, lane] -= force\n"
     )
 
 
 def _residual_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
-    slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if kind.slows else [])]
+    moving = kind.slows or "velocity" in kind.kinematic
+    slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if moving else [])]
+    place = "some_x[member, lane]"
+    speed = "velocity" if kind.slows else "some_v[member, lane]"
+    trial = _trial(kind, name, {"displacement": place, "velocity": speed})
     if kind.slows:  # after all other forces
         lines = [
             "velocity = some_v[member, lane] + response * forces_on[member, lane]",
-            f"forces_on[member, lane] -= {_over_kick(kind, name, 'some_x[member, lane]', 'velocity')}",
+            *trial,
+            f"forces_on[member, lane] -= {_over_kick(kind, name, place, 'velocity')}",
         ]
     else:
-        lines = [f"forces_on[member, lane] -= {_call(kind, name, {'displacement': 'some_x[member, lane]'})}"]
+        lines = [*trial, f"forces_on[member, lane] -= {_call(kind, name, {'displacement': place})}"]
     return (
         f"{_run(index, kind, *(['response = half_step * mobility'] if kind.slows else []), slices=tuple(slices))}"
         "            for lane in range(forces_on.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+    )
+
+
+def _accept_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
+    """Write the loop that changes the states of a kind."""
+    of_member: tuple[str, ...] = ()
+    along: list[str] = []
+    if kind.role == "residual":
+        values = {"displacement": "x[body + member, lane]", "velocity": "v[body + member, lane]"}
+    elif not form.plain:
+        link, sign = ("slot", "+") if kind.role == "force" else ("link", "-")
+        of_member = tuple(line.format(link=link) for line in _ALONG)
+        along = ["extension, rate = 0.0, 0.0", _ALONG_RATE[0]]
+        along += [
+            f"    {sum_} {sign}= parameters[entry] * {item}[indices[slots + entry], lane]"
+            for sum_, item in (("extension", "x"), ("rate", "v"))
+        ]
+        values = {"extension": "extension", "indentation": "extension - clearance", "rate": "rate"}
+    else:
+        ends = "first + member", "second + member"
+        if kind.role == "force":
+            of_member = "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
+            ends = "second", "first"
+        of_x, of_v = (f"{item}[{ends[1]}, lane] - {item}[{ends[0]}, lane]" for item in "xv")
+        values = {"extension": of_x, "indentation": f"{of_x} - clearance", "rate": of_v}
+    new = ", ".join(f"{_row(k)}[member, lane]" for k in range(len(kind.states)))
+    return f"{_run(index, kind, *of_member)}            for lane in range(x.shape[1]):\n" + "".join(
+        f"                {line}\n" for line in [*along, _update(kind, name, values, new)]
     )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, joined
-from impactlab.components.component import Component, finite
+from impactlab.components.component import UPDATE, Component, finite
 
 PLACES, HEADER = 3, 2
 """Entries of `Members.indices` before those of the kinds, and for each kind."""
@@ -28,6 +28,9 @@ where links have weights."""
 
 Table = tuple[np.ndarray, np.ndarray]
 """Members of a kind: their indices, (member, leading), and their parameters, (member, parameter)."""
+
+LAWS = "force", "coupling", "combination", "residual"
+"""Roles of the kinds whose forces depend on the motion, which may have states."""
 
 
 Row = tuple[Component, tuple[int, ...], tuple[float, ...]]
@@ -54,13 +57,29 @@ class Kind:
 
     @property
     def kinematic(self) -> tuple[str, ...]:
-        """Kinematic arguments that the kernel takes."""
+        """Kinematic arguments that the kernel depends on."""
         return self.component.kernel(self.kernel)[1]
 
     @property
+    def states(self) -> tuple[str, ...]:
+        """Fields that are states."""
+        return self.component.state_names() if self.role in LAWS else ()
+
+    @property
+    def reads_states(self) -> bool:
+        """Whether the kernel takes a state."""
+        return not set(self.component.arguments(self.kernel)[1]).isdisjoint(self.states)
+
+    @property
+    def kernels(self) -> tuple[str, ...]:
+        """Names of the kernels that loops over the members call."""
+        return (self.kernel, UPDATE) if self.states else (self.kernel,)
+
+    @property
     def fields(self) -> tuple[str, ...]:
-        """Fields that the kernel takes."""
-        return self.component.kernel(self.kernel)[2]
+        """Other fields that the kernels take."""
+        taken = dict.fromkeys(field for name in self.kernels for field in self.component.arguments(name)[1])
+        return tuple(field for field in taken if field not in self.states)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -71,7 +90,8 @@ class Kind:
     @property
     def slows(self) -> bool:
         """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
-        return not {"rate", "velocity"}.isdisjoint(self.kinematic) and self.role in ("force", "residual")
+        own = self.component.arguments(self.kernel)[0]
+        return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,20 +111,25 @@ class Members:
         of what `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
         `impactlab.kernels.combinations` reads); for each kind the
         number of its runs and the place of the first; then, at these places, the runs: indices of the
-        first member, number of members, place of the parameters.
+        first member, number of members, place of the parameters and, of kinds that have them, of the states, in rows
+        from the end.
+    states : ndarray
+        States of all members at the start, run by run, one name after the other.
     """
 
     kinds: tuple[Kind, ...]
     tables: tuple[Table, ...]
     parameters: np.ndarray
     indices: np.ndarray
+    states: np.ndarray
 
     @classmethod
     def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
         kinds = tuple(sorted(rows, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
         tables = tuple(_table(kind, rows[kind]) for kind in kinds)
-        return cls(kinds, tables, *packed(tables, ends if ends.plain else joined(ends, coupled)))
+        starts = [_numbers(rows[kind], kind.states) for kind in kinds]
+        return cls(kinds, tables, *packed(tables, ends if ends.plain else joined(ends, coupled), starts=starts))
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Return the kinds of some roles."""
@@ -113,14 +138,23 @@ class Members:
 
 def _table(kind: Kind, rows: Sequence[Row]) -> Table:
     leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
-    numbers = np.array([(*extra, *(_number(item, field) for field in kind.fields)) for item, _, extra in rows])
-    return leading, numbers.reshape(len(rows), len(kind.parameters))
+    extra = np.array([extra for *_, extra in rows]).reshape(len(rows), len(kind.parameters) - len(kind.fields))
+    return leading, np.concatenate([extra, _numbers(rows, kind.fields)], axis=1)
 
 
-def packed(members: Iterable[Table], links: Links, order: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lay out the runs of all kinds in one array of numbers and one of indices; see `Members`.
+def _numbers(rows: Sequence[Row], fields: Sequence[str]) -> np.ndarray:
+    """Return the values of some fields, (member, field)."""
+    values = [[_number(item, field) for field in fields] for item, *_ in rows]
+    return np.array(values, dtype=float).reshape(len(rows), len(fields))
 
-    The forces on a body are added in the order of the contacts, or in another `order`, (contact,).
+
+def packed(
+    members: Sequence[Table], links: Links, order: np.ndarray | None = None, starts: Sequence[np.ndarray] = ()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lay out the runs of all kinds in one array of numbers, one of indices and one of states; see `Members`.
+
+    The forces on a body are added in the order of the contacts, or in another `order`, (contact,). States at the start
+    are (member, state) of each kind, none where nothing is given.
     """
     columns, header = [np.zeros(0)], []
     if isinstance(links, Combinations):
@@ -129,16 +163,23 @@ def packed(members: Iterable[Table], links: Links, order: np.ndarray | None = No
     else:
         ends = links.pairs
         tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
-    for leading, numbers in members:
+    states, left = [np.zeros(0)], sum(start.size for start in starts)
+    for kind, (leading, numbers) in enumerate(members):
         *begins, counts = runs(*leading.T)
         ends_of_runs = np.cumsum(counts)
         first = sum(map(len, columns)) + (ends_of_runs - counts) * numbers.shape[1]
-        tables.append(np.stack([*begins, counts, first]).T.ravel())
-        header.append(len(counts))
+        entries = [*begins, counts, first]
         columns += [part.T.ravel() for part in np.split(numbers, ends_of_runs[:-1])]
+        if starts and starts[kind].shape[1]:
+            entries.append(left - (ends_of_runs - counts) * starts[kind].shape[1])
+            states += [part.T.ravel() for part in np.split(starts[kind], ends_of_runs[:-1])]
+            left -= starts[kind].size
+        tables.append(np.stack(entries).T.ravel())
+        header.append(len(counts))
     places = PLACES + HEADER * len(header) + np.cumsum([0, *map(len, tables[:-1])])
     heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
-    return np.concatenate(columns), np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
+    indices = np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
+    return np.concatenate(columns), indices, np.concatenate(states)
 
 
 def _number(component: Component, field: str) -> float:

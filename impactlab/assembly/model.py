@@ -157,13 +157,18 @@ class Model:
 
     @property
     def dissipative(self) -> bool:
-        """Whether a force of a contact, a coupling or a residual depends on velocities, except those that flow."""
+        """Whether a force that does not flow depends on velocities or states."""
         kinds = self.members.of_role("force", "residual")
-        return any(not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
+        return any(kind.states or not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
             item.law.dissipative
             for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
             if not flows
         )
+
+    @property
+    def remembering(self) -> bool:
+        """Whether laws of contacts or couplings, or bodies have states."""
+        return len(self.members.states) > 0
 
     @property
     def only_touching(self) -> bool:

@@ -25,6 +25,11 @@ import numpy as np
 import impactlab
 from impactlab.errors import InvalidInput
 
+UPDATE, ELAPSED = "update", "elapsed"
+"""Kernel that returns the states of a law, and its argument of time: how long ago those that it takes were accepted."""
+
+_POTENTIALS = "potential", "residual_potential"
+
 _REGISTRY: dict[str, dict[str, type[Component]]] = {}
 
 
@@ -82,6 +87,36 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata, kw_only=kw_only)  # type: ignore[call-overload]
 
 
+def state(
+    start: Any = dataclasses.MISSING,
+    *,
+    units: str = "1",
+    minimum: float | None = None,
+    above: float | None = None,
+    maximum: float | None = None,
+) -> Any:
+    """Declare a state of a law: a number that each member has in each realization, and that the motion changes.
+
+    It changes when a step is accepted, to what the kernel ``update`` of the law returns. The field of a
+    component holds the value at the start, and is given by name.
+
+    Parameters
+    ----------
+    start : float
+        Value at the start of a run, unless a component is made with another.
+    units : str
+        Units in the notation of UDUNITS, such as ``"m"``.
+    minimum, maximum, above : float, optional
+        Limits of the value at the start, as of a `parameter`.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
+    metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum, "state": True}
+    return dataclasses.field(default=start, metadata=metadata, kw_only=True)
+
+
 # Type checkers and editors see the fields. `parameter` is not named as a field specifier: a default that it takes by
 # position would be unknown to them, and they would refuse correct programs. So they take every field for one with a
 # default; a value that is missing, or given by position where a name is needed, is refused when the component is made.
@@ -106,6 +141,7 @@ class Component:
         for name, kinematic in cls.kernels.items():
             if name in cls.__dict__:
                 _make_kernel(cls, name, kinematic)
+        _check_states(cls)
         _REGISTRY.setdefault(cls.__name__, {})[cls.__module__] = cls
 
     def __new__(cls, /, *values: Any, **fields: Any) -> Self:
@@ -140,6 +176,11 @@ class Component:
     def field_names(cls) -> tuple[str, ...]:
         """Names of the fields, in the order of their declaration."""
         return tuple(declared.name for declared in _declared(cls))
+
+    @classmethod
+    def state_names(cls) -> tuple[str, ...]:
+        """Names of the fields that are states, in the order of their declaration."""
+        return tuple(declared.name for declared in _declared(cls) if declared.state)
 
     @classmethod
     def units(cls, name: str) -> str:
@@ -198,12 +239,23 @@ class Component:
         return callable(getattr(cls, name, None))
 
     @classmethod
-    def kernel(cls, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
-        """Return a kernel with the names of its kinematic arguments and of its fields."""
-        function = getattr(cls, name)
-        names = _argument_names(function)
+    def arguments(cls, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the names of the kinematic arguments that a kernel takes itself, and of its fields."""
+        names = _argument_names(getattr(cls, name))
         kinematic = tuple(item for item in cls.kernels[name] if item in names)
-        return function, kinematic, names[len(kinematic) :]
+        return kinematic, names[len(kinematic) :]
+
+    @classmethod
+    def kernel(cls, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
+        """Return a kernel with the names of its kinematic arguments and of its fields.
+
+        A kernel that reads states reads those which hold at its own arguments: ``update`` has made them of the
+        fields, at once.
+        """
+        kinematic, fields = cls.arguments(name)
+        if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
+            return getattr(cls, name), kinematic, fields
+        return _at_new_states(cls, name)
 
     def call(self, name: str, *kinematic: Any) -> np.ndarray:
         """Evaluate a kernel on arrays, in Python, with the fields filled in.
@@ -305,6 +357,26 @@ def _number(value: Any) -> float:
     return float(value)
 
 
+def _at_new_states_of(cls: Any, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
+    """Return a kernel that reads states as `Component.kernel` does: those that hold just after a start."""
+    (own, fields), (of_update, of_states) = cls.arguments(name), cls.arguments(UPDATE)
+    kinematic = tuple(item for item in cls.kernels[name] if item in (*own, *of_update))
+    used = tuple(dict.fromkeys((*fields, *of_states)))
+    kernel, update, states = getattr(cls, name), getattr(cls, UPDATE), cls.state_names()
+
+    def at_new_states(*values: Any) -> float:
+        known = {**dict(zip((*kinematic, *used), values, strict=True)), ELAPSED: 0.0}
+        new = update(*(known[item] for item in (*of_update, *of_states)))
+        known.update(zip(states, (new,) if len(states) == 1 else new, strict=True))
+        return kernel(*(known[item] for item in (*own, *fields)))  # type: ignore[no-any-return]
+
+    return at_new_states, kinematic, used
+
+
+_at_new_states: Callable[[Any, str], tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]]
+_at_new_states = functools.cache(_at_new_states_of)
+
+
 @functools.cache
 def _argument_names(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(inspect.signature(function).parameters)
@@ -369,8 +441,37 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
             f"{place} takes ({', '.join(names)}); the kinematic arguments come first and in order: {form}."
         )
     if _may_end_without_value(function):
-        raise InvalidInput(f"{place} may end without a value: every branch must return a number.")
+        what = "the states" if name == UPDATE else "a number"
+        raise InvalidInput(f"{place} may end without a value: every branch must return {what}.")
     setattr(cls, name, staticmethod(function))
+
+
+def _check_states(cls: type[Component]) -> None:
+    """Refuse states without a start or without a kernel that updates them, and what has no meaning with states."""
+    names, updates = cls.state_names(), getattr(cls, UPDATE, None) is not None
+    if not names:
+        if UPDATE in cls.kernels and updates:
+            raise InvalidInput(f"{cls.__name__} defines {UPDATE}, but no state: declare name: float = il.state(0.0).")
+        return
+    some = ", ".join(names)
+    if UPDATE not in cls.kernels:
+        raise InvalidInput(
+            f"{cls.__name__} cannot have states ({some}): laws of contacts and couplings, and oscillators can."
+        )
+    for declared in _declared(cls):
+        if declared.state and (declared.needed or declared.kind != "float"):
+            wrong = "has no start value" if declared.needed else f"is declared as {declared.kind}"
+            raise InvalidInput(
+                f"The state {declared.place} {wrong}: write {declared.name}: float = il.state(0.0, units=...)."
+            )
+    if not updates and all(getattr(cls, name, None) is not None for name in cls.required):
+        form = f"{UPDATE}({', '.join(cls.kernels[UPDATE])}, then states and other fields by name)"
+        raise InvalidInput(f"{cls.__name__} has states ({some}), but no {form}, which returns their new values.")
+    for potential in _POTENTIALS:
+        if getattr(cls, potential, None) is not None:
+            raise InvalidInput(
+                f"{cls.__name__} has states ({some}), so that its force depends on the past: it has no {potential}."
+            )
 
 
 def _may_end_without_value(function: types.FunctionType) -> bool:
@@ -388,6 +489,7 @@ class _Declared(NamedTuple):
     kind: str
     positional: bool
     needed: bool
+    state: bool
     units: str
     limits: tuple[float | None, float | None, float | None]  # minimum, above, maximum
 
@@ -400,7 +502,8 @@ def _fields_of(cls: Any) -> tuple[_Declared, ...]:
         minimum, above, maximum = (field.metadata.get(name) for name in ("minimum", "above", "maximum"))
         units = field.metadata.get("units", "1")
         place = f"{cls.__name__}.{field.name}"
-        result.append(_Declared(field.name, place, kind, not field.kw_only, needed, units, (minimum, above, maximum)))
+        remembered, limits = bool(field.metadata.get("state")), (minimum, above, maximum)
+        result.append(_Declared(field.name, place, kind, not field.kw_only, needed, remembered, units, limits))
     return tuple(result)
 
 

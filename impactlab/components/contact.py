@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import Component, call_each, parameter
+from impactlab.components.component import Component, call_each, parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
@@ -19,17 +19,21 @@ class ContactLaw(Component):
     Subclasses define the kernel ``force(indentation, rate, ...)`` (N, positive in
     compression), which must be finite at zero indentation, and, if the force has one,
     the kernel ``potential(indentation, ...)`` (J, 0 at 0), which makes exact
-    stationary laws possible.
+    stationary laws possible. A law with fields that are a `impactlab.state` defines
+    ``update(indentation, rate, elapsed, ...)``, which returns their values at an
+    indentation (negative where the contact is open), `elapsed` seconds after they had
+    those that it is given; ``force`` is given what ``update`` returns.
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "force": ("indentation", "rate"),
         "potential": ("indentation",),
+        "update": ("indentation", "rate", "elapsed"),
     }
     required: ClassVar[tuple[str, ...]] = ("force",)
 
     def evaluate(self, indentation: Any, rate: Any = 0.0) -> np.ndarray:
-        """Return the contact force for arrays of indentations and their rates.
+        """Return the contact force for arrays of indentations and their rates, from the start values of states.
 
         Parameters
         ----------
@@ -119,6 +123,42 @@ class PowerLawContact(ContactLaw):
     @staticmethod
     def potential(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
         return stiffness * indentation ** (exponent + 1.0) / (exponent + 1.0)
+
+
+class LankaraniNikraveshContact(ContactLaw):
+    """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
+
+    H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
+    closed, until it opens again; one that is closed at the start has no damping before. The force never pulls. Bodies
+    rebound with nearly the restitution e where that is close to 1, and with more where it is not.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    restitution : float
+        Coefficient of restitution e, from 0 to 1.
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    stiffness: float = parameter(units="N", minimum=0.0)
+    restitution: float = parameter(minimum=0.0, maximum=1.0)
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0)
+    closing: float = state(0.0, units="m s-1", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
+        damping = 0.75 * (1.0 - restitution * restitution) * rate / closing if closing > 0.0 else 0.0
+        return stiffness * indentation**exponent * max(1.0 + damping, 0.0)
+
+    @staticmethod
+    def update(indentation, rate, closing):  # type: ignore[no-untyped-def]
+        if indentation <= 0.0:
+            return 0.0
+        return closing if closing > 0.0 else max(rate, 0.0)
 
 
 class Contact(Component):

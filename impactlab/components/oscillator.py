@@ -16,6 +16,9 @@ class Oscillator(Component):
     Subclasses may add fields and two kernels: ``residual(displacement, velocity, ...)``,
     the part of the restoring force that is not linear (N), and
     ``residual_potential(displacement, ...)``, its integral if it has one (J, 0 at 0).
+    Subclasses with fields that are a `impactlab.state` define ``update(displacement, velocity,
+    elapsed, ...)``, which returns their values at a displacement, `elapsed` seconds after they had
+    those that it is given; ``residual`` is given what ``update`` returns.
 
     Parameters
     ----------
@@ -30,6 +33,7 @@ class Oscillator(Component):
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "residual": ("displacement", "velocity"),
         "residual_potential": ("displacement",),
+        "update": ("displacement", "velocity", "elapsed"),
     }
 
     _: KW_ONLY

@@ -61,7 +61,7 @@ class Cross(NamedTuple):
 class Tables(NamedTuple):
     """Numbers of the forces and of the method."""
 
-    parameters: np.ndarray  # of the forces
+    parameters: np.ndarray  # of the forces, and the states of their laws; see `impactlab.kernels.memory`
     indices: np.ndarray
     coefficients: np.ndarray  # (phase, column, body)
     cross: Cross
@@ -146,6 +146,7 @@ class Functions(NamedTuple):
     """Functions that a loop calls: the forces of the network, and others by their addresses."""
 
     forces: Any
+    accept: int  # updates the states of laws: `impactlab.kernels.memory.ACCEPT`; 0 where there are none
     fill: int  # writes the normals of four steps: `impactlab.kernels.random.fill_steps`
     near: int  # brings sums of cosines near: `impactlab.kernels.series.bring_near`
     add: int  # adds the history to the sums: `impactlab.kernels.sums.add_history`
@@ -158,6 +159,7 @@ class Steps(NamedTuple):
     samples: int  # of series and given forces in a step
     passes: int  # how often the forces of a kick are evaluated with the velocities that they give, 0: with none
     summing: bool  # whether every step adds to the sums
+    remembering: bool  # whether laws have states
     first: int  # index of the first step
     number: int
     every: int  # steps between snapshots, 0 for none
@@ -204,9 +206,9 @@ class _Types:
             named(Flux, numbers, table, blocks, block, block),
             named(Turns, numbers, block, block),
         )
-        self.steps = named(Steps, f8, i8, i8, b1, i8, i8, i8, i8)
+        self.steps = named(Steps, f8, i8, i8, b1, b1, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
-        self.functions = named(Functions, self.forces, i8, i8, i8)
+        self.functions = named(Functions, self.forces, i8, i8, i8, i8)
         self.loop = void(
             self.functions, self.tables, self.driven, self.state, self.history, self.sums, blocks, self.steps
         )

@@ -64,6 +64,21 @@ class Integrator(Component):
         """
         raise NotImplementedError
 
+    @staticmethod
+    def accepted(state, middle):  # type: ignore[no-untyped-def]
+        """Return displacements and velocities at which a step is accepted, where laws update their states.
+
+        This is a text as well.
+
+        Parameters
+        ----------
+        state : State
+            After the step.
+        middle : [body, lane]
+            Velocities that the step has left in the history.
+        """
+        return state.x, state.v
+
     @property
     def samples_per_step(self) -> int:
         """Samples of a series or a given force that a step takes."""

@@ -25,6 +25,7 @@ from impactlab.kernels.jit import (
     scalar,
     value_at,
 )
+from impactlab.kernels.memory import Accepted, set_elapsed
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
@@ -52,8 +53,12 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.fill, own_noise, now // 4)
         if series.bodies.shape[0] and (index == 0 or sample == 0):
             call(functions.near, own_series, steps.samples * now - sample)
+        set_elapsed(tables, steps, steps.step)
         step(functions.forces, tables, driven, state, history, steps, index)
-        # Here the step is accepted: states that laws remember change now, and never at a trial.
+        if steps.remembering:  # the step is accepted: states of laws change now, and never at a trial
+            x, v = accepted(state, history.v[slot])
+            set_elapsed(tables, steps, steps.step)
+            call(functions.accept, address_of(Accepted(x, v, tables.parameters, tables.indices)), now)
         if sums.bodies.shape[1] > TURN:
             add_turns(history.force[slot], history.v[slot], steps.summing, now % sums.bodies.shape[0], sums)
         if steps.summing and close_slot(history, slot, index == steps.number - 1, sums):
@@ -77,6 +82,11 @@ def sample_of(steps, now):  # type: ignore[no-untyped-def]
 
 def step(*arguments: Any) -> None:
     """Stand for that of a method, `impactlab.integrators.base.Integrator.step`."""
+    raise NotImplementedError
+
+
+def accepted(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Stand for that of a method, `impactlab.integrators.base.Integrator.accepted`."""
     raise NotImplementedError
 
 
@@ -112,7 +122,7 @@ def all_samples() -> tuple[Sample, ...]:
 
 
 def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
-    """Return a loop that takes the forces in the place of `Functions`.
+    """Return a loop that takes the forces, and the address of what updates states, in the place of `Functions`.
 
     What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
     """
@@ -120,29 +130,30 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
     pairs = (types.noise, _fill), (types.series, _near), (types.account, _adding(all_samples()))
     parts = [part(void(pointer_to(kind), i8), _text(function, single)) for kind, function in pairs]
 
-    def run(forces: Function, *arguments: Any) -> None:
+    def run(forces: Function, accept: Any, *arguments: Any) -> None:
         seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
-        advancing(Functions(forces, *(address for _, address in parts)), *seen)
+        advancing(Functions(forces, accept, *(address for _, address in parts)), *seen)
 
     return run
 
 
-def stepping(method: Function, single: bool) -> Callable[..., None]:
+def stepping(method: Function, accepting: Function, single: bool) -> Callable[..., None]:
     """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane."""
-    return with_functions(_loop(method, single), single)
+    return with_functions(_loop(method, accepting, single), single)
 
 
 @cache
-def _loop(method: Function, single: bool) -> Function:
+def _loop(method: Function, accepting: Function, single: bool) -> Function:
     """Return the same before it knows what it calls.
 
-    The text of the step stands in that of the loop: called, it would take a tenth of a microsecond more.
+    The texts of the step, and of where it is accepted, stand in that of the loop: called, a step would take a tenth of
+    a microsecond more.
     """
     file = Path(method.__code__.co_filename)
     version = hashlib.sha256(file.read_bytes() if file.is_file() else method.__code__.co_code).hexdigest()[:12]
-    name = f"{method.__qualname__}_{version}".replace(".", "_")
-    whole = composed(_text(advance, single), name, step=inlined(_text(method, single)))
-    return loop((OF_ONE if single else OF_LANES).loop, whole)
+    name = f"{method.__qualname__}_{accepting.__qualname__}_{version}".replace(".", "_")
+    parts = {"step": inlined(_text(method, single)), "accepted": inlined(_text(accepting, single))}
+    return loop((OF_ONE if single else OF_LANES).loop, composed(_text(advance, single), name, **parts))
 
 
 @cache

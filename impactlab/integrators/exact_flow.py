@@ -44,7 +44,8 @@ class ExactFlow(Integrator):
     the one at which it acts: that in the middle of the kick where it is a weak damper, nearly
     that after it where it is a strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
-    given forces through the one to what is linear in the time of a step, which has their integral.
+    given forces through the one to what is linear in the time of a step, which has their integral. States of laws
+    are those at y, and at the velocity in the middle of the kick.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
@@ -113,6 +114,10 @@ class ExactFlow(Integrator):
         if last:
             copy(slot.x, state.x)
             copy(slot.force, state.total)
+
+    @staticmethod
+    def accepted(state, middle):  # type: ignore[no-untyped-def]
+        return state.reading, middle
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)

@@ -23,6 +23,7 @@ from impactlab.kernels.kick import (
     combine,
     copy,
 )
+from impactlab.kernels.memory import set_elapsed
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import lines_of
@@ -61,6 +62,7 @@ class ExplicitIntegrator(Integrator):
         for stage in range(last + 1):
             if stage == 0 or nodes[stage] != nodes[stage - 1]:
                 push(driven, steps, index, nodes[stage], external)
+            set_elapsed(tables, steps, nodes[stage] * steps.step)
             forces(at_x, at_v, at_v, 0.0, tables.parameters, tables.indices, indentation, contact_force, slope)
             accelerate(tables.coefficients, at_x, at_v, external, slope)
             add_multiple(weights[stage], at_v, mean_v)
@@ -76,6 +78,7 @@ class ExplicitIntegrator(Integrator):
         if sampled(steps, index):
             copy(x, state.reading)
             copy(v, state.velocity)
+            set_elapsed(tables, steps, steps.step)
             forces(x, v, v, 0.0, tables.parameters, tables.indices, indentation, contact_force, slope)
 
     @property

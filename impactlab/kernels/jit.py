@@ -342,6 +342,28 @@ def rows(array, begin, count):  # type: ignore[no-untyped-def]
     return _rows(array, begin, count)  # type: ignore[call-arg]
 
 
+@intrinsic
+def _rows_of_lanes(typing_context, array, begin, count, lanes):  # type: ignore[no-untyped-def]
+    result = types.Array(array.dtype, 2, "C")
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        whole = context.make_array(signature.args[0])(context, builder, arguments[0])
+        block, size = context.make_array(result)(context, builder), whole.itemsize
+        data, shape = builder.gep(whole.data, [arguments[1]]), arguments[2:]
+        _populate_array(block, data, shape, [builder.mul(arguments[3], size), size], size, None)
+        return block._getvalue()
+
+    return result(array, types.intp, types.intp, types.intp), codegen
+
+
+@scalar
+def rows_of_lanes(array, begin, count, lanes):  # type: ignore[no-untyped-def]
+    """Return numbers of an array (number,) from a place on as rows of lanes, as `rows` does."""
+    if DISABLED:
+        return array[begin : begin + count * lanes].reshape(count, lanes)
+    return _rows_of_lanes(array, begin, count, lanes)  # type: ignore[call-arg]
+
+
 def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:
     """Compile a function that kernels receive as an argument of one fixed type."""
 

@@ -17,6 +17,9 @@ from typing import Any
 from impactlab.kernels.jit import Function, maker
 from impactlab.kernels.parsing import parsed
 
+_TYPES = "ACCEPT", "FORCES"
+"""Types of functions that generated modules import; those of functions over blocks of one lane end in _OF_ONE."""
+
 
 def _is_lane(node: ast.AST) -> bool:
     return isinstance(node, ast.Name) and node.id == "lane"
@@ -41,8 +44,11 @@ class _WithoutLanes(ast.NodeTransformer):
         return ast.Constant(0) if _is_lane(node) and isinstance(node.ctx, ast.Load) else node
 
 
-_OF_BLOCKS = ("impactlab.kernels.kick", "impactlab.kernels.combinations")
+_OF_BLOCKS = "impactlab.kernels.kick", "impactlab.kernels.combinations", "impactlab.kernels.memory"
 """Modules with kernels that a generated module calls."""
+
+_NOT_OF_BLOCKS = *_TYPES, "accepting"
+"""What it imports from them besides."""
 
 
 def single_text(text: str) -> str:
@@ -50,12 +56,15 @@ def single_text(text: str) -> str:
     tree = _WithoutLanes().visit(parsed(text))
     body = tree.body
     for place, node in enumerate(body):
-        if isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.jit":
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.module in ("impactlab.kernels.jit", "impactlab.kernels.memory"):
             node.names = [
-                ast.alias("FORCES_OF_ONE", "FORCES") if item.name == "FORCES" else item for item in node.names
+                ast.alias(f"{item.name}_OF_ONE", item.name) if item.name in _TYPES else item for item in node.names
             ]
-        elif isinstance(node, ast.ImportFrom) and node.module in _OF_BLOCKS:
-            singles = [f"{item.name} = single({item.name})" for item in node.names]
+        if node.module in _OF_BLOCKS:
+            names = [item.name for item in node.names if (item.asname or item.name) not in _NOT_OF_BLOCKS]
+            singles = [f"{name} = single({name})" for name in names]
             lines = ["from impactlab.kernels.single import single", *singles]
             body[place + 1 : place + 1] = parsed("\n".join(lines)).body
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"

@@ -190,6 +190,8 @@ def _modes(
     note, biases = "", np.full((2, len(frequencies)), np.nan)
     if not model.intensities().any():
         note = "No bias is predicted: no body is under white noise."
+    elif model.remembering:
+        note = "No bias is predicted: laws have states."
     elif exact is None:
         note = "No bias is predicted: the network with closed contacts has no stationary law."
     elif discrete is None and np.isfinite(step):

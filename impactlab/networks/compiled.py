@@ -12,6 +12,7 @@ from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
+from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import evaluate
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
@@ -25,11 +26,21 @@ class CompiledNetwork:
     network : Network
         Bodies in the order of their names; excitations that are given functions of time
         act, noise does not.
+
+    Raises
+    ------
+    InvalidInput
+        If a law has states.
     """
 
     def __init__(self, network: Composition) -> None:
         self.network = network
         self.model = Model.of(network)
+        kinds = (kind for kind in self.model.members.kinds if kind.states)
+        if some := ", ".join(f"{kind.component.__name__} ({', '.join(kind.states)})" for kind in kinds):
+            raise InvalidInput(
+                f"A network is no function of displacements and velocities alone where laws have states: {some}."
+            )
         self._module = build(generate(self.model))
         bodies, contacts = len(self.model.bodies), len(self.model.contacts)
         self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))

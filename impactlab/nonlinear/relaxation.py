@@ -335,9 +335,10 @@ def damped_by_laws_alone(model: Model) -> np.ndarray:
 
 
 def _of_laws(model: Model) -> np.ndarray:
-    """Return slots of bodies with a contact or a coupling whose force depends on the rate."""
+    """Return slots of bodies with a contact or a coupling whose force depends on the rate or on states."""
     network = model.network
-    of_contacts = ["rate" in item.law.kernel("force")[1] for item in network.contacts.values()]
+    laws = [item.law for item in network.contacts.values()]
+    of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in laws]
     of_couplings = [item.law.dissipative for item in network.couplings.values()]
     slots: np.ndarray = model.links.first()[np.flatnonzero(of_contacts + of_couplings)]
     return slots

@@ -23,6 +23,8 @@ class Forces:
         Generated module.
     parameters, indices : ndarray
         What the generated functions take.
+    states : ndarray
+        States of laws at the start; see `impactlab.assembly.members.Members`.
     passes : int
         How often a kick evaluates forces that depend on velocities, 0 where there are none.
     likely : (contact,) ndarray of bool
@@ -38,6 +40,7 @@ class Forces:
     text: str
     parameters: np.ndarray
     indices: np.ndarray
+    states: np.ndarray
     passes: int
     likely: np.ndarray
     kicked: np.ndarray
@@ -58,8 +61,9 @@ class Forces:
             Step of a method that kicks (s).
         """
         return cls(
-            generate(model, single=single), model.members.parameters, model.members.indices, model.passes, likely,
-            _kicked(model, likely), np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
+            generate(model, single=single), model.members.parameters, model.members.indices, model.members.states,
+            model.passes, likely, _kicked(model, likely),
+            np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 
     def restricted(self, tile: Tile) -> Forces:

@@ -54,7 +54,7 @@ class Method:
 
     def loop(self, single: bool) -> Callable[..., None]:
         """Return the compiled loop, for blocks or for those of one lane."""
-        return stepping(self.integrator.step, single)
+        return stepping(self.integrator.step, self.integrator.accepted, single)
 
     def tables(self, parameters: np.ndarray, indices: np.ndarray) -> Tables | JumpTables:
         """Return the numbers that the loop takes, with those of the forces."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from impactlab.components.component import Component
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
@@ -94,7 +95,9 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
         yield f"{name!r} has damping without noise: its temperature is 0; with {cure} it would have a law."
     if oscillator.has_kernel("residual"):
         kind = type(oscillator).__name__
-        if "velocity" in oscillator.kernel("residual")[1]:
+        if oscillator.state_names():
+            yield _with_states(f"the residual force of {name!r}", oscillator)
+        elif "velocity" in oscillator.kernel("residual")[1]:
             yield (
                 f"the residual force of {name!r} depends on the velocity: it has no potential; one that depends on "
                 "the displacement only, with residual_potential(displacement, ...), would do."
@@ -108,7 +111,9 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
 
 def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
     kind = type(contact.law).__name__
-    if "rate" in contact.law.kernel("force")[1]:
+    if contact.law.state_names():
+        yield _with_states(f"the force of contact {name!r}", contact.law)
+    elif "rate" in contact.law.kernel("force")[1]:
         yield (
             f"the force of contact {name!r} depends on the rate: it has no potential; a law of the indentation alone, "
             "with potential(indentation, ...), would do."
@@ -123,12 +128,18 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
 
 
 def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
-    if not is_linear(coupling):
+    if coupling.law.state_names():
+        yield _with_states(f"the force of coupling {name!r}", coupling.law)
+    elif not is_linear(coupling):
         yield f"the law of coupling {name!r} is not an il.LinearCoupling, the only one that is treated."
     elif coupling.law.linear[1]:
         yield f"coupling {name!r} has damping without noise: its temperature is 0; with damping=0 it would do."
     if not is_difference(coupling):
         yield f"coupling {name!r} {_WEIGHTED}"
+
+
+def _with_states(what: str, law: Component) -> str:
+    return f"{what} depends on the past, by the states of {type(law).__name__} ({', '.join(law.state_names())})."
 
 
 def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:

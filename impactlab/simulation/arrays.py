@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike
 
 from impactlab.integrators.arguments import Closings, Flux, History, State, Sums, Turns
 from impactlab.integrators.jumps import Zeros
+from impactlab.kernels.memory import with_states
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
@@ -26,6 +27,7 @@ class Arrays(NamedTuple):
     history: History
     sums: Sums
     normals: np.ndarray  # (4, row, lane) of the noise, single precision
+    parameters: np.ndarray  # of the forces, with the states of laws at their start
 
 
 class Counted:
@@ -50,7 +52,7 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
 
 
 def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
-    """Return the arrays of a block of some lanes, all 0.
+    """Return the arrays of a block of some lanes, all 0 but the parameters.
 
     Parameters
     ----------
@@ -114,4 +116,5 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             middle=zeros((turning, lanes)),
         ),
     )
-    return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32))
+    parameters = with_states(forces.parameters, forces.states, lanes, zeros)
+    return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), parameters)

@@ -13,6 +13,7 @@ from impactlab.assembly.build import build
 from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.kernels.jit import evaluate, evaluator
+from impactlab.kernels.memory import accept
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
@@ -78,9 +79,9 @@ class Block:
         lanes = len(self.realizations)
         # of each phase, by that of the plan
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
-        self.state, self.history, self.sums, self.normals = allocate(plan, lanes)
+        self.state, self.history, self.sums, self.normals, self.parameters = allocate(plan, lanes)
         self.sums.closings.before[:] = np.nan
-        self.tables = plan.method.tables(plan.forces.parameters, plan.forces.indices)
+        self.tables = plan.method.tables(self.parameters, plan.forces.indices)
         self.scale = np.ones((1, len(plan.noise.rows)))
         self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
         if plan.driving.lines:
@@ -90,6 +91,8 @@ class Block:
             self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
         if plan.method.integrator.kicks:
             self._half_kick(plan.start.given)
+        if self.remembering:
+            self._accept()
 
     # start
 
@@ -203,7 +206,28 @@ class Block:
 
     def evaluate(self, x: np.ndarray, v: np.ndarray, *result: np.ndarray) -> None:
         """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`."""
-        evaluate(self.module.forces, x, v, self.plan.forces.parameters, self.plan.forces.indices, *result)
+        if self.remembering:
+            self.parameters[-1] = 0.0  # just after the states were accepted
+        evaluate(self.module.forces, x, v, self.parameters, self.plan.forces.indices, *result)
+
+    @property
+    def remembering(self) -> bool:
+        """Whether laws have states."""
+        return len(self.plan.forces.states) > 0
+
+    @property
+    def states(self) -> np.ndarray:
+        """States of the laws, which may be changed, (row, lane); see `impactlab.assembly.members.Members`."""
+        first = len(self.plan.forces.parameters)
+        rows: np.ndarray = self.parameters[first : first + len(self.plan.forces.states) * len(self.realizations)]
+        return rows.reshape(-1, len(self.realizations))
+
+    def _accept(self) -> None:
+        """Bring the states of laws from their start values to the start, at once."""
+        kicks, state = self.plan.method.integrator.kicks, self.state
+        place = (state.reading, state.velocity) if kicks else (state.x, state.v)
+        self.parameters[-1] = 0.0
+        accept(self.module.accept, self.plan.single, *place, self.parameters, self.plan.forces.indices)
 
     # run
 
@@ -235,10 +259,14 @@ class Block:
         """Call the compiled loop."""
         plan, integrator = self.plan, self.plan.method.integrator
         steps = Steps(
-            plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.now, count, every, phase
-        )
+            plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.remembering, self.now,
+            count, every, phase,
+        )  # fmt: skip
         driven = Driven(self._noise(count), self.series, self._forced(count))
-        self.loop(self.module.forces, self.tables, driven, self.state, self.history, self.sums, snapshots, steps)
+        accepting = self.module.accept[1] if self.remembering else 0
+        self.loop(
+            self.module.forces, accepting, self.tables, driven, self.state, self.history, self.sums, snapshots, steps
+        )
 
     def _noise(self, count: int) -> Noise:
         plan = self.plan

@@ -96,7 +96,8 @@ def _damped_couplings(plan: Plan) -> bool:
 def _conservative(plan: Plan) -> bool:
     """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
     stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
-    return stationary and not plan.forces.passes and not plan.driving.lines
+    conservative = not (plan.forces.passes or len(plan.forces.states))
+    return stationary and conservative and not plan.driving.lines
 
 
 def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:

@@ -495,6 +495,7 @@ TERMS = {
     "couplings": "LinearCoupling_force(",
     "residual": "DuffingOscillator_residual(",
     "given forces": "def forcing(",
+    "states": "def accept(",
     "noise that varies": "def intensity(",
 }
 PAIR = {"a": BODY, "b": BODY}
@@ -512,6 +513,10 @@ SCENES = {
     "coupled": (
         il.Network(PAIR, couplings={"spring": il.Coupling("a", "b", il.LinearCoupling(1.0))}),
         {"no contacts", "couplings", "rates of contacts"},
+    ),
+    "remembering": (
+        il.Network(PAIR, couplings={"oil": il.Coupling("a", "b", il.MaxwellCoupling(1.0, damping=1.0))}),
+        {"no contacts", "states"},
     ),
 }
 

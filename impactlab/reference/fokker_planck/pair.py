@@ -220,7 +220,9 @@ def _reasons(network: Composition) -> Iterator[str]:
     if len(network.contacts) != 1 or not between:
         yield f"it has the contacts {', '.join(network.contacts) or 'none'}; one between both bodies is allowed."
     for name, contact in network.contacts.items():
-        if "rate" in contact.law.kernel("force")[1]:
+        if contact.law.state_names():
+            yield f"the force of contact {name!r} depends on the past; laws without states are allowed."
+        elif "rate" in contact.law.kernel("force")[1]:
             yield f"the force of contact {name!r} depends on the rate; laws of the indentation alone are allowed."
     if network.couplings:
         yield f"it has couplings, {', '.join(network.couplings)}; none are allowed."

@@ -51,7 +51,7 @@ class HuntCrossleyContact(il.ContactLaw):
         return stiffness * indentation * math.sqrt(indentation) * max(1.0 + loss * rate, 0.0)
 
 
-class LankaraniNikraveshContact(il.ContactLaw):
+class HysteresisDampingContact(il.ContactLaw):
     """Hertz contact with hysteresis damping for one speed of approach: ``η δ^(3/2) (1 + ¾(1 − e²) δ'/speed)``."""
 
     stiffness: float = il.parameter(units="N m-3/2", minimum=0.0)

@@ -13,7 +13,7 @@ from impactlab_numerics.laws.contacts import (
     BangContact,
     ConicalContact,
     ExponentialWall,
-    LankaraniNikraveshContact,
+    HysteresisDampingContact,
     SlidingPadContact,
     TanhContact,
 )
@@ -51,10 +51,10 @@ def _shape(sketch: Sketch, kind: type[il.ContactLaw]) -> Law:
             return TanhContact(stiffness * depth, depth=depth * between(rng, 0.05, 1.0))
         if kind is BangContact:
             return BangContact(stiffness * depth * between(rng, 0.2, 2.0))
-        if kind is LankaraniNikraveshContact:
+        if kind is HysteresisDampingContact:
             restitution, share = float(rng.uniform(0.1, 0.9)), between(rng, 0.3, 3.0)
             sketch.resolve(0.05 / sketch.fastest)
-            return LankaraniNikraveshContact(
+            return HysteresisDampingContact(
                 2.5 * sketch.temperature / depth**2.5, restitution=restitution, speed=share * thermal
             )
         damping = 2.0 * between(rng, 0.1, 5.0) * math.sqrt(stiffness * mass)
@@ -65,7 +65,7 @@ def _shape(sketch: Sketch, kind: type[il.ContactLaw]) -> Law:
 
 
 _CONSERVATIVE = (ConicalContact, ExponentialWall, TanhContact, BangContact)
-_LOSSY = (LankaraniNikraveshContact, SlidingPadContact)
+_LOSSY = (HysteresisDampingContact, SlidingPadContact)
 
 
 def conservative(rng: np.random.Generator) -> Scene:

@@ -1,0 +1,94 @@
+"""The states of laws in a block: behind the parameters of the forces, lane by lane, with the time since they held.
+
+A block whose laws have states has a copy of the parameters of its own. Behind them stand the states, a row of lanes
+each, and last of all the time that has passed since they were accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import f8, i8, types, void
+
+from impactlab.kernels.jit import (
+    BLOCK,
+    BLOCK_OF_ONE,
+    Function,
+    address_of,
+    borrow,
+    call,
+    inlined,
+    loop,
+    part,
+    pointer_to,
+    rows,
+    rows_of_lanes,
+    scalar,
+)
+from impactlab.kernels.single import instead_of
+
+
+class Accepted(NamedTuple):
+    """Where a step is accepted: what the generated function that updates the states takes."""
+
+    x: np.ndarray  # displacement [body, lane]
+    v: np.ndarray  # velocity [body, lane]
+    parameters: np.ndarray  # of the forces, with the states
+    indices: np.ndarray
+
+
+def _accepting(block: Any) -> Any:
+    tuple_of: Any = types.NamedTuple
+    return void(pointer_to(tuple_of((block, block, f8[::1], i8[::1]), Accepted)), i8)
+
+
+ACCEPT, ACCEPT_OF_ONE = _accepting(BLOCK), _accepting(BLOCK_OF_ONE)
+"""Types of the function that is generated for the states of a network, for blocks and for those of one lane."""
+
+
+def accepting(signature: Any) -> Callable[[Function], Any]:
+    """Compile a function of the type `ACCEPT`, and return it with its address."""
+    return lambda function: part(signature, function)
+
+
+def accept(function: Any, single: bool, x: np.ndarray, v: np.ndarray, *arrays: np.ndarray) -> None:
+    """Call what `accepting` returned, for what is outside the loops; `arrays` are parameters and indices."""
+    block = BLOCK_OF_ONE if single else BLOCK
+    x, v = (item[..., 0] if single else item for item in (x, v))
+    loop(void(i8, block, block, f8[::1], i8[::1]), _accept)(function[1], x, v, *arrays)
+
+
+def _accept(function, x, v, parameters, indices):  # type: ignore[no-untyped-def]
+    call(function, address_of(borrow(Accepted(x, v, parameters, indices))), 0)
+
+
+def with_states(parameters: np.ndarray, states: np.ndarray, lanes: int, zeros: Callable[..., np.ndarray]) -> np.ndarray:
+    """Return parameters with the states of some lanes at their start values, or the same array where there are none."""
+    if not len(states):
+        return parameters
+    numbers = zeros((len(parameters) + len(states) * lanes + 1,))
+    if numbers.flags.writeable:  # else memory is only counted
+        numbers[: len(parameters)] = parameters
+        numbers[len(parameters) : -1] = np.repeat(states, lanes)
+    return numbers
+
+
+@inlined
+def remembered(parameters, place, count, block):  # type: ignore[no-untyped-def]
+    """Return a state of members in a row, [member, lane]; `place` counts rows from the end, `block` has the lanes."""
+    lanes = block.shape[1]
+    return rows_of_lanes(parameters, parameters.shape[0] - 1 - place * lanes, count, lanes)
+
+
+@instead_of(remembered)
+def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-untyped-def]
+    return rows(parameters, parameters.shape[0] - 1 - place, count)
+
+
+@scalar
+def set_elapsed(tables, steps, time):  # type: ignore[no-untyped-def]
+    """Tell the laws that have states how long ago these were accepted (s)."""
+    if steps.remembering:
+        tables.parameters[tables.parameters.shape[0] - 1] = time

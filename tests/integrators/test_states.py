@@ -1,0 +1,346 @@
+"""Laws with states: what they are given, when these change, and what everything else says to them."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import impactlab as il
+from impactlab.assembly.generate import generate
+from impactlab.assembly.model import Model
+from impactlab.plan.seed import Seed
+from impactlab.simulation.block import Block
+from impactlab.simulation.memory import sizes
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.request import Request
+
+
+class YieldingContact(il.ContactLaw):
+    """Spring that unloads on a stiffer line from the largest indentation (Walton and Braun 1986)."""
+
+    loading: float = il.parameter(units="N m-1")
+    unloading: float = il.parameter(units="N m-1")
+    largest: float = il.state(0.0, units="m")
+
+    def force(indentation, loading, unloading, largest):
+        return max(loading * largest - unloading * (largest - indentation), 0.0)
+
+    def update(indentation, largest):
+        return max(indentation, largest)
+
+
+METHODS = [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()]
+EXACT = il.ExactFlow(measured=False)
+
+
+def test_a_law_of_a_few_lines_rebounds_as_theory_says():
+    """Of the energy ½ k δ² the unloading gives back k/k', so that the restitution is ``sqrt(k/k')``."""
+    law = YieldingContact(1e4, unloading=4e4)
+    network = il.Network({"a": il.LinearOscillator()}, {"stop": il.Contact("a", il.WALL, law, clearance=0.1)})
+    for method in (EXACT, il.RungeKutta4()):
+        options = {"integrator": method, "initial": {"velocity": {"a": 1.0}}, "record": il.Trajectory(0.2)}
+        result = il.simulate(network, 0.2, step=1e-5, **options)
+        assert float(result.velocity.isel(time=-1).squeeze()) == pytest.approx(-0.5, abs=2e-5)
+
+
+class Slider(il.Oscillator):
+    """Body on a spring that slips at some force (Jenkins)."""
+
+    spring: float = il.parameter(units="N m-1")
+    most: float = il.parameter(units="N")
+    slip: float = il.state(0.0, units="m")
+
+    def residual(displacement, spring, slip):
+        return spring * (displacement - slip)
+
+    def update(displacement, slip, spring, most):
+        play = most / spring
+        return min(max(slip, displacement - play), displacement + play)
+
+
+class Counting(il.CouplingLaw):
+    """Counts the accepted steps, and notes how long they were, where and how fast it was then."""
+
+    steps: float = il.state(0.0)
+    time: float = il.state(0.0, units="s")
+    place: float = il.state(0.0, units="m")
+    speed: float = il.state(0.0, units="m s-1")
+    force_: float = il.parameter(1.0, units="N")
+
+    def force(extension, steps, force_):
+        return force_ + 0.0 * steps
+
+    def update(extension, rate, elapsed, steps, time, place, speed):
+        return steps + (1.0 if elapsed > 0.0 else 0.0), time + elapsed, extension, rate
+
+
+def block_of(network, step, realizations=1, **options):
+    request = Request(
+        1.0, realizations, step, options.pop("integrator", EXACT), 0.0, options.pop("initial", "rest"), [],
+        Seed(1, 2), **options,
+    )  # fmt: skip
+    return Block(make_plan(Model.of(network), request), 0, lambda steps: None)
+
+
+@pytest.mark.parametrize("realizations", [1, 3])
+@pytest.mark.parametrize("method", METHODS, ids=lambda item: type(item).__name__)
+def test_states_change_once_in_a_step(method, realizations):
+    """However often a method evaluates forces; at the place and the velocity after it."""
+    bodies = {
+        "a": il.LinearOscillator(damping=1.0, stiffness=1.0),
+        "b": il.LinearOscillator(damping=1.0, stiffness=1.0),
+    }
+    couplings = {"one": il.Coupling("a", "b", Counting()), "two": il.Coupling(il.WALL, "b", Counting())}
+    network = il.Network(bodies, {}, {"a": il.WhiteNoise(1.0)}, couplings)
+    block = block_of(network, 1e-3, realizations, integrator=method, initial={"displacement": {"b": 0.5}})
+    assert (block.states == np.array([[0.0], [0.0], [0.5], [0.0]] * 2)).all()
+    block.advance(100, None)
+    block.advance(150, None)
+    steps, time, place, speed = block.states.reshape(2, 4, -1).swapaxes(0, 1)
+    assert (steps == 250.0).all()
+    np.testing.assert_allclose(time, 0.25, rtol=1e-12)
+    x, v = block.state.x, block.state.v
+    of_kick = 1e-3 if isinstance(method, il.ExactFlow) else 0.0
+    np.testing.assert_allclose(place, [x[1] - x[0], x[1]], atol=of_kick**2)
+    np.testing.assert_allclose(speed, [v[1] - v[0], v[1]], atol=2.0 * of_kick, rtol=1e-12)
+
+
+def everything(factor=1.0):
+    """Contacts with and without rates, a coupling and a body, of all of which some have states."""
+    bodies = {
+        "a": il.LinearOscillator(damping=0.5, stiffness=10.0),
+        "b": Slider(spring=20.0 * factor, most=2.0, damping=0.2, stiffness=40.0),
+        "c": il.LinearOscillator(damping=0.2, stiffness=40.0),
+    }
+    contacts = {
+        "ab": il.Contact("a", "b", YieldingContact(1e3, unloading=3e3), clearance=0.05),
+        "bc": il.Contact("b", "c", il.LankaraniNikraveshContact(1e4, restitution=0.6), clearance=0.05),
+        "w": il.Contact(il.WALL, "a", il.HertzContact(1e3), clearance=0.3),
+        "c": il.Contact("c", il.WALL, YieldingContact(1e3, unloading=2e3, largest=0.01), clearance=0.1),
+    }
+    couplings = {
+        "m": il.Coupling("a", "c", il.MaxwellCoupling(5.0, damping=1.0)),
+        "h": il.Coupling("a", "b", il.BoucWenCoupling(20.0, yield_displacement=0.05, ratio=0.1)),
+    }
+    return il.Network(bodies, contacts, dict.fromkeys(bodies, il.WhiteNoise(0.5)), couplings)
+
+
+@pytest.mark.filterwarnings("ignore:Too few")
+def test_blocks_lanes_and_workers_give_the_same_numbers():
+    options = {"duration": 2.0, "spin_up": 1.0, "step": 2e-3, "rng": 3, "record": il.Trajectory(0.5)}
+    many = il.simulate(everything(), realizations=9, **options)
+    with ThreadPoolExecutor(3) as pool:
+        again = il.simulate(everything(), realizations=9, executor=pool, **options)
+    assert np.array_equal(many.displacement, again.displacement)
+    one = il.simulate(everything(), **options)
+    np.testing.assert_allclose(one.displacement[0], many.displacement[0], rtol=1e-9, atol=1e-12)
+
+
+def test_calls_of_any_length_go_on_where_the_last_one_ended():
+    """So does a block that is given the numbers of another one."""
+    for realizations in (1, 3):
+        whole, parts = (block_of(everything(), 2e-3, realizations) for _ in range(2))
+        whole.advance(400, None)
+        for steps in (64, 32, 128):
+            parts.advance(steps, None)
+        other = block_of(everything(), 2e-3, realizations)
+        for kept, found in zip([*other.state[:-1], other.states], [*parts.state[:-1], parts.states], strict=True):
+            kept[:] = found
+        other.now = parts.now
+        for block in (parts, other):
+            block.advance(400 - 224, None)
+            assert np.array_equal(whole.states, block.states)
+            assert np.array_equal(whole.state.x, block.state.x)
+            assert np.array_equal(whole.state.v, block.state.v)
+
+
+def test_plain_python_gives_the_same_numbers(run_python, tmp_path):
+    text = """
+import sys
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+from test_states import block_of, everything
+for realizations in (1, 2):
+    block = block_of(everything(), 2e-3, realizations)
+    block.advance(40, None)
+    print(*block.states.ravel())
+"""
+    (tmp_path / "run.py").write_text(text, encoding="utf-8")
+    here = __file__.rpartition("/")[0] or "."
+    printed = run_python(tmp_path / "run.py", here, NUMBA_DISABLE_JIT="1").splitlines()
+    for realizations, line in zip((1, 2), printed, strict=True):
+        block = block_of(everything(), 2e-3, realizations)
+        block.advance(40, None)
+        np.testing.assert_allclose(block.states.ravel(), np.array(line.split(), dtype=float), rtol=1e-9, atol=1e-15)
+
+
+def test_a_body_that_slips_loses_the_energy_of_its_loop():
+    """It slips from where its spring, pulled by f at the start, pushes by f; so it does for the rest of the way."""
+    body = Slider(spring=50.0, most=0.2, stiffness=400.0)
+    network = il.Network({"a": body})
+    options = {"initial": {"displacement": {"a": 1.0}}, "record": il.Trajectory(0.12)}
+    path = il.simulate(network, 0.12, step=1e-5, integrator=EXACT, **options).squeeze().isel(time=-1)
+    x, v = float(path.displacement), float(path.velocity)
+    assert 0.5 * 400.0 * (1.0 - x**2) - 0.5 * v**2 == pytest.approx(0.2 * (1.0 - x - 2.0 * 0.2 / 50.0), rel=1e-5)
+
+
+def test_a_run_takes_memory_for_states():
+    plain = everything().replace(couplings={"h": None})
+    plans = [block_of(network, 1e-3, 2).plan for network in (plain, everything())]
+    rows = [len(plan.forces.states) for plan in plans]
+    assert rows == [1 + 1 + 1 + 1 + 2, 1 + 1 + 1 + 1 + 2 + 2]
+    assert sizes(plans[1])[0] - sizes(plans[0])[0] >= 8 * 2
+
+
+def test_states_are_fields_whose_value_is_that_at_the_start():
+    law = YieldingContact(1.0, unloading=2.0, largest=0.25)
+    assert YieldingContact.state_names() == ("largest",)
+    assert YieldingContact.units("largest") == "m"
+    assert il.ContactLaw.from_dict(law.to_dict()) == law
+    assert eval(repr(law), {"YieldingContact": YieldingContact}) == law
+    assert law.evaluate([0.2, 0.5]).tolist() == pytest.approx([0.15, 0.5])
+    assert law.replace(largest=0.0).evaluate(0.2) == pytest.approx(0.2)
+
+
+def force(indentation, worn):
+    return indentation * worn
+
+
+def update(indentation, worn):
+    return worn + indentation
+
+
+@pytest.mark.parametrize(
+    ("base", "members", "message"),
+    [
+        (il.ContactLaw, {"force": force, "worn": il.state()},
+         r"state Law.worn has no start value: write worn: float = il.state\(0.0"),
+        (il.ContactLaw, {"force": force, "worn": il.state(0.0)},
+         r"Law has states \(worn\), but no update\(indentation, rate, elapsed, then states and other fields by name\)"),
+        (il.ContactLaw, {"force": lambda indentation: 0.0, "update": lambda indentation: 0.0},
+         r"Law defines update, but no state: declare name: float = il.state\(0.0\)"),
+        (il.ContactLaw, {"force": force, "update": update, "worn": il.state(0.0), "potential": lambda indentation: 0.0},
+         r"Law has states \(worn\), so that its force depends on the past: it has no potential"),
+        (il.Excitation, {"intensity": lambda time: 1.0, "worn": il.state(0.0)},
+         r"Law cannot have states \(worn\): laws of contacts and couplings, and oscillators can"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_states_is_said_where_the_class_is_made(base, members, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        type("Law", (base,), {**members, "__annotations__": {"worn": "float"} if "worn" in members else {}})
+
+
+def test_an_update_of_too_few_states_is_refused():
+    class Two(il.CouplingLaw):
+        one: float = il.state(0.0)
+        two: float = il.state(0.0)
+
+        def force(extension, one, two):
+            return one + two + extension
+
+        def update(extension, one, two):
+            return one
+
+    with pytest.raises(il.InvalidInput, match=r"Two.force failed .* at extension = 1"):
+        Two().evaluate(1.0)
+
+
+NOISY = {"a": il.WhiteNoise(1.0)}
+BODY = {"a": il.LinearOscillator(damping=1.0, stiffness=10.0)}
+STOP = {"stop": il.Contact("a", il.WALL, YieldingContact(10.0, unloading=20.0), clearance=0.5)}
+
+
+def test_what_cannot_have_states_says_so():
+    stopped = il.Network(BODY, STOP, NOISY)
+    held = il.Network(BODY, {}, NOISY, {"m": il.Coupling(il.WALL, "a", il.MaxwellCoupling(1.0, damping=1.0))})
+    slipping = il.Network({"a": Slider(spring=1.0, most=1.0, damping=1.0, stiffness=1.0)}, {}, NOISY)
+    cases = [
+        (stopped, r"force of contact 'stop' depends on the past, by the states of YieldingContact \(largest\)"),
+        (held, r"force of coupling 'm' depends on the past, by the states of MaxwellCoupling \(pull, last\)"),
+        (slipping, r"residual force of 'a' depends on the past, by the states of Slider \(slip\)"),
+    ]
+    for network, message in cases:
+        with pytest.raises(il.NoExactReference, match=message):
+            il.exact(network)
+        with pytest.raises(il.InvalidInput, match=r"no function of displacements and velocities alone .* states: \w+"):
+            network.compile()
+        assert "No bias is predicted: laws have states" in repr(network.check(step=1e-3))
+    between = {"c": il.Contact("a", "b", STOP["stop"].law)}
+    pair = il.Network({**BODY, "b": BODY["a"]}, between, dict.fromkeys("ab", NOISY["a"]))
+    with pytest.raises(il.NoExactReference, match=r"force of contact 'c' depends on the past"):
+        il.fokker_planck(pair)
+
+
+def test_runs_make_every_step_and_say_that_theirs_is_not_measured():
+    network = il.Network(BODY, STOP, NOISY)
+    elastic = network.replace(contacts={"stop": il.Contact("a", il.WALL, il.LinearContact(10.0), clearance=2.0)})
+    far = network.replace(contacts={"stop": STOP["stop"].replace(clearance=2.0)})
+    request = Request(100.0, 64, 0.01, EXACT, None, None, [], Seed(1, 2))
+    assert make_plan(Model.of(elastic), request).method.interval > 1
+    assert make_plan(Model.of(far), request).method.interval == 1
+    with pytest.warns(
+        il.AccuracyWarning, match=r"step of .* s is not measured, since YieldingContact has states; comp"
+    ):
+        il.simulate(network, duration=20.0, realizations=64, rng=1)
+
+
+def test_large_networks_with_states_run_in_one_piece():
+    count = 2 * 4000 + 10
+    make = lambda law: il.chain(count, BODY["a"], law, excitation=NOISY["a"])  # noqa: E731
+    request = Request(0.01, 1, 1e-3, EXACT, 0.0, "rest", [], Seed(1, 2))
+    assert make_plan(Model.of(make(il.HertzContact(1e3))), request).subdomains.tiles
+    assert not make_plan(Model.of(make(YieldingContact(1e3, unloading=2e3))), request).subdomains.tiles
+
+
+def test_text_depends_on_kinds_only():
+    assert generate(Model.of(everything())) == generate(Model.of(everything(2.0)))
+
+
+class Clashing(il.ContactLaw):
+    """Fields and states with the names of what the generated loops use."""
+
+    remembered: float = il.state(1.0)
+    remembered_0: float = il.state(2.0)
+    elapsed_: float = il.parameter(3.0)
+    parameters: float = il.state(4.0)
+    x: float = il.state(5.0)
+    gap: float = il.parameter(6.0)
+
+    def force(indentation, remembered, remembered_0, parameters, x, gap, elapsed_):
+        return indentation * (
+            remembered + 10.0 * remembered_0 + 100.0 * parameters + 1e3 * x + 1e4 * gap + 1e5 * elapsed_
+        )
+
+    def update(indentation, elapsed, remembered, remembered_0, parameters, x, gap, elapsed_):
+        return remembered + elapsed, remembered_0 + gap, parameters + elapsed_, x
+
+
+def test_names_that_clash_give_the_right_numbers():
+    block = block_of(il.Network(BODY, {"w": il.Contact(il.WALL, "a", Clashing())}), 1e-3)
+    block.advance(10, None)
+    assert block.states[:, 0].tolist() == pytest.approx([1.01, 2.0 + 6.0 * 11, 4.0 + 3.0 * 11, 5.0])
+    assert math.isfinite(float(block.state.x[0, 0]))
+
+
+@pytest.mark.parametrize("realizations", [1, 3])
+def test_links_with_weights_have_the_states_of_the_pairs_that_they_are(realizations):
+    """A combination of one body with the weight 1 is that body: the same motion along other loops."""
+
+    def point(name):
+        return il.Combination({name: 1.0})
+
+    pairs = everything()
+    contacts = {**pairs.contacts, "bc": pairs.contacts["bc"].replace(first=point("b"), second=point("c"))}
+    couplings = {**pairs.couplings, "h": pairs.couplings["h"].replace(first=point("a"))}
+    found = [
+        block_of(network, 2e-3, realizations)
+        for network in (pairs, il.Network(pairs.oscillators, contacts, pairs.excitations, couplings))
+    ]
+    for block in found:
+        block.advance(300, None)
+    assert np.ptp(found[0].states) > 0.1
+    np.testing.assert_allclose(found[1].state.x, found[0].state.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        np.sort(found[1].states, axis=0), np.sort(found[0].states, axis=0), rtol=1e-9, atol=1e-12
+    )
