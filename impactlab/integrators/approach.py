@@ -6,8 +6,9 @@ import numpy as np
 
 from impactlab.integrators.arguments import Account, Closings, History, Noise, Sums
 from impactlab.integrators.kicks import SHIFT, kick, slot_of
+from impactlab.kernels.arrays import address_of, borrow, call, dense
 from impactlab.kernels.flow import flow
-from impactlab.kernels.jit import address_of, borrow, call, dense, kernel, scalar
+from impactlab.kernels.jit import kernel
 from impactlab.kernels.jump import (
     Piece,
     add_to,
@@ -25,6 +26,7 @@ from impactlab.kernels.jump import (
 from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
 from impactlab.kernels.rows import F
+from impactlab.kernels.scalars import scalar
 from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
 
 

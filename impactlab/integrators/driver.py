@@ -12,23 +12,13 @@ import numpy as np
 from numba import i8, void
 
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
-from impactlab.kernels.jit import (
-    Function,
-    address_of,
-    borrow,
-    call,
-    composed,
-    inlined,
-    loop,
-    part,
-    pointer_to,
-    scalar,
-    value_at,
-)
+from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
+from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_elapsed
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
+from impactlab.kernels.scalars import scalar
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.single import without_lanes
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot

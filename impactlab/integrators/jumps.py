@@ -12,7 +12,8 @@ from impactlab.integrators.approach import approach
 from impactlab.integrators.arguments import OF_LANES, State, array, named
 from impactlab.integrators.driver import with_functions
 from impactlab.integrators.kicks import KICK
-from impactlab.kernels.jit import borrow, dense, kernel, loop
+from impactlab.kernels.arrays import borrow, dense
+from impactlab.kernels.jit import kernel, loop
 from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, jump, put, select
 from impactlab.kernels.kick import clear, copy, smooth_velocity
 from impactlab.kernels.random import fill_normals

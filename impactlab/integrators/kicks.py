@@ -6,8 +6,9 @@ import numpy as np
 
 from impactlab.integrators.arguments import History
 from impactlab.kernels.flow import COEFFICIENTS
-from impactlab.kernels.jit import inlined, scalar
+from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import apply_kick, scaled_sum
+from impactlab.kernels.scalars import scalar
 
 SHIFT, KICK, HALF_KICK, HALF_STEP, PUSH = range(COEFFICIENTS, COEFFICIENTS + 5)
 """Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel, rows
+from impactlab.kernels.arrays import rows
+from impactlab.kernels.jit import kernel
 
 COEFFICIENTS = 4
 """Columns of a flow: a_xx, a_xv, a_vx, a_vv."""

@@ -1,7 +1,7 @@
 """The one place that says how functions are compiled, and where the machine code is kept.
 
-All flags stand here. ``fastmath`` is never used: it removes the guards against NaN and
-makes results differ between machines. Machine code is cached in a private folder whose
+Flags stand here, and in `impactlab.kernels.scalars`. ``fastmath`` is never used: it removes the guards against NaN
+and makes results differ between machines. Machine code is cached in a private folder whose
 name holds a digest of the kernels' own text, so that a change in one file never meets
 stale code compiled from another.
 """
@@ -11,7 +11,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import hashlib
-import math
 import os
 import shutil
 import stat
@@ -26,15 +25,14 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import ir
 from llvmlite.binding import add_symbol
 from numba import f8, i8, types, void
 from numba.core import cgutils
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 from impactlab.errors import ImpactLabWarning, warn
+from impactlab.kernels.scalars import DISABLED, scalar
 
 Function = Callable[..., Any]
 
@@ -54,16 +52,7 @@ _EVALUATE = void(FORCES, *[_BLOCKS] * 2, f8[::1], i8[::1], *[_BLOCKS] * 3)
 _EVALUATE_ONE = void(FORCES_OF_ONE, *[_BLOCKS_OF_ONE] * 2, f8[::1], i8[::1], *[_BLOCKS_OF_ONE] * 3)
 
 config: Any = numba.config
-_unpack_tuple: Any = cgutils.unpack_tuple
-_in_frame: Any = cgutils.alloca_once
 _declared: Any = cgutils.get_or_insert_function
-_populate_array: Any = populate_array
-
-pointer_to: Any = types.CPointer
-"""Type of what `address_of` returns, by the type of the value."""
-
-DISABLED = bool(config.DISABLE_JIT)
-"""Whether functions run as they are, without a compiler."""
 
 _CACHED = threading.RLock()
 """Held while numba's setting is ours: threads that save and restore it at once would leave it so."""
@@ -173,11 +162,6 @@ def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, tot
         )  # fmt: skip
 
 
-def scalar(function: Function) -> Function:
-    """Compile a function of scalars that is to be inlined into the kernels that call it."""
-    return numba.njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
-
-
 def resident(compiled: Function, function_type: types.FunctionType) -> Function:
     """Return a kernel that takes `Members.indices` and two blocks for functions of a type, which call it where it is.
 
@@ -205,163 +189,6 @@ def resident(compiled: Function, function_type: types.FunctionType) -> Function:
         return signature, codegen
 
     return call  # type: ignore[no-any-return]
-
-
-@intrinsic
-def _unmanaged(typing_context, value):  # type: ignore[no-untyped-def]
-    """Return an array, or a tuple of them, that does not count references."""
-
-    def strip(context: Any, builder: Any, kind: Any, item: Any) -> Any:
-        if isinstance(kind, types.Array):
-            array = context.make_array(kind)(context, builder, item)
-            array.meminfo = array.meminfo.type(None)
-            return array._getvalue()
-        if isinstance(kind, types.BaseTuple):
-            parts: Any = kind
-            for index, part in enumerate(parts):
-                stripped = strip(context, builder, part, builder.extract_value(item, index))
-                item = builder.insert_value(item, stripped, index)
-        return item
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return strip(context, builder, value, arguments[0])
-
-    return value(value), codegen
-
-
-@scalar
-def borrow(value):  # type: ignore[no-untyped-def]
-    """Return an array, or a tuple of them, for use inside a loop whose caller holds it.
-
-    Every view of it and every call would else count references, atomically: 0.3 µs a step.
-    """
-    return value if DISABLED else _unmanaged(value)  # type: ignore[call-arg]
-
-
-@intrinsic
-def _address_of(typing_context, value):  # type: ignore[no-untyped-def]
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = _in_frame(builder, context.get_data_type(value))
-        builder.store(context.data_model_manager[value].as_data(builder, arguments[0]), place)
-        return place
-
-    return pointer_to(value)(value), codegen
-
-
-@intrinsic
-def _value_at(typing_context, pointer):  # type: ignore[no-untyped-def]
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return context.data_model_manager[pointer.dtype].load_from_data_pointer(builder, arguments[0])
-
-    return pointer.dtype(pointer), codegen
-
-
-@scalar
-def address_of(value):  # type: ignore[no-untyped-def]
-    """Return a pointer to a value in the frame of the caller, for functions that take it as one argument.
-
-    Handing over all arrays of a block one by one takes 0.1 µs.
-    """
-    return value if DISABLED else _address_of(value)  # type: ignore[call-arg]
-
-
-@scalar
-def value_at(pointer):  # type: ignore[no-untyped-def]
-    """Return the value that `address_of` gave a pointer to, borrowed."""
-    return pointer if DISABLED else _unmanaged(_value_at(pointer))  # type: ignore[call-arg]
-
-
-@intrinsic
-def _call(typing_context, function, pointer, index):  # type: ignore[no-untyped-def]
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        address, *values = arguments
-        kind = ir.FunctionType(ir.VoidType(), [value.type for value in values])
-        builder.call(builder.inttoptr(address, kind.as_pointer()), values)
-        return context.get_dummy_value()
-
-    return types.none(function, pointer, index), codegen
-
-
-@scalar
-def call(function, pointer, index):  # type: ignore[no-untyped-def]
-    """Call what `part` compiled by its address, ``function(pointer, index)``; see `address_of`."""
-    if DISABLED:
-        function(pointer, index)
-    else:
-        _call(function, pointer, index)  # type: ignore[call-arg]
-
-
-@intrinsic
-def _first_lanes(typing_context, block, lanes):  # type: ignore[no-untyped-def]
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(block)(context, builder, arguments[0])
-        shape = [*_unpack_tuple(builder, array.shape)[:-1], arguments[1]]
-        size = array.itemsize
-        strides: list[Any] = []
-        for length in reversed(shape):
-            strides.insert(0, size)
-            size = builder.mul(size, length)
-        items = builder.udiv(size, array.itemsize)
-        _populate_array(array, array.data, shape, strides, array.itemsize, None)
-        array.nitems = items
-        return array._getvalue()
-
-    return block(block, types.intp), codegen
-
-
-@scalar
-def dense(block, lanes):  # type: ignore[no-untyped-def]
-    """Return the memory of a block (…, lane), or its beginning, as a block of fewer lanes without gaps.
-
-    As with `borrow`, somebody else must hold the memory.
-    """
-    if DISABLED:
-        rows = block.shape[:-1]
-        return block.reshape(-1)[: math.prod(rows) * lanes].reshape(*rows, lanes)
-    return _first_lanes(block, lanes)  # type: ignore[call-arg]
-
-
-@intrinsic
-def _rows(typing_context, array, begin, count):  # type: ignore[no-untyped-def]
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        shape, strides = (_unpack_tuple(builder, item) for item in (array.shape, array.strides))
-        items = builder.udiv(strides[0], array.itemsize)
-        data = builder.gep(array.data, [builder.mul(arguments[1], items)])
-        _populate_array(array, data, [arguments[2], *shape[1:]], strides, array.itemsize, None)
-        return array._getvalue()
-
-    return array(array, types.intp, types.intp), codegen
-
-
-@scalar
-def rows(array, begin, count):  # type: ignore[no-untyped-def]
-    """Return some rows of an array that somebody else holds, without the checks of a slice, which cost as much."""
-    if DISABLED:
-        return array[begin : begin + count]
-    return _rows(array, begin, count)  # type: ignore[call-arg]
-
-
-@intrinsic
-def _rows_of_lanes(typing_context, array, begin, count, lanes):  # type: ignore[no-untyped-def]
-    result = types.Array(array.dtype, 2, "C")
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        whole = context.make_array(signature.args[0])(context, builder, arguments[0])
-        block, size = context.make_array(result)(context, builder), whole.itemsize
-        data, shape = builder.gep(whole.data, [arguments[1]]), arguments[2:]
-        _populate_array(block, data, shape, [builder.mul(arguments[3], size), size], size, None)
-        return block._getvalue()
-
-    return result(array, types.intp, types.intp, types.intp), codegen
-
-
-@scalar
-def rows_of_lanes(array, begin, count, lanes):  # type: ignore[no-untyped-def]
-    """Return numbers of an array (number,) from a place on as rows of lanes, as `rows` does."""
-    if DISABLED:
-        return array[begin : begin + count * lanes].reshape(count, lanes)
-    return _rows_of_lanes(array, begin, count, lanes)  # type: ignore[call-arg]
 
 
 def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel, rows, scattered
+from impactlab.kernels.arrays import rows
+from impactlab.kernels.jit import kernel, scattered
 
 
 @kernel

@@ -12,21 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import f8, i8, types, void
 
-from impactlab.kernels.jit import (
-    BLOCK,
-    BLOCK_OF_ONE,
-    Function,
-    address_of,
-    borrow,
-    call,
-    inlined,
-    loop,
-    part,
-    pointer_to,
-    rows,
-    rows_of_lanes,
-    scalar,
-)
+from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, rows, rows_of_lanes
+from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, loop, part
+from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
 
 

@@ -25,7 +25,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel, scalar
+from impactlab.kernels.jit import kernel
+from impactlab.kernels.scalars import scalar
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)

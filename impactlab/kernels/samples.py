@@ -7,7 +7,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-from impactlab.kernels.jit import Function, composed, inlined, kernel, scalar
+from impactlab.kernels.jit import Function, composed, inlined, kernel
+from impactlab.kernels.scalars import scalar
 
 
 class Sample(NamedTuple):

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel, scalar
+from impactlab.kernels.jit import kernel
 from impactlab.kernels.random import philox
+from impactlab.kernels.scalars import scalar
 
 CHUNK = 512
 """Lines that are worked on together, so that their numbers stay in the cache; a multiple of 4."""

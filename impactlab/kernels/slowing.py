@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.jit import scalar
+from impactlab.kernels.scalars import scalar
 
 
 @scalar

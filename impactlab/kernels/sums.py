@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 
 from impactlab.kernels.combinations import elongations
-from impactlab.kernels.jit import inlined, kernel, scalar
+from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
+from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
 
 SLOTS = 8

@@ -15,7 +15,7 @@ from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
-from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, Realizations
+from impactlab.plan.realizations import STEP_SECONDS, Realizations, lane_seconds
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains, Tile
 from impactlab.plan.system import System
@@ -47,6 +47,11 @@ class Plan:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
         transient = self.start.given or self.noise.time_varying or len(self.driving.forced)
         return not transient and bool(len(self.noise.white) or self.driving.lines)
+
+    @property
+    def random(self) -> bool:
+        """Whether noise moves any body."""
+        return bool(self.noise.random.any())
 
     @property
     def transient(self) -> bool:
@@ -93,7 +98,7 @@ class Plan:
     @property
     def work(self) -> float:
         """Time that the steps of all realizations take in one block on one core (s): the same on any machine."""
-        lane = LANE_STEP_SECONDS * (len(self.system.bodies) + len(self.system.links))
+        lane = lane_seconds(len(self.system.bodies), len(self.system.links))
         return self.clock.all_steps * (STEP_SECONDS + self.realizations.number * lane)
 
     def counts(self, begin: int, end: int) -> np.ndarray:

@@ -47,6 +47,11 @@ class Realizations:
         return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.number), dtype=np.uint32)
 
 
+def lane_seconds(bodies: int, links: int) -> float:
+    """Return the time that a step takes each lane, with which lengths of calls and of measurements are planned (s)."""
+    return LANE_STEP_SECONDS * (bodies + links)
+
+
 def most_lanes(model: Model, realizations: int, workers: int) -> int:
     """Return the largest number of lanes that a block should have; 1 where loops over bodies cost less."""
     bodies, sizes = len(model.mass), tuning()
@@ -61,9 +66,9 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     The series of one realization take `series_bytes` of memory.
     """
     bodies, sizes = len(model.mass), tuning()
+    of_lane = lane_seconds(bodies, len(model.links))
     if most == 1:
-        cost = STEP_SECONDS + LANE_STEP_SECONDS * (bodies + len(model.links))
-        return 1, max(1, int(sizes.call_seconds / cost))
+        return 1, max(1, int(sizes.call_seconds / (STEP_SECONDS + of_lane)))
     blocks = -(-realizations // (most * workers)) * workers  # as many for each worker
     lanes = -(-realizations // (8 * blocks)) * 8
     if lanes % 128 == 0:  # rows that are whole kilobytes apart compete for the same lines of the cache
@@ -71,5 +76,4 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     lanes = min(lanes, realizations)
     if series_bytes:
         lanes = max(1, min(lanes, int(sizes.series_bytes / series_bytes)))
-    cost = STEP_SECONDS * (1 + bodies // 10) + LANE_STEP_SECONDS * lanes * (bodies + len(model.links))
-    return lanes, max(1, int(sizes.call_seconds / cost))
+    return lanes, max(1, int(sizes.call_seconds / (STEP_SECONDS * (1 + bodies // 10) + of_lane * lanes)))

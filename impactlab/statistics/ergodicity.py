@@ -106,7 +106,7 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
         Runs a plan of one realization and returns its sums.
     """
     affordable = int(SECONDS / plan.seconds(1))
-    kicked = plan.forces.kicked.any() and not plan.noise.random.any()
+    kicked = plan.forces.kicked.any() and not plan.random
     if not (kicked and _settles(plan) and affordable) or plan.subdomains.tiles:
         return ""
     usual = _means(plan, bodies)

@@ -48,7 +48,7 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
     products of pairs, (batch, row, pair, realization).
     """
     units = Units.of(plan, bodies, contacts, products)
-    random, trusted = bool(plan.noise.random.any()), plan.realizations.trusted
+    random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
         _warn_of_few(plan)
     events = Events.of(plan, units.moments.others["contact_ratio"], units.pushes)

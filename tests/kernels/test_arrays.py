@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel, rows
+from impactlab.kernels.arrays import rows
+from impactlab.kernels.jit import kernel
 from impactlab.simulation.arrays import CACHE_LINE, aligned
 
 
