@@ -90,7 +90,7 @@ def kinds_of(model: Model) -> dict[Excitation, str]:
 
 
 def irregular_times(begin: float, end: float, count: int) -> np.ndarray:
-    """Return one time in each of some equal parts of an interval, elsewhere in each: no period is met in phase."""
+    """Return one time in each of some equal parts of an interval, elsewhere in each: no period is sampled in phase."""
     index = np.arange(count)
     return np.asarray(begin + (end - begin) / count * (index + (_GOLDEN * (index + 1)) % 1.0))
 

@@ -24,16 +24,7 @@ from impactlab.results.snapshot import TIME
 
 @contextlib.contextmanager
 def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
-    """Give the plan whose trajectories go to a new file instead of memory.
-
-    Parameters
-    ----------
-    plan : Plan
-        With a record of trajectories.
-    path : Path
-        File to be written.
-    folder : Path
-        Where it is, for messages.
+    """Give the plan whose trajectories go to a new file instead of memory; messages say that it is in the `folder`.
 
     Raises
     ------

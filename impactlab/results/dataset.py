@@ -32,16 +32,7 @@ FULL = 1_000_000
 def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
     """Return the global attributes that say what a dataset is and how to make it again.
 
-    Parameters
-    ----------
-    title : str
-        What the dataset is.
-    configuration : mapping
-        Plain data that makes it again; stored as one JSON attribute.
-
-    Returns
-    -------
-    dict of str to str
+    The configuration, plain data, is stored as one JSON attribute.
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {

@@ -10,19 +10,9 @@ import xarray as xr
 
 
 def gathered(datasets: Sequence[xr.Dataset], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
-    """Return datasets over a product of coordinates as one dataset.
+    """Return datasets over a product of coordinates, the last of which varies fastest, as one dataset.
 
-    Parameters
-    ----------
-    datasets : sequence of Dataset
-        One for each point; the last coordinate varies fastest.
-    coordinates : mapping of str to Variable
-        What becomes the first dimensions.
-
-    Returns
-    -------
-    xarray.Dataset
-        What a dataset lacks is NaN, or an empty text.
+    The coordinates become its first dimensions. What a dataset lacks is NaN, or an empty text.
     """
     aligned = xr.align(*datasets, join="outer", copy=False)
     lengths = tuple(len(values) for values in coordinates.values())

@@ -54,13 +54,7 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
 def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     """Return the arrays of a block of some lanes, all 0 but the parameters.
 
-    Parameters
-    ----------
-    plan : Plan
-    lanes : int
-        Realizations of the block.
-    zeros : callable
-        Makes an array of a shape and a type.
+    `zeros` makes an array of a shape and a type.
     """
     system, forces, observed, method = plan.system, plan.forces, plan.observed, plan.method
     bodies, contacts, rows, single = len(system.bodies), len(system.ends), len(plan.noise.rows), plan.single

@@ -21,15 +21,9 @@ from impactlab.simulation.block import Block, BlockResult, Tick, compiled
 def run(
     plan: Plan, executor: concurrent.futures.Executor | None, progress: Callable[[float], None]
 ) -> list[BlockResult]:
-    """Run all blocks and return their results in order.
+    """Run all blocks, on threads or an executor, and return their results in order.
 
-    Parameters
-    ----------
-    plan : Plan
-    executor : Executor, optional
-        Where to run; by default threads, one per core.
-    progress : callable
-        Called now and then with the part that is done.
+    `progress` is called now and then with the part that is done.
 
     Raises
     ------

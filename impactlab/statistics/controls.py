@@ -49,16 +49,8 @@ def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...], random
 def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
     """Return the statistics of bodies or of contacts at balance 0, by name.
 
-    Parameters
-    ----------
-    near : Near
-        Bodies whose balances may be controls.
-    moments : Moments
-        Of independent units.
-    mean : Mean
-        Estimates plain means.
-    usable : (body, balance) ndarray of bool
-        Which balances are controls.
+    Balances of bodies that are `near` may be controls, if they are `usable`, (body, balance) of bool. The moments are
+    of independent units, whose plain mean is `mean`.
     """
     balances = np.stack(list(moments.balances.values()), axis=1)
     most = len(mean.weights) // UNITS_PER_CONTROL
@@ -96,13 +88,13 @@ class Near:
     def choices(self, usable: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
         """Give rows that have equally many controls, and bodies and balances of these, (row, control) each.
 
-        With its usable balances in the place of each body, the pairs are a list in which every row has a stretch::
+        With its usable balances in the place of each body, the pairs are a list in which every row has a section::
 
             row      0  0  0  1  2  2  2 …
             body     0  0  3  1  2  2  0 …
             balance  0  2  1  0  0  1  0 …
 
-        A stretch keeps at most its first `most` entries; those of one length are the rows of a matrix.
+        A section keeps at most its first `most` entries; those of one length are the rows of a matrix.
         """
         pair, balance = np.nonzero(usable[self.pairs[:, 1]])
         row, body = self.pairs[pair].T
@@ -120,12 +112,8 @@ class Near:
 def neighbours(links: np.ndarray, kicked: np.ndarray) -> Near:
     """Return, for each body, itself and those that it can touch or is coupled to.
 
-    Parameters
-    ----------
-    links : (link, 2) ndarray of int
-        Slots of bodies; beyond them is the wall, which has no balances.
-    kicked : (body,) ndarray of bool
-        Whether other forces than linear ones may act on each body.
+    `links` are (link, 2) slots of bodies; beyond these is the wall, which has no balances. `kicked` says whether other
+    forces than linear ones may act on each body, (body,) of bool.
     """
     links, own = links[(links < len(kicked)).all(axis=1)], np.repeat(np.arange(len(kicked))[:, None], 2, axis=1)
     pairs = np.concatenate([own, links, links[:, ::-1]])

@@ -16,20 +16,8 @@ FEWEST = 8
 def drift_of(bodies: np.ndarray, contacts: np.ndarray, steps: np.ndarray, trusted: bool) -> float:
     """Compare the two halves of every realization; of few realizations halves and quarters by their batches.
 
-    Parameters
-    ----------
-    bodies : (batch, row, body, realization) ndarray
-        Sums over the steps of each batch.
-    contacts : (batch, row, contact, realization) ndarray
-    steps : (batch,) ndarray
-        How many these are.
-    trusted : bool
-        Whether there are enough batches.
-
-    Returns
-    -------
-    float
-        Largest difference, in standard errors; NaN if it is not known.
+    The sums over the steps of each batch are (batch, row, body or contact, realization). Return the largest
+    difference, in standard errors; NaN if it is not known, also where there are too few batches to be `trusted`.
     """
     realizations, half = bodies.shape[-1], len(steps) // 2
     alone = realizations < FEWEST

@@ -52,15 +52,8 @@ class Memory:
 def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) -> Memory:
     """Compare the scatter between realizations with that within them.
 
-    Parameters
-    ----------
-    plan : Plan
-    bodies : (batch, row, body, realization) ndarray
-        Sums over the steps of each batch.
-    steps : (batch,) ndarray
-        How many these are.
-    alone : bool
-        Whether realizations are the units of the estimate, not their batches.
+    `bodies` are sums over the steps of each batch, (batch, row, body, realization), and `alone` says whether
+    realizations are the units of the estimate, not their batches.
     """
     batches, _, count, realizations = bodies.shape
     nothing = Memory(np.zeros(count))

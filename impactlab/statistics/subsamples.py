@@ -55,15 +55,8 @@ def mean_of_subsamples(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the mean of every bin, its standard error, and the factor of a band around the inner ones.
 
-    Parameters
-    ----------
-    sums : (subsample, bin) ndarray
-    samples : (subsample, 1) ndarray
-        How many samples the sums are of.
-    trusted : bool
-        Whether there are enough subsamples; otherwise the errors are NaN.
-    inner : slice or (bin,) ndarray of bool
-        Bins that a band is for.
+    `sums` are (subsample, bin), of so many `samples`, (subsample, 1). Errors are NaN where subsamples are too few to be
+    `trusted`.
     """
     subsamples, total = len(sums), samples.sum()
     mean = sums.sum(axis=0) / total

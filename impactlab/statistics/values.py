@@ -24,17 +24,9 @@ class Values:
 
     @classmethod
     def of(cls, plan: Plan, moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray) -> Values:
-        """Estimate them.
+        """Estimate them from the moments of independent units and of whole realizations.
 
-        Parameters
-        ----------
-        plan : Plan
-        moments, whole : Moments
-            Of independent units, and of realizations.
-        mean : Mean
-            Estimates means over the units.
-        seldom : (body,) ndarray of bool
-            Bodies whose forces acted too seldom: their balances are no controls.
+        Bodies whose forces acted too `seldom`, (body,) of bool, have balances that are no controls.
         """
         balances = {name: mean(item) for name, item in moments.balances.items()}
         off = unbalanced(balances, plan.system.bodies, plan.noise.random)

@@ -25,13 +25,7 @@ CLAIM_COLUMNS = ("section", "statement", "measured", "verdict")
 def publish(result: StudyResult, folder: Folder, begin: float) -> None:
     """Write all files of a result; the manifest, which says that the run is complete, is the last.
 
-    Parameters
-    ----------
-    result : StudyResult
-    folder : Folder
-        Where; claimed for the study.
-    begin : float
-        Reading of `time.perf_counter` when the run began.
+    The folder is claimed for the study; `begin` is what `time.perf_counter` read when the run began.
     """
     from impactlab.results.dataset import save
 

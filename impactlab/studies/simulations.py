@@ -70,24 +70,10 @@ def checked_workers(workers: int | None) -> None:
 def run_simulations(
     wanted: Simulations, folder: Folder | None, workers: int | None, progress: bool
 ) -> dict[str, xr.Dataset]:
-    """Simulate the items that the folder does not hold, several at a time, on shared threads.
+    """Simulate the items that the folder does not hold, several at a time, on shared threads; return all by key.
 
-    An item with a tolerance may spend a time on it: then each has the cores for itself.
-
-    Parameters
-    ----------
-    wanted : Simulations
-    folder : Folder, optional
-        Where each result is kept as soon as it and all before it are there.
-    workers : int, optional
-        Number of threads; by default one per core.
-    progress : bool
-        Whether to show on stderr what is being done.
-
-    Returns
-    -------
-    dict of str to Dataset
-        Results of items and sweeps by key.
+    A folder keeps each result as soon as it and all before it are there. An item with a tolerance may spend a time on
+    it: then each has the cores for itself.
     """
     from impactlab.sweeps.scheduler import run_together
 
