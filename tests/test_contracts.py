@@ -41,7 +41,10 @@ def type_of(field):
     return field.type if isinstance(field.type, str) else field.type.__name__
 
 
-SAMPLES = {"ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "str": "text", "bool": True}
+SAMPLES = {
+    "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "str": "text", "bool": True,
+    "Vector": (1.0, 2.0), "Matrix": ((2.0, -1.0), (-1.0, 3.0)),
+}  # fmt: skip
 
 
 def sample(cls):

@@ -15,7 +15,7 @@ from impactlab.assembly.members import Kind, Members, Row
 from impactlab.components.component import call_each
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
-from impactlab.components.coupling import Coupling
+from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.sides import is_difference, weights_of
 
 Result = TypeVar("Result")
@@ -137,6 +137,11 @@ class Model:
     def kicking(self) -> np.ndarray:
         """Whether each link is a force of its own, not a part of the linear motion, (link,) of bool."""
         return np.concatenate([np.ones(len(self.ends), dtype=bool), ~self.flowing])
+
+    @property
+    def matrix_terms(self) -> np.ndarray:
+        """Whether each coupling is a term of the matrices of a structure, (coupling,) of bool."""
+        return np.array([isinstance(item.law, MatrixTerm) for item in self.network.couplings.values()], dtype=bool)
 
     @property
     def passes(self) -> int:

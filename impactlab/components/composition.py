@@ -10,11 +10,12 @@ from typing import Any, Self, TypeVar
 
 from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
-from impactlab.components.coupling import Coupling
+from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import Excitation
-from impactlab.components.oscillator import Oscillator
+from impactlab.components.oscillator import LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
-from impactlab.components.sides import named_by
+from impactlab.components.sides import WALL, Combination, named_by
+from impactlab.components.structure import LinearStructure
 from impactlab.errors import InvalidInput
 
 Member = TypeVar("Member", bound=Component)
@@ -40,42 +41,47 @@ class Composition:
     What is below `impactlab.Network`, which adds the methods that compile and check, reads this alone.
     """
 
-    __slots__ = ("_contacts", "_couplings", "_excitations", "_oscillators")
+    __slots__ = ("_contacts", "_couplings", "_excitations", "_expanded", "_oscillators")
 
     def __init__(
         self,
-        oscillators: Family[Oscillator],
+        oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure],
         contacts: Family[Contact] | None = None,
         excitations: Family[Excitation] | None = None,
         couplings: Family[Coupling] | None = None,
     ) -> None:
-        self._oscillators = _family("oscillators", oscillators, Oscillator)
+        self._oscillators = _family("oscillators", oscillators, Oscillator, LinearStructure)
         self._contacts = _family("contacts", {} if contacts is None else contacts, Contact)
         self._excitations = _family("excitations", {} if excitations is None else excitations, Excitation)
         self._couplings = _family("couplings", {} if couplings is None else couplings, Coupling)
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
+        self._expanded = bodies, _ = _with_structures(self._oscillators, self._couplings)
         for name, link in [*self._contacts.items(), *self._couplings.items()]:
             for body in named_by(link):
-                if body not in self._oscillators:
+                if body not in bodies:
                     raise InvalidInput(
                         f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
-                        f"{suggestion(body, self._oscillators)}"
+                        f"{self._instead(body)}"
                     )
         for name in self._excitations:
-            if name not in self._oscillators:
+            if name not in bodies:
                 raise InvalidInput(
-                    f"There is an excitation for {name!r}, which is not in the network; "
-                    f"{suggestion(name, self._oscillators)}"
+                    f"There is an excitation for {name!r}, which is not in the network; {self._instead(name)}"
                 )
         laws = ((name, contact.law) for name, contact in self._contacts.items())
         check_potentials("contact", laws, "force", "potential")
-        check_potentials("body", self._oscillators.items(), "residual", "residual_potential", both_sides=True)
+        check_potentials("body", bodies.items(), "residual", "residual_potential", both_sides=True)
 
     @property
     def oscillators(self) -> Mapping[str, Oscillator]:
-        """The bodies by name."""
-        return MappingProxyType(self._oscillators)
+        """The bodies by name; of structures each coordinate is one."""
+        return MappingProxyType(self._expanded[0])
+
+    @property
+    def structures(self) -> Mapping[str, LinearStructure]:
+        """The structures of several coordinates by name."""
+        return {name: item for name, item in self._oscillators.items() if isinstance(item, LinearStructure)}
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
@@ -89,13 +95,19 @@ class Composition:
 
     @property
     def couplings(self) -> Mapping[str, Coupling]:
-        """The couplings by name."""
-        return MappingProxyType(self._couplings)
+        """The couplings by name, and the terms of the matrices of structures."""
+        return MappingProxyType(self._expanded[1])
+
+    def _instead(self, name: str) -> str:
+        """Say what may be meant by a name that is that of no body."""
+        if name in self.structures:
+            return f"name a coordinate of the structure, such as {_coordinates(name, self.structures[name])[0]!r}."
+        return suggestion(name, self._expanded[0])
 
     def replace(
         self,
         *,
-        oscillators: Mapping[str, Oscillator | None] | None = None,
+        oscillators: Mapping[str, Oscillator | LinearStructure | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
         excitations: Mapping[str, Excitation | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
@@ -131,7 +143,7 @@ class Composition:
             if not isinstance(family, Mapping):
                 raise InvalidInput(f"{title} are stored as a mapping, not {reprlib.repr(family)}.")
         families: dict[str, Any] = {
-            title: {name: kind.from_dict(item) for name, item in data.get(title, {}).items()}
+            title: {name: _stored(kind, item).from_dict(item) for name, item in data.get(title, {}).items()}
             for title, kind in _FAMILIES.items()
         }
         return cls(**families)
@@ -140,7 +152,7 @@ class Composition:
         if not isinstance(other, Composition):
             return NotImplemented
         return all(
-            list(getattr(self, name).items()) == list(getattr(other, name).items()) for name in Composition.__slots__
+            list(getattr(self, f"_{title}").items()) == list(getattr(other, f"_{title}").items()) for title in _FAMILIES
         )
 
     def __hash__(self) -> int:
@@ -167,7 +179,13 @@ class Composition:
         return "\n".join(lines)
 
 
-def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str, Any]:
+def _stored(kind: type[Component], data: Any) -> type[Component]:
+    """Return the class that data of a family are of: among oscillators there are structures."""
+    structure = kind is Oscillator and isinstance(data, Mapping) and data.get("type") == LinearStructure.__name__
+    return LinearStructure if structure else kind
+
+
+def _family(title: str, members: Family[Any], kind: type[Component], *others: type[Component]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
     try:
         pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
@@ -183,10 +201,48 @@ def _family(title: str, members: Family[Any], kind: type[Component]) -> dict[str
             raise InvalidInput(f"{title}: a name must not contain control characters, as does {name!r}.")
         if name in family:
             raise InvalidInput(f"{title}: the name {name!r} was given twice.")
-        if not isinstance(member, kind):
+        if not isinstance(member, (kind, *others)):
             raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, not {member!r}.")
         family[name] = member
     return family
+
+
+def _with_structures(
+    given: Mapping[str, Any], couplings: Mapping[str, Coupling]
+) -> tuple[dict[str, Oscillator], dict[str, Coupling]]:
+    """Return bodies and couplings with the coordinates of structures and the terms of their matrices."""
+    bodies: dict[str, Oscillator] = {}
+    every = dict(couplings)
+    for name, body in given.items():
+        own, terms = _of_structure(name, body) if isinstance(body, LinearStructure) else ({name: body}, {})
+        for place, item in own.items():
+            if place in bodies:
+                raise InvalidInput(f"oscillators: {place!r} is the name of a body, and of a coordinate of a structure.")
+            bodies[place] = item
+        for place, coupling in terms.items():
+            if place in every:
+                raise InvalidInput(f"couplings: {place!r} is the name of a coupling, and of a term of a structure.")
+            every[place] = coupling
+    return bodies, every
+
+
+def _coordinates(name: str, structure: LinearStructure) -> list[str]:
+    """Return the names that the coordinates of a structure have in a network."""
+    return [f"{name}.{coordinate}" for coordinate in structure.names]
+
+
+def _of_structure(name: str, structure: LinearStructure) -> tuple[dict[str, Oscillator], dict[str, Coupling]]:
+    """Return the coordinates of a structure as bodies, and what connects them as couplings."""
+    places = _coordinates(name, structure)
+    bodies: dict[str, Oscillator] = {
+        place: LinearOscillator(mass=mass, stiffness=stiffness, damping=damping)
+        for place, mass, stiffness, damping in zip(places, structure.mass, *structure.to_ground().tolist(), strict=True)
+    }
+    couplings = {}
+    for label, weights, stiffness, damping in structure.terms():
+        point = Combination({places[slot]: weight for slot, weight in weights.items()})
+        couplings[f"{name}: {label}"] = Coupling(point, WALL, MatrixTerm(stiffness, damping=damping))
+    return bodies, couplings
 
 
 def _changed(kind: str, old: Mapping[str, Any], changes: Mapping[str, Any] | None) -> dict[str, Any]:

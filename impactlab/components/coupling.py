@@ -71,6 +71,10 @@ class LinearCoupling(CouplingLaw):
         return stiffness * extension + damping * rate
 
 
+class MatrixTerm(LinearCoupling):
+    """Spring and damper that is a term of the matrices of an `impactlab.LinearStructure`."""
+
+
 class MaxwellCoupling(CouplingLaw):
     """Spring and viscous damper in series: a force F with ``F'/stiffness + F/damping = e'`` at the extension e.
 

@@ -32,6 +32,9 @@ from impactlab.linear.transitions import (
 STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
 """A coupling kicks up to ``h² k (1/m₁ + 1/m₂)`` and ``h c (1/m₁ + 1/m₂)``, and in groups of more bodies."""
 
+MOST_OF_STRUCTURE = 32
+"""Bodies of a group that has coordinates of a structure: its highest mode would make steps far too short."""
+
 
 class ExactFlow(Integrator):
     """Exact flow with a shifted kick; the default.
@@ -121,10 +124,12 @@ class ExactFlow(Integrator):
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
+        of_structures = model.coupled.chosen(model.matrix_terms).numbers() > 0
         parts = [
             linear & model.coupled.any(np.isin(np.arange(model.wall), slots))
             for slots, _ in coupled_systems(model)
-            if len(slots) <= MOST_COUPLED and not model.time_varying
+            if len(slots) <= (MOST_OF_STRUCTURE if of_structures[slots].any() else MOST_COUPLED)
+            and not model.time_varying
         ]
 
         def flowing(chosen: list[np.ndarray]) -> Model:
