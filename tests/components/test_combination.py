@@ -136,6 +136,11 @@ def scaled(couplings, contact):
 
 SPRING = {"spring": (il.LinearCoupling(40.0, damping=0.3), il.LinearCoupling(160.0, damping=1.2))}
 STIFF = {"spring": (il.LinearCoupling(4000.0, damping=9.0), il.LinearCoupling(16000.0, damping=36.0))}
+MAXWELL = {"maxwell": (il.MaxwellCoupling(50.0, damping=20.0), il.MaxwellCoupling(200.0, damping=80.0))}
+LATCHED = (
+    il.LankaraniNikraveshContact(1e4, restitution=0.7),
+    il.LankaraniNikraveshContact(1e4 / 2.0**2.5, restitution=0.7),
+)
 CUBIC = {"cubic": (DampedCubicCoupling(50.0, damping=0.2), DampedCubicCoupling(800.0, damping=0.8))}
 
 
@@ -148,8 +153,9 @@ CUBIC = {"cubic": (DampedCubicCoupling(50.0, damping=0.2), DampedCubicCoupling(8
         (SPRING, (il.LinearContact(400.0), il.LinearContact(100.0))),
         (STIFF, (il.LinearContact(400.0), il.LinearContact(100.0))),
         (CUBIC, (LossyContact(400.0, damping=8.0), LossyContact(100.0, damping=1.0))),
+        (MAXWELL, LATCHED),
     ],
-    ids=["contact", "spring", "stiff", "dissipative"],
+    ids=["contact", "spring", "stiff", "dissipative", "states"],
 )
 def test_the_same_motion_by_other_weights(couplings, contact, realizations):
     """Gaps of twice the length and half the extensions, with laws that make the same forces."""
