@@ -39,21 +39,11 @@ Row = tuple[Component, tuple[int, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Kind:
-    """All members of a network with one class and one kernel: a loop in the generated text.
+    """All members of a network with one class and one kernel: a loop in the generated text."""
 
-    Attributes
-    ----------
-    role : str
-        A key of `LEADING`.
-    component : type
-        The class.
-    kernel : str
-        Name of its kernel.
-    """
-
-    role: str
+    role: str  # a key of `LEADING`
     component: type[Component]
-    kernel: str
+    kernel: str  # its name
 
     @property
     def kinematic(self) -> tuple[str, ...]:
@@ -96,32 +86,20 @@ class Kind:
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """Members whose kernels are called, by class.
+    """Members whose kernels are called, by class."""
 
-    Attributes
-    ----------
-    kinds : tuple of Kind
-        In canonical order.
-    tables : tuple of Table
-        Members of each kind.
-    parameters : ndarray
-        Parameters of all kinds, run by run, one name after the other; before them the weights of links that have some.
-    indices : ndarray of int
-        Members whose indices follow each other make a run, along which loops vectorise. Three places:
-        of what `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
-        `impactlab.kernels.combinations` reads); for each kind the
-        number of its runs and the place of the first; then, at these places, the runs: indices of the
-        first member, number of members, place of the parameters and, of kinds that have them, of the states, in rows
-        from the end.
-    states : ndarray
-        States of all members at the start, run by run, one name after the other.
-    """
-
-    kinds: tuple[Kind, ...]
-    tables: tuple[Table, ...]
+    kinds: tuple[Kind, ...]  # in canonical order
+    tables: tuple[Table, ...]  # members of each kind
     parameters: np.ndarray
+    """Of all kinds, run by run, one name after the other; before them the weights of links that have some."""
     indices: np.ndarray
-    states: np.ndarray
+    """Members whose indices follow each other make a run, along which loops vectorise. Three places: of what
+    `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
+    `impactlab.kernels.combinations` reads); for each kind the number of its runs and the place of the first; then, at
+    these places, the runs: indices of the first member, number of members, place of the parameters and, of kinds that
+    have them, of the states, in rows from the end.
+    """
+    states: np.ndarray  # states of all members at the start, run by run, one name after the other
 
     @classmethod
     def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:

@@ -34,35 +34,19 @@ MOST_SAMPLES = 4096
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Steps, and the times that they are measured by.
+    """Steps, and the times that they are measured by."""
 
-    Attributes
-    ----------
-    step : float
-        (s)
-    spin_up_steps, steps : int
-        Before statistics begin, and of the statistics.
-    boundaries : tuple of int
-        Steps at which batches end; the last is `steps`.
-    relaxation : float
-        Longest time after which samples are independent (s), 0 if nothing is damped.
-    settling : float
-        Relaxation time of what the start does not know (s).
-    automatic : float
-        The step that is chosen where none is given (s); 0 where none can be. Where a larger one was measured, that from
-        which its biases are to be expected to grow with its square.
-    certified : bool
-        Whether the automatic step of such a network is right without a measurement.
-    """
-
-    step: float
-    spin_up_steps: int
-    steps: int
-    boundaries: tuple[int, ...]
-    relaxation: float
-    settling: float
+    step: float  # (s)
+    spin_up_steps: int  # before statistics begin
+    steps: int  # of the statistics
+    boundaries: tuple[int, ...]  # steps at which batches end; the last is `steps`
+    relaxation: float  # longest time after which samples are independent (s), 0 if nothing is damped
+    settling: float  # relaxation time of what the start does not know (s)
     automatic: float
-    certified: bool
+    """The step that is chosen where none is given (s); 0 where none can be. Where a larger one was measured, that from
+    which its biases are to be expected to grow with its square.
+    """
+    certified: bool  # whether the automatic step of such a network is right without a measurement
 
     @property
     def spin_up(self) -> float:

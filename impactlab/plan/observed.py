@@ -15,34 +15,16 @@ WINDOW = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """Statistics and records.
+    """Statistics and records."""
 
-    Attributes
-    ----------
-    records : tuple
-        Pairs of a resolved record and the number of snapshots between its own.
-    every : int
-        Steps between snapshots, 0 for none.
-    window : (contact,) ndarray
-        Half width for the flux that is a contact's rate (m).
-    counted : bool
-        Whether rates are counts of closings, not fluxes through the windows.
-    jitter : (contact,) ndarray
-        What noise changes closing velocities by in a step, root mean square (m s-1).
-    bodies, contacts : int
-        How many are summed, from the first on.
-    sampled : bool
-        Whether states are samples of a stationary motion, not all that there are.
-    """
-
-    records: tuple[tuple[Any, int], ...]
-    every: int
-    window: np.ndarray
-    counted: bool
-    jitter: np.ndarray
-    bodies: int
-    contacts: int
-    sampled: bool
+    records: tuple[tuple[Any, int], ...]  # pairs of a resolved record and the number of snapshots between its own
+    every: int  # steps between snapshots, 0 for none
+    window: np.ndarray  # (contact,) half width for the flux that is a contact's rate (m)
+    counted: bool  # whether rates are counts of closings, not fluxes through the windows
+    jitter: np.ndarray  # (contact,) what noise changes closing velocities by in a step, root mean square (m s-1)
+    bodies: int  # how many are summed, from the first on
+    contacts: int  # how many of them
+    sampled: bool  # whether states are samples of a stationary motion, not all that there are
 
     def restricted(self, tile: Tile) -> Observed:
         """Return what a tile sums: its own bodies and contacts; snapshots are brought together above."""

@@ -15,27 +15,13 @@ LANE_STEP_SECONDS, STEP_SECONDS = 5e-9, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Realizations:
-    """Realizations in blocks of lanes.
+    """Realizations in blocks of lanes."""
 
-    Attributes
-    ----------
-    number : int
-        Of all realizations.
-    lanes : int
-        Realizations of a block.
-    steps_per_call : int
-        Steps of a compiled call.
-    trusted : bool
-        Whether there are enough independent realizations or batches for standard errors.
-    seed : tuple of int
-        128 bits.
-    """
-
-    number: int
-    lanes: int
-    steps_per_call: int
-    trusted: bool
-    seed: tuple[int, int]
+    number: int  # of all realizations
+    lanes: int  # realizations of a block
+    steps_per_call: int  # steps of a compiled call
+    trusted: bool  # whether there are enough independent realizations or batches for standard errors
+    seed: tuple[int, int]  # 128 bits
 
     @property
     def blocks(self) -> int:

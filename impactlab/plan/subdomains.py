@@ -34,18 +34,10 @@ class Tile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Subdomains:
-    """Parts of a large network that run in turn.
+    """Parts of a large network that run in turn."""
 
-    Attributes
-    ----------
-    steps : int
-        Steps that tiles make alone.
-    tiles : tuple of Tile
-        None where the network is small or halos would be too large.
-    """
-
-    steps: int
-    tiles: tuple[Tile, ...]
+    steps: int  # steps that tiles make alone
+    tiles: tuple[Tile, ...]  # none where the network is small or halos would be too large
 
     @classmethod
     def of(cls, model: Model, reach: int) -> Subdomains:

@@ -13,28 +13,14 @@ from impactlab.plan.subdomains import Tile
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Bodies and links.
+    """Bodies and links."""
 
-    Attributes
-    ----------
-    bodies, contacts : tuple of str
-        Names by slot.
-    linear : (3, body) ndarray
-        Mass, damping and stiffness.
-    ends : Links
-        What contacts act along.
-    clearance : (contact,) ndarray
-        Their clearances (m).
-    links : Links
-        Contacts, then couplings.
-    """
-
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # names by slot
     contacts: tuple[str, ...]
-    linear: np.ndarray
-    ends: Links
-    clearance: np.ndarray
-    links: Links
+    linear: np.ndarray  # (3, body) mass, damping and stiffness
+    ends: Links  # what contacts act along
+    clearance: np.ndarray  # (contact,) their clearances (m)
+    links: Links  # contacts, then couplings
 
     @classmethod
     def of(cls, model: Model) -> System:

@@ -35,13 +35,8 @@ def sizes(plan: Plan) -> tuple[int, int]:
         part = plan.restricted(tile)
         allocate(part, 1, counted)
         counted.bytes += part.method.coefficients.nbytes
-    return counted.bytes + of_sums + _series(plan), of_sums
-
-
-def _series(plan: Plan) -> int:
-    """Return the bytes of the series of a realization, with what the chirp transform of a row of it takes."""
-    method, clock, driving = plan.method.integrator, plan.clock, plan.driving
-    return driving.nbytes(method, clock.step, clock.all_steps, TRANSFORMED)
+    of_series = plan.driving.nbytes(plan.method.integrator, plan.clock.step, plan.clock.all_steps, TRANSFORMED)
+    return counted.bytes + of_sums + of_series, of_sums
 
 
 def needed(plan: Plan, workers: int) -> int:
