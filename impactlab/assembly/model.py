@@ -6,10 +6,12 @@ import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
+from impactlab.assembly.incidence import runs
 from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.components.component import call_each
@@ -169,6 +171,22 @@ class Model:
             for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
             if not flows
         )
+
+    @cached_property
+    def states(self) -> tuple[tuple[str, str], ...]:
+        """Labels of the states of laws, such as "spring.pull", and their units, in the order of `Members.states`."""
+        contacts, couplings = (
+            {name: link.law for name, link in links.items()}
+            for links in (self.network.contacts, self.network.couplings)
+        )
+        families = {"force": contacts, "residual": self.network.oscillators}
+        result = []
+        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
+            owners = (name for name, law in families.get(kind.role, couplings).items() if type(law) is kind.component)
+            for count in runs(*leading.T)[-1] if kind.states else ():
+                names = list(islice(owners, int(count)))
+                result += [(f"{name}.{state}", kind.component.units(state)) for state in kind.states for name in names]
+        return tuple(result)
 
     @property
     def remembering(self) -> bool:

@@ -14,7 +14,7 @@ from numba import i8, void
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
-from impactlab.kernels.memory import Accepted, set_elapsed
+from impactlab.kernels.memory import Accepted, set_elapsed, write_states
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
@@ -56,6 +56,8 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
         if sampled(steps, index):
             number = (steps.phase + index + 1) // steps.every - 1
             write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)
+            if steps.remembering:
+                write_states(tables.parameters, sums, snapshots, number)
 
 
 @scalar

@@ -13,7 +13,7 @@ import numpy as np
 from numba import f8, i8, types, void
 
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, rows, rows_of_lanes
-from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, loop, part
+from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, kernel, loop, part
 from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
 
@@ -73,6 +73,17 @@ def remembered(parameters, place, count, block):  # type: ignore[no-untyped-def]
 @instead_of(remembered)
 def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-untyped-def]
     return rows(parameters, parameters.shape[0] - 1 - place, count)
+
+
+@kernel
+def write_states(parameters, sums, snapshots, index):  # type: ignore[no-untyped-def]
+    """Write the states after all else that is in a snapshot; see `impactlab.kernels.sums.write_snapshot`."""
+    first, snapshot = 2 * sums.bodies.shape[2] + sums.contacts.shape[1], snapshots[index]
+    count = snapshot.shape[0] - first
+    states = remembered(parameters, count, count, snapshot)
+    for row in range(count):
+        for lane in range(states.shape[1]):
+            snapshot[first + row, lane] = states[row, lane]
 
 
 @scalar

@@ -25,6 +25,8 @@ class Forces:
         What the generated functions take.
     states : ndarray
         States of laws at the start; see `impactlab.assembly.members.Members`.
+    labels : tuple of (str, str)
+        Names of the states, and their units.
     passes : int
         How often a kick evaluates forces that depend on velocities, 0 where there are none.
     likely : (contact,) ndarray of bool
@@ -41,6 +43,7 @@ class Forces:
     parameters: np.ndarray
     indices: np.ndarray
     states: np.ndarray
+    labels: tuple[tuple[str, str], ...]
     passes: int
     likely: np.ndarray
     kicked: np.ndarray
@@ -62,7 +65,7 @@ class Forces:
         """
         return cls(
             generate(model, single=single), model.members.parameters, model.members.indices, model.members.states,
-            model.passes, likely, _kicked(model, likely),
+            model.states, model.passes, likely, _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 

@@ -72,7 +72,8 @@ class Plan:
     @cached_property  # names of 100 000 bodies are not cut for every call
     def snapshot(self) -> Snapshot:
         """What a snapshot of the run holds."""
-        return Snapshot(self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts])
+        bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
+        return Snapshot(bodies, contacts, self.forces.labels)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""

@@ -34,7 +34,7 @@ class PairedRealizations(PerRealization):
 
 
 class Trajectory(Record):
-    """Displacements, velocities and contact forces over time, of all realizations.
+    """Displacements, velocities, contact forces and states of laws over time, of all realizations.
 
     Parameters
     ----------

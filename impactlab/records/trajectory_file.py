@@ -74,7 +74,7 @@ class _File:
                     chunksizes=(lanes, self.length, count), complevel=1,
                     compression="zlib" if item.dimension == CONTACT else None,
                 )  # fmt: skip
-                variable.setncatts({"units": item.units, "long_name": item.long_name})
+                variable.setncatts(plan.snapshot.attributes(item))
             time = self.data.createVariable("time", "f8", ("time",), fletcher32=True)
             time.setncatts(TIME)
             time[:] = interval * np.arange(samples)
@@ -113,7 +113,7 @@ class _Streamed:
         return _Writer(self.file, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        return {}  # they are in the file
+        return plan.snapshot.coordinates  # the others are in the file
 
 
 class _Writer(Keeper):

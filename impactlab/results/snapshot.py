@@ -1,4 +1,4 @@
-"""Snapshots of a network: displacements, velocities and contact forces at one time, one after another."""
+"""Snapshots of a network: displacements, velocities, contact forces and states of laws at one time, in this order."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.results.labels import Variables, labelled
+from impactlab.results.labels import Variables
 from impactlab.results.schema import BODY, CONTACT, Variable
 
 QUANTITIES = {
@@ -20,33 +20,56 @@ QUANTITIES = {
 """What a snapshot holds, in the order of `impactlab.kernels.sums.write_snapshot`."""
 
 
+STATES = Variable("law_state", "state", "", "state of a law")
+"""What else it holds where laws have states, each with units of its own."""
+
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
 
 
 class Snapshot(NamedTuple):
-    """Names of the bodies and contacts in a snapshot."""
+    """Names of the bodies, contacts and states in a snapshot, of the last with units."""
 
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
+    states: tuple[tuple[str, str], ...] = ()
 
     @property
     def size(self) -> int:
         """Rows of a snapshot."""
-        return 2 * len(self.bodies) + len(self.contacts)
+        return 2 * len(self.bodies) + len(self.contacts) + len(self.states)
 
     @property
     def quantities(self) -> list[Variable]:
         """Those that it has: without contacts there are no forces."""
-        return [quantity for name, quantity in QUANTITIES.items() if self.names(name)]
+        return [quantity for quantity in (*QUANTITIES.values(), STATES) if self.names(quantity.name)]
+
+    @property
+    def coordinates(self) -> Variables:
+        """Names of the states, if there are any; those of bodies and contacts every dataset has."""
+        labels = np.array([name for name, _ in self.states])
+        return {STATES.dimension: ((STATES.dimension,), labels, {"long_name": "state"})} if self.states else {}
+
+    def attributes(self, quantity: Variable) -> dict[str, str]:
+        """Return the attributes of a quantity."""
+        if quantity is not STATES:
+            return {"units": quantity.units, "long_name": quantity.long_name}
+        units = dict.fromkeys(f"{name.rpartition('.')[2]} {units}" for name, units in self.states)
+        return {"long_name": quantity.long_name, "comment": f"units: {', '.join(units)}"}
 
     def names(self, quantity: str) -> tuple[str, ...]:
         """Return what a quantity is known of."""
+        if quantity == STATES.name:
+            return tuple(name for name, _ in self.states)
         return self.contacts if QUANTITIES[quantity].dimension == CONTACT else self.bodies
 
     def place(self, quantity: str) -> slice:
         """Return the rows of a quantity."""
-        first = {"displacement": 0, "velocity": len(self.bodies), "contact_force": 2 * len(self.bodies)}[quantity]
+        bodies, first = len(self.bodies), 0
+        if quantity != "displacement":
+            first = bodies if quantity == "velocity" else 2 * bodies
+        if quantity == STATES.name:
+            first += len(self.contacts)
         return slice(first, first + len(self.names(quantity)))
 
     def row(self, quantity: str, name: str) -> int:
@@ -56,8 +79,7 @@ class Snapshot(NamedTuple):
 
     def labelled(self, values: np.ndarray, *dimensions: str) -> Variables:
         """Return variables of snapshots along other dimensions, the rows of which are the last axis."""
-        return {
-            name: labelled((*dimensions, item.dimension), values[..., self.place(name)], item.units, item.long_name)
-            for name, item in QUANTITIES.items()
-            if self.names(name)
+        return self.coordinates | {
+            item.name: ((*dimensions, item.dimension), values[..., self.place(item.name)], self.attributes(item))
+            for item in self.quantities
         }

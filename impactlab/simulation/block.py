@@ -367,7 +367,8 @@ class Block:
             if not plan.method.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
-            first = np.concatenate([self.state.reading[:-1], self.state.velocity[:-1], self.state.contact_force])
+            places = self.state.reading[:-1], self.state.velocity[:-1]
+            first = np.concatenate([*places, self.state.contact_force, self.states])
             for keeper in keepers:
                 keeper.start(first)
         if plan.method.integrator.kicks:  # others sample the beginning of each step

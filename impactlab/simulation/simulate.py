@@ -36,7 +36,7 @@ from impactlab.records.trajectory_file import written
 from impactlab.results.dataset import opened, path_of, provenance, replacing, told, write
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, statistics
-from impactlab.results.snapshot import QUANTITIES
+from impactlab.results.snapshot import QUANTITIES, STATES
 from impactlab.simulation.ensemble import merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.measured_step import measured, warn_of_states, worth_measuring
@@ -225,7 +225,7 @@ def _simulate(network: Network, request: Request, execution: Execution, compared
         streamed = any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
-    return opened(path_of(out), lazy=QUANTITIES)
+    return opened(path_of(out), lazy=(*QUANTITIES, STATES.name))
 
 
 def _run_part(

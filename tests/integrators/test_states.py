@@ -185,6 +185,34 @@ def test_a_body_that_slips_loses_the_energy_of_its_loop():
     assert 0.5 * 400.0 * (1.0 - x**2) - 0.5 * v**2 == pytest.approx(0.2 * (1.0 - x - 2.0 * 0.2 / 50.0), rel=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore:Too few")
+@pytest.mark.parametrize("realizations", [1, 3])
+@pytest.mark.parametrize("method", METHODS, ids=lambda item: type(item).__name__)
+def test_trajectories_have_the_states_at_their_times(method, realizations, tmp_path):
+    """With labels, in memory and in a file; here what is known: the number of steps, and the place."""
+    bodies = {name: il.LinearOscillator(damping=1.0, stiffness=1.0) for name in "ab"}
+    couplings = {"one": il.Coupling("a", "b", Counting()), "two": il.Coupling(il.WALL, "b", Counting())}
+    network = il.Network(bodies, {}, {"a": il.WhiteNoise(1.0)}, couplings)
+    options = {
+        "realizations": realizations,
+        "step": 1e-3,
+        "integrator": method,
+        "record": il.Trajectory(0.01),
+        "rng": 1,
+    }
+    found = il.simulate(network, 0.1, initial="rest", spin_up=0.005, **options)
+    assert found.state.values.tolist()[:4] == ["one.steps", "one.time", "one.place", "one.speed"]
+    assert found.law_state.attrs["comment"] == "units: steps 1, time s, place m, speed m s-1"
+    steps = found.law_state.sel(state="two.steps")
+    assert (steps == 5.0 + 10.0 * np.arange(11)).all()
+    x = found.displacement
+    place = found.law_state.sel(state=["one.place", "two.place"]).values
+    np.testing.assert_array_equal(place, np.stack([x[..., 1] - x[..., 0], x[..., 1]], axis=-1))
+    written = il.simulate(network, 0.1, initial="rest", spin_up=0.005, out=tmp_path / "run.nc", **options)
+    assert written.law_state.equals(found.law_state)
+    assert written.law_state.attrs == found.law_state.attrs
+
+
 def test_a_run_takes_memory_for_states():
     plain = everything().replace(couplings={"h": None})
     plans = [block_of(network, 1e-3, 2).plan for network in (plain, everything())]
