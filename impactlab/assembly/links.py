@@ -250,9 +250,10 @@ class Combinations(Links):
         return np.repeat(np.arange(len(self)), np.diff(self.begin))
 
     def chosen(self, rows: np.ndarray | slice) -> Combinations:
-        picked = np.arange(len(self))[rows].tolist()
-        parts = [slice(*self.begin[row : row + 2]) for row in picked]
-        return self.of([dict(zip(self.slots[part], self.weights[part], strict=True)) for part in parts], self.count)
+        numbers, first = np.diff(self.begin)[rows], self.begin[:-1][rows]
+        begin = np.append(0, np.cumsum(numbers))
+        entries = np.repeat(first - begin[:-1], numbers) + np.arange(begin[-1])
+        return Combinations(self.count, begin, self.slots[entries], self.weights[entries])
 
     def gap(self, q: np.ndarray) -> np.ndarray:
         return self._sums(self.weights.reshape(-1, *[1] * (q.ndim - 1)) * q[self.slots])
@@ -266,7 +267,10 @@ class Combinations(Links):
         return np.array(rest, dtype=float)
 
     def mixed(self, covariance: np.ndarray, slots: np.ndarray) -> np.ndarray:
-        matrix = self._matrix(np.arange(self.count))[:, slots]
+        place, matrix = np.full(self.count, -1), np.zeros((len(self), len(slots)))
+        place[slots] = np.arange(len(slots))
+        inside = np.flatnonzero(place[self.slots] >= 0)
+        matrix[self.rows[inside], place[self.slots[inside]]] = self.weights[inside]
         between = covariance - np.diag(np.diagonal(covariance))
         return np.asarray(np.einsum("ri,ij,rj->r", matrix, between, matrix))
 
