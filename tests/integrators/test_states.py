@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.generate import generate
@@ -311,6 +312,29 @@ def test_runs_make_every_step_and_say_that_theirs_is_not_measured():
         il.AccuracyWarning, match=r"step of .* s is not measured, since YieldingContact has states; comp"
     ):
         il.simulate(network, duration=20.0, realizations=64, rng=1)
+
+
+class Spring(il.CouplingLaw):
+    stiffness: float = il.parameter(units="N m-1")
+
+    def force(extension, stiffness):
+        return stiffness * extension
+
+
+def test_the_automatic_step_is_a_quarter_of_that_for_the_forces_at_the_start():
+    """And does for a Maxwell element, with the variance of the velocity of the linear system."""
+    element, body = il.MaxwellCoupling(60.0, damping=3.0), il.LinearOscillator(damping=0.2, stiffness=40.0)
+    steps = []
+    for law in (Spring(60.0), element):
+        found = il.Network({"a": body}, {}, NOISY, {"h": il.Coupling(il.WALL, "a", law)})
+        steps.append(float(found.check().dataset.recommended_step.sel(integrator="ExactFlow")))
+    assert steps[1] == pytest.approx(0.25 * steps[0], rel=1e-9)
+    matrix = np.array([[0.0, 1.0, 0.0], [-40.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
+    exact = solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0]))[1, 1]
+    result = il.simulate(found, duration=100.0, realizations=256, step=steps[1], spin_up=20.0, rng=1)
+    error = float(result.mean_square_velocity_standard_error.item())
+    assert error < 0.006 * exact  # the rules' step is 3.3 % off
+    assert abs(float(result.mean_square_velocity.item()) - exact) < 3.0 * error
 
 
 def test_large_networks_with_states_run_in_one_piece():
