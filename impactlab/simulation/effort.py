@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
-from impactlab.plan.realizations import LANE_STEP_SECONDS, STEP_SECONDS, most_lanes
+from impactlab.plan.realizations import STEP_SECONDS, lane_seconds, most_lanes
 from impactlab.simulation.step_error import FEWEST
 
 SEGMENT = 32
@@ -68,18 +68,18 @@ class Effort:
     @classmethod
     def of(cls, plan: Plan, model: Model) -> Self:
         """Choose what a share of the work of a plan buys."""
-        lane = LANE_STEP_SECONDS * (len(model.mass) + len(model.links))
-        clock, whole = plan.clock, plan.clock.steps // SLOTS * SLOTS
-        if not _random(plan) and whole and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
-            return cls(plan.realizations.number, clock.spin_up_steps, whole, (0,), 0, (1,))
+        clock, lane = plan.clock, lane_seconds(len(model.mass), len(model.links))
+        if not _random(plan) and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
+            return cls(plan.realizations.number, clock.spin_up_steps, clock.steps, (0,), 0, (1,))
         apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
         seconds = min(max(UNCLEAR_SECONDS if apart else LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
         wanted = SEGMENTS * (settling + 3 * SEGMENT) if apart else 3 * FEWEST * SEGMENT
-        led = len(plan.driving.forced) > 0  # to a motion that may depend on how it began
+        led = len(plan.driving.forced) > 0 and not _random(plan)  # to a motion that may depend on how it began
         spin_up = clock.spin_up_steps if led else min(clock.spin_up_steps, settling)
         for realizations in _numbers(plan, model):
-            affordable = int(seconds / (STEP_SECONDS * (1 + len(model.mass) // 10) + lane * realizations))
-            if affordable >= 2 * spin_up + min(wanted, 3 * clock.all_steps):
+            of_all = STEP_SECONDS * (1 + len(model.mass) // 10) if realizations > 1 else STEP_SECONDS
+            affordable = int(seconds / (of_all + lane * realizations))
+            if affordable >= 2 * spin_up + min(wanted, 3 * clock.steps):
                 break
         spin_up = min(spin_up, affordable // 3)
         left = max(affordable - spin_up, 3 * SEGMENT) // 3
@@ -87,8 +87,9 @@ class Effort:
             left = min(left, clock.steps)
         steps = _segment(plan, model, left)
         segments = max(1, min(SEGMENTS, left // steps))
-        if apart and segments * steps + SEGMENT < clock.steps:
-            begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling)
+        if apart and segments * steps < clock.steps:
+            damped = bool((plan.system.linear[1] > 0.0).all())
+            begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling if damped else None)
             return cls(realizations, spin_up, steps, begins, run_up, (len(begins),))
         looks: tuple[int, ...] = (segments,)
         if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
@@ -121,22 +122,27 @@ def _segment(plan: Plan, model: Model, left: int) -> int:
     if not len(model.ends) or len(plan.driving.forced):  # paths do not part: as long as they remember
         steps = max(steps, min(left // FEWEST, memory) // SLOTS * SLOTS)
     if not plan.steady or plan.driving.lines:
-        steps = max(2, min(steps, left // 2 * 2))
+        steps = min(steps, left)
+        steps = max(2, left // -(-left // steps) // 2 * 2) if left > 1 else 1
     if not _random(plan):  # parts of the whole path
         steps = max(steps, -(-left // (SEGMENTS * SLOTS)) * SLOTS)
     return steps
 
 
-def _spread(run: int, steps: int, affordable: int, settling: int) -> tuple[tuple[int, ...], int, int]:
+def _spread(run: int, steps: int, affordable: int, settling: int | None) -> tuple[tuple[int, ...], int, int]:
     """Return where segments begin that lie over a whole run alike, their length, and steps before each to settle in.
 
-    All are numbers of steps; one of a segment costs three, with the two of half its length.
+    All are numbers of steps; one of a segment costs three, with the two of half its length. Bodies that do not settle
+    (None) go through the whole run or, where that costs too much, follow its beginning.
     """
-    longer = max(steps, -(-run // (MOST_SEGMENTS * SLOTS)) * SLOTS)
+    longer = max(steps, -(-run // MOST_SEGMENTS))
     if 3 * run <= affordable and longer <= LONGEST:  # all of it
-        return tuple(range(0, run - longer + 1, longer)), longer, 0
-    through, apart = (affordable - run) // (2 * steps), max(FEWEST, affordable // (settling + 3 * steps))
-    segments = min(MOST_SEGMENTS, max(through, apart), run // steps)
-    run_up = run if through >= apart else max(0, min(settling, affordable // segments - 3 * steps))
-    begins = np.linspace(0, run - steps, segments).astype(int) // SLOTS * SLOTS
+        steps = longer + longer % 2
+    through = (affordable - run) // (2 * steps)
+    if settling is None and through < FEWEST:
+        return tuple(range(0, min(affordable // 3, SEGMENTS * steps), steps)), steps, 0
+    apart = 0 if settling is None else max(FEWEST, affordable // (settling + 3 * steps))
+    segments = max(1, min(MOST_SEGMENTS, max(through, apart), run // steps))
+    run_up = run if settling is None or through >= apart else max(0, min(settling, affordable // segments - 3 * steps))
+    begins = np.linspace(0, run - steps, segments).astype(int) // 2 * 2
     return tuple(begins.tolist()), steps, run_up // SLOTS * SLOTS

@@ -13,7 +13,7 @@ from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, STATISTICS
-from impactlab.simulation.step_error import BIASED, CERTAIN, FEWEST, MAY_BE_ZERO, StepError, size_of
+from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
 TOGETHER = 8
@@ -52,7 +52,12 @@ class Coverage(NamedTuple):
     @property
     def left_out(self) -> float:
         """Share of the run that no segment sees."""
-        return max(0.0, 1.0 - len(self.begins) * self.steps / max(1, self.run // self.steps * self.steps))
+        return max(0.0, 1.0 - len(self.begins) * self.steps / self.run)
+
+    @property
+    def reached(self) -> float:
+        """Share of the run that is over when the last segment ends."""
+        return min(1.0, (self.begins[-1] + self.steps) / self.run)
 
     @property
     def to_the_end(self) -> np.ndarray:
@@ -89,7 +94,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
-    left_out = 1.0 if coarse.noise.random.any() else coverage.left_out
+    alike = coarse.steady or lanes == 1  # segments: else what differs from one to the next is no scatter
     mean = of_fine["mean_displacement"].mean(axis=-1)
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
@@ -97,11 +102,18 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     moved = np.append(coarse.noise.random, False)
     if not coarse.steady or not moved.any():  # else what a start has left of a body that nothing moves is no motion
         moved[:] = True
+
+    names = [name for name in BIASED if name in of_coarse and len(of_coarse[name])]
+    limit = limit_of(sum(len(of_coarse[name]) for name in names))
+
+    def scatter(values: np.ndarray, fitted: int) -> np.ndarray:
+        if not coarse.noise.random.any():
+            return _error(values, coverage.left_out, limit, fitted)
+        return _error(values, 1.0, limit, fitted) if alike else _error_in_time(values, coverage.left_out, limit)
+
     still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
     bias, error, measured = {}, {}, {}
-    for name in BIASED:
-        if name not in of_coarse or not len(of_coarse[name]):
-            continue
+    for name in names:
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
         kept, fitted = gained[labels[_first_bodies(model, name)]], 1
         if name == "mean_square_velocity":
@@ -116,11 +128,18 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)
-        error[name] = _error(relative.reshape(-1, segments, lanes), left_out, fitted)
+        error[name] = scatter(relative.reshape(-1, segments, lanes), fitted)
         error[name][unseen] = np.inf
         bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
-    return StepError(coarse.clock.step, bias, error, {BODY: model.bodies, CONTACT: model.contacts}, measured)
+    velocity = of_coarse["mean_square_velocity"].reshape(-1, segments, lanes)
+    labels_of = {BODY: model.bodies, CONTACT: model.contacts}
+    # from a given start damped bodies under noise become stationary; all others may meet something to the end
+    varying = (
+        coarse.noise.time_varying or len(coarse.driving.forced) or not (coarse.noise.random & (damping > 0.0)).all()
+    )
+    reached = coverage.reached if varying else 1.0
+    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached)
 
 
 def _gained(
@@ -157,12 +176,12 @@ def _gained(
     return result
 
 
-def _error(values: np.ndarray, left_out: float, fitted: int) -> np.ndarray:
+def _error(values: np.ndarray, left_out: float, limit: float, fitted: int) -> np.ndarray:
     """Return the standard error of the mean over segments and lanes, (…, segment, lane).
 
     A segment goes on where the one before has ended, which makes neighbours alike or unlike: lanes, or where there are
     few parts of them, are independent. A share may be `left_out` of what there is. The error is larger by as much as
-    the quantile of Student's law for so many units, less what was `fitted`, is beyond the normal one at `CERTAIN`.
+    the quantile of Student's law for so many units, less what was `fitted`, is beyond the normal one at the limit.
     """
     segments, lanes = values.shape[-2:]
     parts = min(segments, -(-UNITS // lanes))
@@ -171,10 +190,28 @@ def _error(values: np.ndarray, left_out: float, fitted: int) -> np.ndarray:
     units = (np.add.reduceat(values, cuts, axis=-2) / sizes).reshape(*values.shape[:-2], -1)
     if units.shape[-1] == 1:
         return np.full(units.shape[:-1], np.inf if left_out > 0.0 else 0.0)
-    freedom = units.shape[-1] - fitted
-    widened = float(stdtrit(freedom, ndtr(CERTAIN))) / CERTAIN if freedom > 0 else math.inf
-    error: np.ndarray = widened * units.std(axis=-1, ddof=1) * math.sqrt(left_out / units.shape[-1])
+    error: np.ndarray = (
+        _widened(units.shape[-1] - fitted, limit) * units.std(axis=-1, ddof=1) * math.sqrt(left_out / units.shape[-1])
+    )
     return error
+
+
+def _error_in_time(values: np.ndarray, left_out: float, limit: float) -> np.ndarray:
+    """Return the same where segments tell of different times, (…, segment, lane).
+
+    Lanes of one segment differ by chance alone; times differ among themselves, which matters for those `left_out`.
+    """
+    segments, lanes = values.shape[-2:]
+    variance = values.var(axis=-1, ddof=1).mean(axis=-1) / (segments * lanes)
+    if segments > 1:
+        variance = variance + left_out * values.mean(axis=-1).var(axis=-1, ddof=1) / segments
+    error: np.ndarray = _widened(segments * (lanes - 1), limit) * np.sqrt(variance)
+    return error
+
+
+def _widened(freedom: int, limit: float) -> float:
+    """Return how much farther Student's law reaches than the normal one at some standard errors."""
+    return float(-stdtrit(freedom, ndtr(-limit))) / limit if freedom > 0 else math.inf
 
 
 def _of_noise(difference: np.ndarray, off: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from impactlab.assembly.model import Model
 from impactlab.errors import Diverged, heard_by
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
+from impactlab.plan.subdomains import Subdomains
 from impactlab.simulation.block import Block
 from impactlab.simulation.effort import FINER, FINEST, Effort
 from impactlab.simulation.request import Request
@@ -52,6 +53,7 @@ def step_error(
     with heard_by(lambda message, category: None):
         coarse, fine = part(step, True), part(step / finer, False)
     fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
+    coarse, fine = (replace(item, subdomains=Subdomains(0, ())) for item in (coarse, fine))  # no tiles
     time = plan.realizations.number * plan.clock.duration
     planned = effort.looks[min(1, len(effort.looks) - 1)]
     try:

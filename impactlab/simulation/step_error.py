@@ -33,6 +33,12 @@ CERTAIN, LOOKED_AT = 2.5, 10
 UNLIKE = 2.0
 """Ratio of the mean square velocity of a run to that in the measurement beyond which this says nothing of the run."""
 
+REACHED = 0.95
+"""Share of a run that is not stationary up to which a measurement must reach."""
+
+KNOWN = 0.1
+"""Three standard errors, as a part of a statistic, up to which it counts what is not known of its bias."""
+
 FEWEST = 8
 """Fewest segments that tell how long energies are correlated."""
 
@@ -69,6 +75,10 @@ class StepError:
         Names of bodies and contacts by dimension.
     measured : dict of str to (body or contact,) ndarray
         Statistics at the step, as measured on the way.
+    scatter : (body,) ndarray
+        Standard error of the measured mean square velocity.
+    reached : float
+        Share of the run that is over where the measurement ends.
     """
 
     step: float
@@ -76,6 +86,8 @@ class StepError:
     error: dict[str, np.ndarray]
     labels: dict[str, tuple[str, ...]]
     measured: dict[str, np.ndarray] = field(default_factory=dict)
+    scatter: np.ndarray | float = 0.0
+    reached: float = 1.0
 
     @classmethod
     def infinite(cls, step: float, bodies: tuple[str, ...], contacts: tuple[str, ...]) -> Self:
@@ -86,19 +98,18 @@ class StepError:
     @property
     def limit(self) -> float:
         """Standard errors within which biases are not known: of many statistics the largest is far off by chance."""
-        number = sum(map(len, self.bias.values()))
-        return math.sqrt(CERTAIN**2 + 2.0 * math.log(max(1.0, number / LOOKED_AT)))
+        return limit_of(sum(map(len, self.bias.values())))
 
     @property
     def worst(self) -> tuple[str, str, float, float]:
         """The statistic whose bias is most certainly large: name, label, bias and standard error."""
-        found = ("", "", 0.0, 0.0)
-        for name, biases in self.bias.items():
-            for label, bias, error in zip(
-                self.labels[STATISTICS[name].dimension], biases, self.error[name], strict=True
-            ):
-                if abs(bias) - self.limit * error > abs(found[2]) - self.limit * found[3]:
-                    found = (name, label, float(bias), float(error))
+        found, beyond, limit = ("", "", 0.0, 0.0), 0.0, self.limit
+        for name, bias in self.bias.items():
+            excess = np.abs(bias) - limit * self.error[name]
+            if excess.max(initial=beyond) > beyond:
+                place = int(excess.argmax())
+                label = self.labels[STATISTICS[name].dimension][place]
+                found, beyond = (name, label, float(bias[place]), float(self.error[name][place])), excess[place]
         return found
 
     @property
@@ -170,16 +181,57 @@ class StepError:
         largest = max(self.allowance(name, usual).max(initial=0.0) for name in self.bias)
         return self.certain <= MOST_BIAS and largest <= MOST_BIAS
 
-    def unlike(self, dataset: xr.Dataset) -> str:
-        """Return a warning that bodies are much faster in a run than where its step was measured, or nothing."""
+    def or_from(self, larger: StepError) -> StepError:
+        """Return these biases, or those that follow from the ones of a larger step where they are known better."""
+        foreseen = larger.at(self.step)
+        better = {name: foreseen.error[name] < error for name, error in self.error.items()}
+        bias, error = (
+            {name: np.where(better[name], other[name], own[name]) for name in better}
+            for own, other in ((self.bias, foreseen.bias), (self.error, foreseen.error))
+        )
+        return replace(self, bias=bias, error=error)
+
+    def doubt(self, dataset: xr.Dataset, sampled: bool, steady: bool) -> str:
+        """Return a warning of what the measurement may not tell of a run, or nothing.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            Statistics of the run.
+        sampled : bool
+            Whether standard errors are missing for want of samples, not because nothing is random.
+        steady : bool
+            Whether the motion is stationary.
+        """
+
+        def ran(name: str) -> tuple[np.ndarray, np.ndarray]:
+            error = dataset[STATISTICS[name].error].values
+            return dataset[name].values, error if sampled else np.nan_to_num(error)
+
+        again = f"; compare with step={0.5 * self.step:.2g}."
         name = "mean_square_velocity"
-        ran, scatter = (dataset[item].values for item in (name, STATISTICS[name].error))
-        for label, seen, value, error in zip(self.labels[BODY], self.measured[name], ran, scatter, strict=True):
-            if value - self.limit * error > UNLIKE * seen:
-                return (
-                    f"Mean square velocity of {label!r} is {value:.3g} m2 s-2 in the run, but {seen:.3g} where the "
-                    f"bias of its step was measured, which is not known then; compare with step={0.5 * self.step:.2g}."
-                )
+        value, error = ran(name)
+        seen = self.measured[name] + self.limit * self.scatter
+        for place in np.flatnonzero(value - self.limit * error > UNLIKE * seen)[:1]:
+            return (
+                f"Mean square velocity of {self.labels[BODY][place]!r} is {value[place]:.3g} m2 s-2 in the run, but "
+                f"{self.measured[name][place]:.3g} where the bias of its step was measured{again}"
+            )
+        if steady:
+            return ""
+        if self.reached < REACHED:
+            return f"The bias of the step was measured in the first {100.0 * self.reached:.2g} % of the run only{again}"
+        for name, bias in self.bias.items():
+            value, error = ran(name)
+            size = size_of(name, lambda item: dataset[item].values)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                may_be = np.abs(bias) + self.limit * self.error[name]
+                allowed = WORTH_SAYING + 3.0 * error / size
+                unknown = (may_be > allowed) & (np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name])
+            for place in np.flatnonzero(unknown & (value != 0.0) & (3.0 * error < KNOWN * size))[:1]:
+                label, known = self.labels[STATISTICS[name].dimension][place], self.error[name][place]
+                how = f"known to ± {100.0 * known:.2g} % only" if known < math.inf else "unknown: it was not seen"
+                return f"The bias of the step in {STATISTICS[name].long_name} of {label!r} is {how}{again}"
         return ""
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
@@ -225,6 +277,11 @@ class StepError:
                     attrs = {**error.attrs, "comment": comment}
                     result[variable.error] = dimension, np.hypot(error.values, allowance), attrs
         return dataset.assign(result)
+
+
+def limit_of(number: int) -> float:
+    """Return the standard errors within which biases are not known where so many are looked at."""
+    return math.sqrt(CERTAIN**2 + 2.0 * math.log(max(1.0, number / LOOKED_AT)))
 
 
 def size_of(name: str, mean: Callable[[str], np.ndarray]) -> np.ndarray:

@@ -7,7 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from impactlab_numerics.laws.contacts import BilinearContact, ClampedKelvinVoigtContact, KelvinVoigtContact
+from impactlab_numerics.laws.contacts import (
+    BilinearContact,
+    ClampedKelvinVoigtContact,
+    KelvinVoigtContact,
+    SlidingPadContact,
+)
 from impactlab_numerics.laws.excitations import ConstantForce, ModulatedNoise
 from laws import Cosine, Interval
 from scenes import plan_of
@@ -415,9 +420,10 @@ def test_a_body_that_is_much_faster_in_the_run_is_told():
         statistics(["a", "b"], [], {name: [1.0, value]}, {name: [0.1, error]})
         for value, error in ((1.9, 0.1), (3.0, 0.1), (3.0, np.nan))
     )
-    assert "of 'b' is 3 m2 s-2 in the run, but 1 where" in found.unlike(fast)
-    assert not found.unlike(calm)
-    assert not found.unlike(unknown)
+    assert "of 'b' is 3 m2 s-2 in the run, but 1 where" in found.doubt(fast, sampled=True, steady=True)
+    assert not found.doubt(calm, sampled=True, steady=True)
+    assert not found.doubt(unknown, sampled=True, steady=True)
+    assert found.doubt(unknown, sampled=False, steady=True)
 
 
 def test_a_measurement_that_diverges_is_told():
@@ -425,3 +431,44 @@ def test_a_measurement_that_diverges_is_told():
     infinite = StepError.infinite(plan.clock.step, ("a",), ("wall",))
     with pytest.warns(il.AccuracyWarning, match=r"The bias of the step of .* is not known"):
         assert measured(lambda *arguments: plan, lambda *arguments, **options: infinite, plan, False, False)[0] is plan
+
+
+def test_the_step_of_a_network_in_tiles_is_measured():
+    bodies = 8192
+    law = ClampedKelvinVoigtContact(1e3, damping=5.0)
+    network = il.chain(bodies, BODY, law, clearance=0.3, excitation=HEAT)
+    assert plan_of(network, duration=0.1, spin_up=0.0).subdomains.tiles
+    with pytest.warns(il.AccuracyWarning, match="Too few independent samples"):
+        result = il.simulate(network, 0.1, spin_up=0.0, rng=1)
+    assert np.isfinite(result.mean_square_velocity_step_bias).all()
+
+
+@pytest.mark.parametrize("duration", [1.6, 1.61, 1.8])
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_hit_in_the_last_steps_is_measured(duration, noise):
+    """The stop is reached after 1.57 s."""
+    body = il.LinearOscillator.from_frequency(1.0, 0.01)
+    contact = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(100.0, damping=30.0))
+    network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(1e-8)} if noise else {})
+    options = {"initial": {"displacement": {"a": -1.0}}, "realizations": 64 if noise else 1, "rng": 1}
+    result = il.simulate(network, duration, **options)
+    step = result.attrs["step"] / 16.0
+    fine = il.simulate(network, duration, **options, step=step, integrator=il.ExactFlow(measured=False))
+    for name in ("contact_ratio", "mean_contact_force"):
+        assert result[name].item() == pytest.approx(fine[name].item(), rel=5e-3), name
+
+
+def test_a_measurement_that_does_not_reach_the_end_of_a_path_is_told():
+    """A slow drift onto a stop, of which the measurement sees the beginning."""
+    contact = il.Contact("a", il.WALL, SlidingPadContact(1e3, damping=30.0))
+    network = il.Network({"a": il.LinearOscillator(stiffness=1e-7)}, {"w": contact})
+    with pytest.warns(il.AccuracyWarning, match=r"compare with step="):
+        il.simulate(network, 6000.0, initial={"displacement": {"a": -1.0}})
+
+
+def test_a_bias_that_is_not_met_again_is_not_forgotten():
+    larger = StepError(0.2, {"contact_ratio": np.array([0.04, 0.0])}, {"contact_ratio": np.array([1e-4, np.inf])}, {})
+    smaller = StepError(0.1, {"contact_ratio": np.array([0.0, 2e-3])}, {"contact_ratio": np.array([np.inf, 1e-4])}, {})
+    joint = smaller.or_from(larger)
+    np.testing.assert_allclose(joint.bias["contact_ratio"], [0.01, 2e-3])
+    np.testing.assert_allclose(joint.error["contact_ratio"], [0.01, 1e-4], rtol=1e-3)
