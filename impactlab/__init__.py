@@ -22,7 +22,7 @@ _HOME = {
         "LinearContact",
         "PowerLawContact",
     ],
-    "components.excitation": ["Excitation", "ShinozukaNoise", "WhiteNoise"],
+    "components.excitation": ["Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
     "components.coupling": ["BoucWenCoupling", "Coupling", "CouplingLaw", "LinearCoupling", "MaxwellCoupling"],
     "networks.network": ["Network", "chain"],
     "networks.check": ["NetworkCheck"],

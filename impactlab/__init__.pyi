@@ -16,6 +16,7 @@ from impactlab.components.coupling import LinearCoupling as LinearCoupling
 from impactlab.components.coupling import MaxwellCoupling as MaxwellCoupling
 from impactlab.components.excitation import Excitation as Excitation
 from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
+from impactlab.components.excitation import Source as Source
 from impactlab.components.excitation import WhiteNoise as WhiteNoise
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator

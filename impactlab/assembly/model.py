@@ -14,10 +14,12 @@ import numpy as np
 from impactlab.assembly.incidence import runs
 from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import Kind, Members, Row
+from impactlab.assembly.sources import Sources
 from impactlab.components.component import call_each
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
+from impactlab.components.excitation import KINDS
 from impactlab.components.sides import is_difference, weights_of
 
 Result = TypeVar("Result")
@@ -46,6 +48,8 @@ class Model:
         Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
     flowing : (coupling,) ndarray of bool
         Which of them an integrator treats as a part of the bodies' linear motion.
+    sources : dict of str to Sources
+        White noises ("intensity"), given forces ("force") and sums of cosines ("lines").
     members : Members
         Contacts, other couplings, residual forces and functions of time, as generated loops take them.
     """
@@ -59,6 +63,7 @@ class Model:
     coupled: Links
     coupling: np.ndarray
     flowing: np.ndarray
+    sources: dict[str, Sources]
     members: Members
 
     @classmethod
@@ -66,6 +71,8 @@ class Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
         bodies = list(network.oscillators.values())
         ends, coupled = _links(network, flowing)
+        slots = {name: slot for slot, name in enumerate(network.oscillators)}
+        sources = {kind: Sources.of(network.excitations, slots, kind) for kind in KINDS}
         return cls(
             network=network,
             mass=np.array([body.mass for body in bodies]),
@@ -76,7 +83,8 @@ class Model:
             coupled=coupled,
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
-            members=Members.of(_members(network, ends, flowing), ends, coupled),
+            sources=sources,
+            members=Members.of(_members(network, ends, flowing, sources), ends, coupled),
         )
 
     @cached_property
@@ -97,21 +105,17 @@ class Model:
     @cached_property
     def white(self) -> tuple[int, ...]:
         """Slots of the bodies under white noise."""
-        return self._excited_by("intensity")
+        return self.sources["intensity"].bodies
 
     @cached_property
     def lines(self) -> tuple[int, ...]:
         """Slots of the bodies under sums of cosines."""
-        return self._excited_by("lines")
+        return self.sources["lines"].bodies
 
     @cached_property
     def forced(self) -> tuple[int, ...]:
         """Slots of the bodies under a given force."""
-        return self._excited_by("force")
-
-    def _excited_by(self, kind: str) -> tuple[int, ...]:
-        given = self.network.excitations
-        return tuple(slot for slot, name in enumerate(self.bodies) if name in given and given[name].kind == kind)
+        return self.sources["force"].bodies
 
     @property
     def natural_frequencies(self) -> np.ndarray:
@@ -220,24 +224,34 @@ class Model:
 
     def intensities(self, time: float = 0.0) -> np.ndarray:
         """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
-        result = np.zeros(len(self.bodies))
-        given = self.network.excitations
-        excitations = [given[self.bodies[slot]] for slot in self.white]
-        result[list(self.white)] = call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
-        return result
+        return self.sources["intensity"].added(self.densities(time), len(self.bodies))
 
     @cached_property
     def initial_intensities(self) -> np.ndarray:
         """Return :meth:`intensities` at time 0; not to be changed."""
-        return self.intensities()
+        return self.sources["intensity"].added(self.initial_densities, len(self.bodies))
 
     def reference_intensities(self) -> np.ndarray:
-        """Densities for which coefficients are made: the constant ones, 1 where they vary, (body,)."""
-        if not self.time_varying:
-            return self.initial_intensities
-        result = np.zeros(len(self.bodies))
-        result[list(self.white)] = 1.0
-        return result
+        """Return :meth:`intensities` for which coefficients are made, (body,)."""
+        return self.sources["intensity"].added(self.reference_densities(), len(self.bodies))
+
+    def densities(self, time: float = 0.0) -> np.ndarray:
+        """Two-sided spectral density of each white noise (N2 s rad-1), (noise,)."""
+        excitations = self.sources["intensity"].excitations
+        return call_each(excitations, "intensity", np.full((len(excitations), 1), time))[:, 0]
+
+    @cached_property
+    def initial_densities(self) -> np.ndarray:
+        """Return :meth:`densities` at time 0; not to be changed."""
+        return self.densities()
+
+    def reference_densities(self) -> np.ndarray:
+        """Densities for which coefficients are made: the constant ones, 1 where they vary, (noise,)."""
+        return np.ones(len(self.sources["intensity"].names)) if self.time_varying else self.initial_densities
+
+    def intensity_matrix(self, slots: np.ndarray) -> np.ndarray:
+        """Spectral densities of the white noises on some bodies and between them at time 0, (n, n)."""
+        return self.sources["intensity"].matrix(self.initial_densities, self.initial_intensities, slots)
 
     def connected(self) -> np.ndarray:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
@@ -297,7 +311,9 @@ def _pair(slots: Mapping[Any, int], link: Contact | Coupling) -> tuple[int, int]
     return slots.get(link.first, len(slots)), slots.get(link.second, len(slots))
 
 
-def _members(network: Composition, ends: Links, flowing: Collection[str]) -> dict[Kind, list[Row]]:
+def _members(
+    network: Composition, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources]
+) -> dict[Kind, list[Row]]:
     """Return what acts by its kernels, kind by kind, without the couplings that flow."""
     bodies = list(network.oscillators.values())
     mobilities = ends.squares(np.array([1.0 / body.mass for body in bodies])).tolist()
@@ -316,9 +332,8 @@ def _members(network: Composition, ends: Links, flowing: Collection[str]) -> dic
         if body.has_kernel("residual"):
             kind = Kind("residual", type(body), "residual")
             result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
-    excitations = [network.excitations[name] for name in network.oscillators if name in network.excitations]
     for role, kernel in (("forcing", "force"), ("intensity", "intensity")):
-        for row, item in enumerate(item for item in excitations if item.kind == kernel):
+        for row, item in enumerate(sources[kernel].excitations):
             result.setdefault(Kind(role, type(item), kernel), []).append((item, (row,), ()))
     return result
 

@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
-from impactlab.components.excitation import Excitation
+from impactlab.components.excitation import Excitation, Source
 from impactlab.components.oscillator import LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.sides import WALL, Combination, named_by
@@ -26,13 +26,13 @@ _SHOWN = 6
 _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
-_FAMILIES: dict[str, type[Component]] = {
-    "oscillators": Oscillator,
-    "contacts": Contact,
-    "excitations": Excitation,
-    "couplings": Coupling,
+_FAMILIES: dict[str, tuple[type[Component], ...]] = {
+    "oscillators": (Oscillator, LinearStructure),
+    "contacts": (Contact,),
+    "excitations": (Excitation, Source),
+    "couplings": (Coupling,),
 }
-"""Families of a network, in the order in which it takes them."""
+"""Families of a network, in the order in which it takes them, and what their members may be."""
 
 
 class Composition:
@@ -41,19 +41,20 @@ class Composition:
     What is below `impactlab.Network`, which adds the methods that compile and check, reads this alone.
     """
 
-    __slots__ = ("_contacts", "_couplings", "_excitations", "_expanded", "_oscillators")
+    __slots__ = ("_contacts", "_couplings", "_excitations", "_expanded", "_oscillators", "_sources")
 
     def __init__(
         self,
         oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure],
         contacts: Family[Contact] | None = None,
-        excitations: Family[Excitation] | None = None,
+        excitations: Family[Excitation | Source] | None = None,
         couplings: Family[Coupling] | None = None,
     ) -> None:
-        self._oscillators = _family("oscillators", oscillators, Oscillator, LinearStructure)
-        self._contacts = _family("contacts", {} if contacts is None else contacts, Contact)
-        self._excitations = _family("excitations", {} if excitations is None else excitations, Excitation)
-        self._couplings = _family("couplings", {} if couplings is None else couplings, Coupling)
+        self._oscillators = _family("oscillators", oscillators)
+        self._contacts = _family("contacts", {} if contacts is None else contacts)
+        self._excitations = _family("excitations", {} if excitations is None else excitations)
+        self._couplings = _family("couplings", {} if couplings is None else couplings)
+        self._sources = {name: item for name, item in self._excitations.items() if isinstance(item, Source)}
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
         self._expanded = bodies, _ = _with_structures(self._oscillators, self._couplings)
@@ -64,14 +65,29 @@ class Composition:
                         f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
                         f"{self._instead(body)}"
                     )
+        self._check_sources()
         for name in self._excitations:
-            if name not in bodies:
+            if name not in bodies and name not in self._sources:
                 raise InvalidInput(
                     f"There is an excitation for {name!r}, which is not in the network; {self._instead(name)}"
                 )
         laws = ((name, contact.law) for name, contact in self._contacts.items())
         check_potentials("contact", laws, "force", "potential")
         check_potentials("body", bodies.items(), "residual", "residual_potential", both_sides=True)
+
+    def _check_sources(self) -> None:
+        bodies, _ = self._expanded
+        for name, source in self._sources.items():
+            if name in bodies or name in self._oscillators:
+                raise InvalidInput(
+                    f"The source {name!r} has the name of a body, by which the body's own noise is drawn; give it a "
+                    "name of its own."
+                )
+            for body in source.on:
+                if body not in bodies:
+                    raise InvalidInput(
+                        f"Source {name!r} drives {body!r}, which is not in the network; {self._instead(body)}"
+                    )
 
     @property
     def oscillators(self) -> Mapping[str, Oscillator]:
@@ -89,9 +105,15 @@ class Composition:
         return MappingProxyType(self._contacts)
 
     @property
-    def excitations(self) -> Mapping[str, Excitation]:
-        """The excitations by the name of the body that they act on."""
+    def excitations(self) -> Mapping[str, Any]:
+        """The excitations by the name of the body that they act on, and the sources by their own."""
         return MappingProxyType(self._excitations)
+
+    def excitations_of(self, body: str) -> list[tuple[str, Excitation, float]]:
+        """Return name, excitation and weight of all that drives a body: its own excitation, then sources."""
+        own = [(body, self._excitations[body], 1.0)] if body in self._excitations else []
+        sources = [(name, item.excitation, item.on[body]) for name, item in self._sources.items() if body in item.on]
+        return own + sources
 
     @property
     def couplings(self) -> Mapping[str, Coupling]:
@@ -109,7 +131,7 @@ class Composition:
         *,
         oscillators: Mapping[str, Oscillator | LinearStructure | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
-        excitations: Mapping[str, Excitation | None] | None = None,
+        excitations: Mapping[str, Excitation | Source | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
     ) -> Self:
         """Return a network in which some members are changed, added or, with None, removed.
@@ -143,17 +165,15 @@ class Composition:
             if not isinstance(family, Mapping):
                 raise InvalidInput(f"{title} are stored as a mapping, not {reprlib.repr(family)}.")
         families: dict[str, Any] = {
-            title: {name: _stored(kind, item).from_dict(item) for name, item in data.get(title, {}).items()}
-            for title, kind in _FAMILIES.items()
+            title: {name: _kind_of(item, kinds).from_dict(item) for name, item in data.get(title, {}).items()}
+            for title, kinds in _FAMILIES.items()
         }
         return cls(**families)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Composition):
             return NotImplemented
-        return all(
-            list(getattr(self, f"_{title}").items()) == list(getattr(other, f"_{title}").items()) for title in _FAMILIES
-        )
+        return self._members() == other._members()
 
     def __hash__(self) -> int:
         return hash(self._members())
@@ -179,20 +199,14 @@ class Composition:
         return "\n".join(lines)
 
 
-def _stored(kind: type[Component], data: Any) -> type[Component]:
-    """Return the class that data of a family are of: among oscillators there are structures."""
-    structure = kind is Oscillator and isinstance(data, Mapping) and data.get("type") == LinearStructure.__name__
-    return LinearStructure if structure else kind
-
-
-def _family(title: str, members: Family[Any], kind: type[Component], *others: type[Component]) -> dict[str, Any]:
+def _family(title: str, members: Family[Any]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
+    kinds = _FAMILIES[title]
+    expected = " or ".join(f"il.{kind.__name__}" for kind in kinds)
     try:
         pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
     except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"{title} must be a mapping of names to il.{kind.__name__} objects, not {members!r}."
-        ) from error
+        raise InvalidInput(f"{title} must be a mapping of names to {expected} objects, not {members!r}.") from error
     family: dict[str, Any] = {}
     for name, member in pairs:
         if not isinstance(name, str) or not name.strip():
@@ -201,8 +215,8 @@ def _family(title: str, members: Family[Any], kind: type[Component], *others: ty
             raise InvalidInput(f"{title}: a name must not contain control characters, as does {name!r}.")
         if name in family:
             raise InvalidInput(f"{title}: the name {name!r} was given twice.")
-        if not isinstance(member, (kind, *others)):
-            raise InvalidInput(f"{title}: {name!r} must be an il.{kind.__name__}, not {member!r}.")
+        if not isinstance(member, kinds):
+            raise InvalidInput(f"{title}: {name!r} must be an {expected}, not {member!r}.")
         family[name] = member
     return family
 
@@ -243,6 +257,12 @@ def _of_structure(name: str, structure: LinearStructure) -> tuple[dict[str, Osci
         point = Combination({places[slot]: weight for slot, weight in weights.items()})
         couplings[f"{name}: {label}"] = Coupling(point, WALL, MatrixTerm(stiffness, damping=damping))
     return bodies, couplings
+
+
+def _kind_of(item: Any, kinds: tuple[type[Component], ...]) -> type[Component]:
+    """Return the kind of a stored member by the name of its class; the first one if none of the kinds has it."""
+    name = item.get("type", "") if isinstance(item, Mapping) else ""
+    return next((kind for kind in kinds if str(name).rpartition(".")[2] == kind.__name__), kinds[0])
 
 
 def _changed(kind: str, old: Mapping[str, Any], changes: Mapping[str, Any] | None) -> dict[str, Any]:

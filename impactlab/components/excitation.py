@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import reprlib
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from impactlab.components.component import Component, finite, parameter
 from impactlab.errors import InvalidInput
 
-_KINDS = ("intensity", "force", "lines")
+KINDS = ("intensity", "force", "lines")
+"""What an excitation may define: one of white noise, a given force and a sum of cosines."""
 
 
 class Excitation(Component):
@@ -23,7 +25,8 @@ class Excitation(Component):
     - the method ``lines(self)``: a sum of cosines with random phases, returned as
       angular frequencies (rad s-1) and amplitudes (N).
 
-    The noises of two bodies are independent, also when they share one object.
+    The noises of two bodies are independent, also when they share one object; one noise on several bodies is a
+    `Source`.
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {"intensity": ("time",), "force": ("time",)}
@@ -34,11 +37,11 @@ class Excitation(Component):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        defined = [name for name in _KINDS if callable(getattr(cls, name, None))]
+        defined = [name for name in KINDS if callable(getattr(cls, name, None))]
         if len(defined) > 1:
             raise InvalidInput(
                 f"{cls.__name__} defines {' and '.join(defined)}; an excitation must define exactly one of "
-                f"{', '.join(_KINDS)}."
+                f"{', '.join(KINDS)}."
             )
         cls.kind = defined[0] if defined else None
 
@@ -123,6 +126,80 @@ class ShinozukaNoise(Excitation):
         frequencies = self.band[0] + self.spacing * np.arange(1, self.components + 1)
         amplitude = math.sqrt(2.0 * 4.0 * math.pi * self.spectral_density * self.spacing)
         return 2.0 * math.pi * frequencies, np.full(self.components, amplitude)
+
+
+class Weights(Mapping[str, float]):
+    """Numbers by name, which do not change and can be compared, hashed and pickled."""
+
+    __slots__ = ("_numbers",)
+
+    def __init__(self, numbers: Mapping[str, float]) -> None:
+        self._numbers = dict(numbers)
+
+    def __getitem__(self, name: str) -> float:
+        return self._numbers[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._numbers.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Weights, (self._numbers,)
+
+    def __repr__(self) -> str:
+        return repr(self._numbers)
+
+
+class Source(Component):
+    """One excitation of several bodies, or one more of a body: the force on each is a weight times the excitation.
+
+    A network has it under a name of its own, by which its random numbers are addressed, such as
+    ``excitations={"ground": il.Source(il.WhiteNoise(0.2), on={"left": -3.0, "right": -1.0})}`` for the motion of the
+    ground below two bodies of 3 and 1 kg, whose displacements are then those beside the ground: 0.2 m2 s-3 rad-1 is
+    the spectral density of its acceleration.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        What all of them feel.
+    on : mapping of str to float, or str
+        Weight of the force on each body, by the body's name. A name alone has the weight 1.
+
+    Raises
+    ------
+    InvalidInput
+        If it drives nothing, or a weight is 0 or not finite.
+    """
+
+    excitation: Excitation = parameter(kw_only=False)
+    on: Any = parameter()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.excitation, Mapping):
+            object.__setattr__(self, "excitation", Excitation.from_dict(self.excitation))
+        if not isinstance(self.excitation, Excitation):
+            raise InvalidInput(
+                f"Source.excitation must be an excitation such as il.WhiteNoise(1.0), not {self.excitation!r}."
+            )
+        on = {self.on: 1.0} if isinstance(self.on, str) else self.on
+        if not isinstance(on, Mapping) or not all(isinstance(name, str) for name in on):
+            raise InvalidInput(f"Source.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")
+        if not on:
+            raise InvalidInput("Source.on is empty, so that it drives nothing; name the bodies with their weights.")
+        weights = {name: finite(f"Source.on: the weight of {name!r}", weight) for name, weight in on.items()}
+        for name, weight in weights.items():
+            if not weight:
+                raise InvalidInput(f"Source.on: the weight of {name!r} is 0; leave it out, or give it another.")
+        object.__setattr__(self, "on", Weights(weights))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**super().to_dict(), "on": dict(self.on)}
 
 
 def _two_sided(cls: type, per_hertz: float) -> float:

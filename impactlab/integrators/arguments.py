@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import b1, f4, f8, i8, types, u4, u8, void
@@ -215,6 +216,38 @@ class _Types:
 
 
 OF_LANES, OF_ONE = _Types(False), _Types(True)
+
+
+class NoiseRows(NamedTuple):
+    """Rows of white noise, with the first row of each body first, by slot.
+
+    Rows of one stream and one number have the same normals.
+    """
+
+    bodies: np.ndarray  # (row,) slots
+    streams: tuple[str, ...]  # names of bodies or of sources
+    numbers: np.ndarray  # (row,) which normal of the stream in a step, from 0 on
+    noises: np.ndarray  # (row,) which white noise of the network it is, -1 where several are in one
+    amplitude: np.ndarray  # (phase, row, 2) of displacement and velocity, or nothing and force
+
+    def ordered(self) -> Self:
+        """Return the rows in the order that the loops want."""
+        _, first = np.unique(self.bodies, return_index=True)
+        order = np.concatenate([first, np.setdiff1d(np.arange(len(self.bodies)), first)])
+        streams = tuple(self.streams[row] for row in order)
+        bodies, numbers, noises = (item[order] for item in (self.bodies, self.numbers, self.noises))
+        return self._replace(
+            bodies=bodies, streams=streams, numbers=numbers, noises=noises, amplitude=self.amplitude[:, order]
+        )
+
+    def with_others(self, others: Sequence[NoiseRows]) -> NoiseRows:
+        """Return these rows and others."""
+        parts = [self, *others]
+        bodies, numbers, noises = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("bodies", "numbers", "noises")
+        )
+        streams = tuple(name for part in parts for name in part.streams)
+        return NoiseRows(bodies, streams, numbers, noises, np.concatenate([part.amplitude for part in parts], axis=1))
 
 
 class Group(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
-from impactlab.integrators.arguments import Cross, Flows
+from impactlab.integrators.arguments import Cross, Flows, NoiseRows
 
 
 class Integrator(Component):
@@ -104,8 +104,8 @@ class Integrator(Component):
         """Return the numbers per body that the loop takes, (phase, body, column)."""
         raise NotImplementedError
 
-    def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of white noise: slots of their bodies, (row,), and `Noise.amplitude`."""
+    def noise(self, model: Model, step: float) -> NoiseRows:
+        """Return the rows of white noise."""
         raise NotImplementedError
 
     def flows(self, model: Model, step: float) -> Flows | None:
@@ -138,7 +138,7 @@ class Integrator(Component):
         InvalidInput
             Names the body, what was given and what would work.
         """
-        for name, excitation in model.network.excitations.items():
+        for name, excitation in [pair for kind in model.sources.values() for pair in kind.named()]:
             if excitation.kind not in self.handles:
                 raise InvalidInput(
                     f"{type(self).__name__} does not handle the excitation of {name!r} "

@@ -9,10 +9,11 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.component import parameter
-from impactlab.integrators.arguments import Cross, Flows, Group
+from impactlab.integrators.arguments import Cross, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.integrators.kicks import KICK, PUSH, SPLIT_FRICTION, kick, slot_of
+from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.flow import flow, flow_between, push_between
 from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
@@ -142,7 +143,7 @@ class ExactFlow(Integrator):
         return flowing([part for part in parts if (part & stiff).any()])
 
     def cross(self, model: Model, step: float) -> Cross:
-        groups = self.flows(model, step).groups
+        groups = self.flows(with_own_noise(model), step).groups
         if not groups:
             return super().cross(model, step)
         blocks = []
@@ -155,8 +156,10 @@ class ExactFlow(Integrator):
             blocks.append((np.stack([group.slots[body], group.slots[other]], axis=1), flow, noise, push))
         bodies, flow, noise, push = (np.ascontiguousarray(np.concatenate(part)) for part in zip(*blocks, strict=True))
         rows = np.full((2, len(model.mass)), -1)
-        for row, body in enumerate(self.noise(model, step)[0]):
-            rows[int(rows[0, body] >= 0), body] = row
+        noise_rows = self.noise(model, step)
+        for row, (body, name) in enumerate(zip(noise_rows.bodies, noise_rows.streams, strict=True)):
+            if name == model.bodies[body]:
+                rows[int(rows[0, body] >= 0), body] = row
         return Cross(bodies, flow, noise, push, rows)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
@@ -168,17 +171,26 @@ class ExactFlow(Integrator):
         constant = np.column_stack([*of_mass, np.full_like(model.mass, 0.5 * step), *response.T])
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
-    def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
-        split, flows = self._split(model, step), self.flows(model, step)
+    def noise(self, model: Model, step: float) -> NoiseRows:
+        own, split = with_own_noise(model), self._split(model, step)
+        flows = self.flows(own, step)
         columns = np.stack([noise_columns(q) for q in flows.covariance])  # (phase, 2, body, 2)
-        noisy = set(model.white)
+        noisy = set(own.white)
         for group in flows.groups:  # two normals for each body, as soon as there is noise on one
             columns[:, :, group.slots] = _own(noise_root(group.covariance)).transpose(2, 0, 1)
             noisy |= set(group.slots.tolist()) if group.system.intensity.any() else set()
         first = np.array(sorted(noisy), dtype=np.int64)
         second = first[~split[first]]
         slots, which = np.append(first, second), np.repeat((0, 1), (len(first), len(second)))
-        return slots, columns[:, which, slots]
+        number = np.full(len(model.mass), -1)
+        number[[*own.white]] = np.arange(len(own.white))
+        names = tuple(model.bodies[slot] for slot in slots)
+        rows = NoiseRows(slots, names, which, number[slots], columns[:, which, slots])
+        others = model.sources["intensity"].beyond_own
+        if not others:
+            return rows
+        places = GAUSS[: len(columns)]
+        return rows.with_others([rows_of_source(model, split, step, source, places) for source in others]).ordered()
 
     def flows(self, model: Model, step: float) -> Flows:
         return _flows(model, self, step)

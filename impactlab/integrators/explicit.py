@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.integrators.arguments import NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.kernels.jit import inlined
@@ -101,10 +102,13 @@ class ExplicitIntegrator(Integrator):
     def coefficients(self, model: Model, step: float) -> np.ndarray:
         return np.column_stack([model.mass, model.damping, model.stiffness])[None]
 
-    def noise(self, model: Model, step: float) -> tuple[np.ndarray, np.ndarray]:
-        rows = np.array(model.white, dtype=np.int64)
-        force = np.sqrt(2.0 * np.pi * model.reference_intensities()[rows] / step)
-        return rows, np.stack([np.zeros_like(force), force], axis=1)[None]
+    def noise(self, model: Model, step: float) -> NoiseRows:
+        noises = model.sources["intensity"]
+        source, body, weight = noises.drives
+        force = weight * np.sqrt(2.0 * np.pi * model.reference_densities()[source] / step)
+        amplitude = np.stack([np.zeros_like(force), force], axis=1)[None]
+        names = tuple(noises.names[number] for number in source)
+        return NoiseRows(body, names, np.zeros_like(source), source, amplitude).ordered()
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         return min(self._stable(model, tangent, residual), _sampled_step(model))
@@ -123,7 +127,8 @@ def _sampled_step(model: Model) -> float:
     Runge-Kutta methods too, whose weights of the samples in between do not cancel it.
     """
     natural = model.natural_frequencies
-    highest = max((float(item.frequencies.max() + natural[item.body]) for item in lines_of(model)), default=0.0)
+    tops = [float(item.frequencies.max() + natural[[*item.bodies]].max()) for item in lines_of(model)]
+    highest = max(tops, default=0.0)
     return 2.0 * np.pi / highest if highest > 0.0 else float("inf")
 
 

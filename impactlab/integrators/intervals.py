@@ -45,12 +45,12 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
 
 
 def may_jump(model: Model, deviations: np.ndarray) -> bool:
-    """Whether nothing but contacts without states acts on bodies that move each by itself.
+    """Whether nothing but contacts without states acts on bodies that move each by itself, under their own noise.
 
     States may change while a contact is open.
     """
     others = len(model.coupled) or model.members.of_role("residual") or model.remembering
-    alone = not others and 0 < len(model.ends) <= MOST_CONTACTS
+    alone = not (others or model.sources["intensity"].beyond_own) and 0 < len(model.ends) <= MOST_CONTACTS
     return alone and model.ends.plain and bool((deviations > 0.0).all())
 
 

@@ -54,7 +54,7 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
     seed : tuple of int
         128 bits of seed as two words of 64 bits.
     name : str
-        Name of the body.
+        Name of the body or of the source.
     purpose : str
         What the numbers are for, at most 16 bytes ("noise", "start", "phases").
 
@@ -74,10 +74,11 @@ def addresses(seed: tuple[int, int], names: Iterable[str], purpose: str) -> np.n
     return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
-def streams_of(seed: tuple[int, int], names: Sequence[str]) -> np.ndarray:
-    """Return the addresses of rows of noise, (3, row); a second row of a body has a stream of its own."""
-    number = len(set(names))  # second rows come last
-    return np.hstack([addresses(seed, names[:number], "noise"), addresses(seed, names[number:], "noise 2")])
+def streams_of(seed: tuple[int, int], names: Sequence[str], numbers: Sequence[int]) -> np.ndarray:
+    """Return the addresses of rows of noise, (3, row), from names of bodies or sources and numbers of their normals."""
+    purposes = ["noise" if number == 0 else f"noise {number + 1}" for number in numbers]
+    streams = [stream(seed, name, purpose) for name, purpose in zip(names, purposes, strict=True)]
+    return np.array(streams, dtype=np.uint64).reshape(-1, 3).T.copy()
 
 
 @scalar

@@ -10,12 +10,13 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """A sum of cosines on one body."""
+    """A sum of cosines on one body or several."""
 
-    body: int  # slot
-    name: str  # of the body, which names the stream of the phases
+    bodies: tuple[int, ...]  # slots
+    name: str  # of the body or the source, which names the stream of the phases
     frequencies: np.ndarray  # (line,) angular (rad s-1)
     amplitudes: np.ndarray  # (line,) of the force (N)
+    weights: tuple[float, ...] = (1.0,)  # factor of the force on each body
 
 
 def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.excitation import Excitation
+from impactlab.components.excitation import Excitation, Source
 from impactlab.errors import InvalidInput
 from impactlab.linear.transitions import response_to_force, transition
 
@@ -82,7 +82,8 @@ def joined(mean: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def kinds_of(model: Model) -> dict[Excitation, str]:
     """Return the excitations that are functions of time, and the names of their kernels."""
     result = {}
-    for excitation in model.network.excitations.values():
+    for item in model.network.excitations.values():
+        excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
             result[excitation] = kind
@@ -144,18 +145,19 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
 
 
 def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
-    """Return the largest energy that a given force brings to a body without contacts and couplings (J).
+    """Return the largest energy that given forces bring to a body without contacts and couplings (J).
 
     The body starts at rest. Where the force varies faster than it is looked at, it acts like noise of its
     size, which brings more; where it is large it is looked at more closely, since it may be short.
     """
-    excitation = model.network.excitations[model.bodies[slot]]
-    times, force = look(model, excitation, begin, end)
+    excitations = model.sources["force"].on(slot)
+    looks = [look(model, excitation, begin, end) for excitation, _ in excitations]
+    times = looks[0][0]
+    force = np.sum([weight * values for (_, weight), (_, values) in zip(excitations, looks, strict=True)], axis=0)
     interval = (end - begin) / len(times)
     places = np.unique(_drawn(force, SPOTS)) if force.any() else np.zeros(0, dtype=int)
     inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
-    force = force.copy()
-    force[places] = excitation.call("force", inside).mean(axis=1)
+    force[places] = sum(weight * item.call("force", inside).mean(axis=1) for item, weight in excitations)
     m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]
     (a_xx, a_xv), (a_vx, a_vv) = transition(m, c, k, np.zeros(1), interval)[0][0].tolist()
     of_x, of_v = response_to_force(m, c, k, interval)[0, :2].tolist()

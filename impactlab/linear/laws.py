@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.assembly.model import Model, kept
 from impactlab.errors import InvalidInput
 from impactlab.linear.cosines import Lines, receptance_of
@@ -19,18 +20,22 @@ def linear_variances(model: Model) -> np.ndarray:
     for bodies with linear couplings those of the coupled system. Infinite where there is
     no stationary law, 0 without excitation.
     """
-    return np.asarray(white_variances(model, model.initial_intensities) + line_variances(model))
+    return np.asarray(white_variances(model, model.initial_densities) + line_variances(model))
 
 
-def white_variances(model: Model, intensity: np.ndarray) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that white noise of some densities makes, (2, body)."""
-    own = (intensity == model.initial_intensities).all()
+def white_variances(model: Model, densities: np.ndarray) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that the white noises make, of some densities, (2, body)."""
+    noises = model.sources["intensity"]
+    intensity = noises.added(densities, len(model.bodies))
+    own = (densities == model.initial_densities).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity = np.pi * intensity / (model.mass * model.damping)
         displacement = np.pi * intensity / (model.damping * model.stiffness)
     result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
     for slots, system in coupled_systems(model):
-        result[:, slots] = (system if own else replace(system, intensity=intensity[slots])).variances()
+        result[:, slots] = (
+            system if own else replace(system, intensity=noises.matrix(densities, intensity, slots))
+        ).variances()
     return np.asarray(result)
 
 
@@ -110,24 +115,29 @@ def responses(
     joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
     result = []
     for item in lines_of(model):
-        slot, slots = item.body, np.array([item.body])
-        if slot in joint:
-            slots, system = joint[slot]
-            response = system.receptance(slots.tolist().index(slot), item.frequencies)
-        else:
-            response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
-            response = response[:, None]
-        result.append((slots, response))
+        of_slots: dict[int, np.ndarray] = {}
+        for slot, weight in zip(item.bodies, item.weights, strict=True):
+            slots = np.array([slot])
+            if slot in joint:
+                slots, system = joint[slot]
+                response = system.receptance(slots.tolist().index(slot), item.frequencies)
+            else:
+                response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
+                response = response[:, None]
+            for reached, column in zip(slots.tolist(), response.T, strict=True):
+                own = (np.ascontiguousarray(column).view(float) * weight).view(complex)  # infinite at a resonance
+                with np.errstate(invalid="ignore"):
+                    of_slots[reached] = of_slots[reached] + own if reached in of_slots else own
+        moved = sorted(of_slots)
+        result.append((np.array(moved), np.stack([of_slots[slot] for slot in moved], axis=1)))
     return tuple(result)
 
 
 @kept
 def lines_of(model: Model) -> tuple[Lines, ...]:
     """Return the sums of cosines of a network."""
-    result = []
-    for slot in model.lines:
-        name = model.bodies[slot]
-        excitation = model.network.excitations[name]
+    result, sums = [], model.sources["lines"]
+    for number, (name, excitation) in enumerate(sums.named()):
         parts = excitation.lines()  # type: ignore[attr-defined]
         frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
         same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
@@ -136,14 +146,14 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
                 f"{type(excitation).__name__}.lines must return two finite, non-empty arrays of equal length, angular "
                 f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
             )
-        result.append(Lines(slot, name, frequencies, amplitudes))
+        bodies, weights = sums.driven(number)
+        result.append(Lines(tuple(bodies.tolist()), name, frequencies, amplitudes, tuple(weights.tolist())))
     return tuple(result)
 
 
 @kept
 def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return the slots and the linear system of every group of bodies that linear couplings connect."""
-    intensity = model.initial_intensities
     return tuple(
         (
             slots,
@@ -151,11 +161,38 @@ def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
                 model.mass[slots],
                 np.diag(model.damping[slots]) + damping,
                 np.diag(model.stiffness[slots]) + stiffness,
-                intensity[slots],
+                model.intensity_matrix(slots),
             ),
         )
         for slots, stiffness, damping in model.coupled_parts()
     )
+
+
+@kept
+def correlated_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+    """Return :func:`coupled_systems`, in which those are one that white noises drive together."""
+    return joined_systems(model, coupled_systems(model), model.sources["intensity"].joining)
+
+
+def joined_systems(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...], together: list[np.ndarray]
+) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
+    """Join systems and bodies alone, where some slots belong together, (n,) each; other systems stay as they are."""
+    if not together:
+        return systems
+    pairs = [np.stack([slots[:-1], slots[1:]], axis=1) for slots in [*together, *(pair[0] for pair in systems)]]
+    labels = connected_parts(Pairs(len(model.bodies), np.concatenate(pairs)))
+    touched = np.unique(labels[np.concatenate(together)])
+    result = [pair for pair in systems if labels[pair[0][0]] not in touched]
+    for part in touched:
+        slots = np.flatnonzero(labels == part)
+        damping, stiffness = np.diag(model.damping[slots]), np.diag(model.stiffness[slots])
+        for own, system in systems:
+            if labels[own[0]] == part:
+                here = np.ix_(*[np.searchsorted(slots, own)] * 2)
+                damping[here], stiffness[here] = system.damping, system.stiffness
+        result.append((slots, LinearSystem(model.mass[slots], damping, stiffness, model.intensity_matrix(slots))))
+    return tuple(result)
 
 
 def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:

@@ -31,7 +31,7 @@ class LinearSystem:
     mass: np.ndarray  # (body,) diagonal of M (kg)
     damping: np.ndarray  # (body, body) C (N s m-1)
     stiffness: np.ndarray  # (body, body) K (N m-1)
-    intensity: np.ndarray  # (body,) two-sided spectral densities of the noises (N2 s rad-1)
+    intensity: np.ndarray  # (body, body) two-sided spectral densities of the white noises and between them (N2 s rad-1)
 
     @cached_property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -99,16 +99,17 @@ class LinearSystem:
         if not self.rates.all():
             return None
         held = self.directions[0].shape[1]
-        growth = np.concatenate([np.zeros(held), 2.0 * np.pi * self.intensity / self.mass**2])
+        growth = np.zeros(self.drift.shape)
+        growth[held:, held:] = 2.0 * np.pi * self.intensity / np.outer(self.mass, self.mass)
         largest, slowest = np.abs(self.drift).max(), self.rates.min()
         if largest <= APART * slowest:
-            reduced = solve_continuous_lyapunov(self.drift, -np.diag(growth))
+            reduced = solve_continuous_lyapunov(self.drift, -growth)
         else:
             units = self.units
             drift = units[:, None] * self.drift / units
             if np.abs(drift).max() > MOST_APART * slowest:
                 return None
-            reduced = stationary(*_over_step(drift, units**2 * growth)) / np.outer(units, units)
+            reduced = stationary(*_over_step(drift, np.outer(units, units) * growth)) / np.outer(units, units)
         return np.asarray(self.reduction.T @ reduced @ self.reduction)
 
     def thermal_covariance(self, temperature: float) -> np.ndarray:
@@ -153,7 +154,7 @@ def _over_step(drift: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.nd
     from scipy.linalg import expm
 
     step, count = 1.0 / np.abs(drift).max(), len(drift)
-    block = expm(step * van_loan(drift, np.diag(growth)))
+    block = expm(step * van_loan(drift, growth))
     transition = block[count:, count:].T
     return transition, transition @ block[:count, count:]
 

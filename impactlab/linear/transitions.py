@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 """Nodes of Gauss's rule with two points on (0, 1)."""
+
+_NOTHING = 1e-12
+"""Part of a variance below which rounding makes what is left of it."""
 
 
 def transition(
@@ -59,10 +63,12 @@ def system_transition(
 
     Parameters
     ----------
-    mass, intensity : (n,) ndarray
-        As in `transition`.
+    mass : (n,) ndarray
+        (kg)
     damping, stiffness : (n, n) ndarray
         Matrices C and K (N s m-1, N m-1).
+    intensity : (n, n) ndarray
+        Two-sided spectral densities of the forces and between them (N2 s rad-1).
     step : float
         Step (s).
     rate : float
@@ -129,10 +135,35 @@ def split_transition(
     friction = np.zeros_like(before)
     friction[:, 0, 0], friction[:, 1, 1] = 1.0, np.exp(-decay)
     noise = np.zeros_like(before)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.where(decay > 0.0, -np.expm1(-2.0 * decay) / (2.0 * decay), 1.0)
-    noise[:, 1, 1] = 2.0 * np.pi * intensity / mass**2 * step * mean
+    noise[:, 1, 1] = 2.0 * np.pi * intensity / mass**2 * step * _kept_of_noise(decay)
     return after @ friction @ before, after @ noise @ after.transpose(0, 2, 1)
+
+
+def split_noise(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, size: np.ndarray, step: float, places: Sequence[float]
+) -> np.ndarray:
+    """Return what a normal number adds to (x, v) in the flow of `split_transition`, (place, n, 2).
+
+    Parameters
+    ----------
+    mass, damping, stiffness, step
+        As in `transition`.
+    size : (n,) ndarray
+        Root of 2π times the two-sided spectral density of the force, with its sign.
+    places : sequence of float
+        Moments when friction and noise act, as parts of the step.
+    """
+    change = size / mass * np.sqrt(step * _kept_of_noise(damping / mass * step))
+    still = np.zeros_like(mass)
+    after = [transition(mass, still, stiffness, still, (1.0 - place) * step)[0][:, :, 1] for place in places]
+    result: np.ndarray = np.stack(after) * change[:, None]
+    return result
+
+
+def _kept_of_noise(decay: np.ndarray) -> np.ndarray:
+    """Return how much of the variance that noise gives in a step friction leaves, which alone decays by so much."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(decay > 0.0, -np.expm1(-2.0 * decay) / (2.0 * decay), 1.0))
 
 
 def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
@@ -191,9 +222,9 @@ def drift_matrix(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -
 
 
 def diffusion_matrix(mass: np.ndarray, intensity: np.ndarray) -> np.ndarray:
-    """Return what white noise adds to the covariance of (x, v) per time, (2 n, 2 n)."""
-    growth = 2.0 * np.pi * intensity / mass**2
-    return np.diag(np.concatenate([np.zeros_like(growth), growth]))
+    """Return what white noise adds to the covariance of (x, v) per time, (2 n, 2 n); see `system_transition`."""
+    none = np.zeros_like(intensity)
+    return np.block([[none, none], [none, 2.0 * np.pi * intensity / np.outer(mass, mass)]])
 
 
 def van_loan(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
@@ -238,6 +269,16 @@ def noise_columns(q: np.ndarray) -> np.ndarray:
     l_vx = np.where(singular, np.copysign(np.sqrt(q[:, 1, 1]), q[:, 0, 1]), l_vx)
     l_vv = np.where(singular, 0.0, np.sqrt(rest))
     return np.stack([np.column_stack([l_xx, l_vx]), np.column_stack([np.zeros_like(l_vv), l_vv])])
+
+
+def lower_root(q: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return the lower triangular root of a covariance, with 0 where its rank is exhausted to a part of `size`."""
+    rest, root = q.copy(), np.zeros_like(q)
+    for column in range(len(q)):
+        if rest[column, column] > _NOTHING * size[column]:
+            root[column:, column] = rest[column:, column] / math.sqrt(rest[column, column])
+            rest -= np.outer(root[:, column], root[:, column])
+    return root
 
 
 def noise_root(q: np.ndarray) -> np.ndarray:

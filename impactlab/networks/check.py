@@ -192,6 +192,8 @@ def _modes(
         note = "No bias is predicted: no body is under white noise."
     elif model.remembering:
         note = "No bias is predicted: laws have states."
+    elif model.sources["intensity"].joining:
+        note = "No bias is predicted: one white noise drives several bodies."
     elif exact is None:
         note = "No bias is predicted: the network with closed contacts has no stationary law."
     elif discrete is None and np.isfinite(step):

@@ -45,7 +45,7 @@ class CompiledNetwork:
         bodies, contacts = len(self.model.bodies), len(self.model.contacts)
         self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))
         self._contacts = np.zeros((1, contacts, 1)), np.zeros((1, contacts, 1))
-        self._given = np.zeros((1, len(self.model.forced)))
+        self._given = np.zeros((1, len(self.model.sources["force"].names)))
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         """Return dy/dt for a state y (2 bodies,), as `scipy.integrate.solve_ivp` wants it."""
@@ -55,7 +55,8 @@ class CompiledNetwork:
         force = self._forces(x, v) - model.stiffness * x - model.damping * v
         if model.forced:
             self._module.forcing(np.array([float(t)]), model.members.parameters, model.members.indices, self._given)
-            force[list(model.forced)] += self._given[0]
+            number, body, weight = model.sources["force"].drives
+            np.add.at(force, body, weight * self._given[0, number])
         return np.concatenate([v, force / model.mass])
 
     def _forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:

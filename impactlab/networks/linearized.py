@@ -61,7 +61,8 @@ class LinearizedNetwork:
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none."""
         model = self.model
-        system = LinearSystem(model.mass, self.braked + self.damping, self.held + self.added, model.intensities())
+        noise = model.intensity_matrix(np.arange(model.wall))
+        system = LinearSystem(model.mass, self.braked + self.damping, self.held + self.added, noise)
         return None if system.free.any() else system.covariance
 
     def discrete_covariance(self, integrator: Integrator, step: float) -> np.ndarray | None:
@@ -84,7 +85,7 @@ class LinearizedNetwork:
         for coefficient in polynomial:  # Horner's scheme; what `forcing` lags behind is the division by w
             forcing = growth
             growth = growth @ scaled + coefficient * np.eye(len(scaled))
-        diffusion = diffusion_matrix(model.mass, model.intensities())
+        diffusion = diffusion_matrix(model.mass, model.intensity_matrix(np.arange(model.wall)))
         return stationary(growth, step * forcing @ diffusion @ forcing.T)
 
     def _covariance_of_kicks(self, integrator: ExactFlow, step: float) -> np.ndarray:

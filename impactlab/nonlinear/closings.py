@@ -7,7 +7,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.contact import contact_forces
 from impactlab.integrators.base import Integrator
-from impactlab.linear.laws import coupled_systems, flexibility, hottest, linear_variances, lines_of
+from impactlab.linear.laws import correlated_systems, flexibility, hottest, linear_variances, lines_of
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 COLDER = 4.0
@@ -67,7 +67,7 @@ def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
     cold = (model.damping == 0.0) & ~model.excited & (variance == 0.0)  # as hot as their part
     variance = np.where(cold, hottest(model, model.mass * variance) / model.mass, variance)
     relative = model.ends.squares(variance)
-    for slots, system in coupled_systems(model):
+    for slots, system in correlated_systems(model):
         if system.covariance is not None and system.intensity.any():
             relative += model.ends.mixed(system.covariance[len(slots) :, len(slots) :], slots)
     mobility = model.ends.squares(1.0 / model.mass)
@@ -100,5 +100,6 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     density = np.mean([model.intensities(float(time)) for time in times], axis=0)
     for item in lines_of(model):
         near = np.abs(np.log2(item.frequencies * step / np.pi)) < 1.0
-        density[item.body] += 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
+        own = 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
+        np.add.at(density, [*item.bodies], np.square(item.weights) * own)
     return np.asarray(np.sqrt(model.ends.squares(2.0 * np.pi * step * density / model.mass**2)))

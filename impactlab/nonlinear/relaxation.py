@@ -203,10 +203,23 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
     pushed[model.ends.chosen(model.clearance < 0.0).slots] = True
     pushed[model.coupled.slots] = True
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        warmth = warmth * _together(model)
         variance = warmth * model.ends.squares(flexibility(model))
         velocity = np.sqrt(warmth * model.ends.squares(1.0 / model.mass))
         rate = _rice(velocity, variance, np.maximum(model.clearance, 0.0))
     return np.where(model.ends.any(pushed[:-1]) | ~np.isfinite(variance), np.inf, rate)
+
+
+def _together(model: Model) -> np.ndarray:
+    """Return how many bodies of each contact are moved by sources that drive several, which adds so much, (contact,).
+
+    The mean square of a sum of n terms is n times the sum of theirs at most; it is that sum where none is correlated.
+    """
+    common = np.zeros(model.wall + 1)
+    for kind in model.sources.values():
+        common[kind.of_several] = 1.0
+    ends = model.ends
+    return np.maximum(np.bincount(ends.rows, common[ends.slots], len(ends)), 1.0)
 
 
 def _rice(velocity: np.ndarray, variance: np.ndarray, level: np.ndarray) -> np.ndarray:

@@ -34,12 +34,12 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start or of the response to a given force, whichever is largest.
     """
-    intensity, of_time = model.initial_intensities.copy(), kinds_of(model)
-    for slot in model.white:
-        excitation = model.network.excitations[model.bodies[slot]]
+    noises, densities, of_time = model.sources["intensity"], model.initial_densities.copy(), kinds_of(model)
+    for number, excitation in enumerate(noises.excitations):
         if excitation in of_time:
-            intensity[slot] = look(model, excitation, -spin_up, duration)[1].max()
-    heat = model.mass * white_variances(damped(model)[0], intensity)[1]
+            densities[number] = look(model, excitation, -spin_up, duration)[1].max()
+    intensity = noises.added(densities, len(model.bodies))
+    heat = model.mass * white_variances(damped(model)[0], densities)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * line_variances(model)[1]

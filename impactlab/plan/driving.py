@@ -26,25 +26,41 @@ class Driving:
     responses : tuple
         What each of them moves; see `impactlab.linear.laws.responses`.
     forced : (row,) ndarray of int
-        Slots of the bodies under given forces.
+        Slots of the bodies under given forces, once for each of them.
+    forces : (row,) ndarray of int
+        Which given force it is.
+    weights : (row,) ndarray
+        Factor of it.
     """
 
     lines: tuple[Lines, ...]
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
     forced: np.ndarray
+    forces: np.ndarray
+    weights: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> Driving:
         """Return those of a model."""
         moved = responses(model, flowing_systems(model))
-        return cls(lines_of(model), moved, np.array(model.forced, dtype=np.int64))
+        number, body, weight = model.sources["force"].drives
+        return cls(lines_of(model), moved, body, number, weight)
 
     def __bool__(self) -> bool:
         return bool(self.lines or len(self.forced))
 
     def rows(self, integrator: Integrator) -> list[int]:
         """Rows of samples that a method takes of each sum of cosines."""
-        return [2 * len(slots) if integrator.takes_response else 1 for slots, _ in self.responses]
+        return [(2 if integrator.takes_response else 1) * len(slots) for slots, _ in self.responses]
+
+    @property
+    def given(self) -> int:
+        """Number of given forces."""
+        return int(self.forces.max(initial=-1)) + 1
+
+    def on_bodies(self, values: np.ndarray) -> np.ndarray:
+        """Return what given forces, (n, force), are on the bodies, (n, row)."""
+        return np.ascontiguousarray(values[:, self.forces] * self.weights)
 
     def nbytes(self, integrator: Integrator, step: float, steps: int, more: int = 0) -> int:
         """Bytes of the samples of a realization, and of some rows more."""
@@ -73,7 +89,7 @@ def check_periods(model: Model, total: float) -> float | None:
     InvalidInput
         If a series would repeat within the run.
     """
-    for name, excitation in model.network.excitations.items():
+    for name, excitation in [pair for kind in model.sources.values() for pair in kind.named()]:
         if total > excitation.period * (1.0 + 1e-9):
             raise InvalidInput(
                 f"The series of {name!r} repeats after {excitation.period:g} s, but the run with its spin-up takes "
@@ -89,10 +105,12 @@ def check_periods(model: Model, total: float) -> float | None:
 def warn_of_bands(model: Model) -> None:
     """Warn of series that hardly excite their body: no line near its natural frequency."""
     for item in lines_of(model):
-        natural = math.sqrt(model.stiffness[item.body] / model.mass[item.body])
-        if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
-            warn(
-                f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
-                f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain its natural frequency "
-                f"{natural / (2 * math.pi):g} Hz."
-            )
+        for body in item.bodies:
+            natural = math.sqrt(model.stiffness[body] / model.mass[body])
+            if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
+                whose = "its natural frequency" if item.name in model.bodies else f"that of {model.bodies[body]!r},"
+                warn(
+                    f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
+                    f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain {whose} "
+                    f"{natural / (2 * math.pi):g} Hz."
+                )

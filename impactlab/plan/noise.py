@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,31 @@ from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import streams_of
 from impactlab.plan.subdomains import Tile
+
+
+class Shares(NamedTuple):
+    """How much of the density of the white noise on each body is that of each noise."""
+
+    noise: np.ndarray  # (pair,) number of the noise
+    body: np.ndarray  # (pair,) place of the body among those under white noise
+    share: np.ndarray  # (pair,)
+    noises: int  # how many there are
+    bodies: int
+
+    @classmethod
+    def of(cls, model: Model, intensity: np.ndarray) -> Shares:
+        """Return those of a model in which the bodies have some densities, (body,)."""
+        noises = model.sources["intensity"]
+        number, body, weight = noises.drives
+        with np.errstate(invalid="ignore"):
+            share = weight**2 * model.reference_densities()[number] / intensity[body]
+        return cls(number, np.searchsorted(model.white, body), share, len(noises.names), len(model.white))
+
+    def added(self, factor: np.ndarray) -> np.ndarray:
+        """Return by what the density on each body changes, (n, body), where those of all noises do, (n, noise)."""
+        result = np.zeros((self.bodies, len(factor)))
+        np.add.at(result, self.body, (self.share * factor[:, self.noise]).T)
+        return result.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +57,16 @@ class WhiteNoises:
         Addresses of the noise.
     intensity : (white,) ndarray
         Density of the noise on `white` that the amplitudes were made with.
+    shares : Shares
+        Parts of that which each noise has.
+    noises : (row,) ndarray of int
+        Which noise it is.
     time_varying : bool
-        Whether it depends on time.
+        Whether densities depend on time.
     random : (body,) ndarray of bool
         Whether noise of any kind reaches each body.
+    common : (body,) ndarray of bool
+        Whether a noise on each body drives others, too.
     coarse : bool
         Whether a step takes the noise that a run at half the step has in two.
     """
@@ -45,24 +77,34 @@ class WhiteNoises:
     amplitude: np.ndarray
     streams: np.ndarray
     intensity: np.ndarray
+    shares: Shares
+    noises: np.ndarray
     time_varying: bool
     random: np.ndarray
+    common: np.ndarray
     coarse: bool
 
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> WhiteNoises:
         """Return the white noise of a model as a method takes it at a step (s)."""
         white = np.array(model.white, dtype=np.int64)
-        rows, amplitude = integrator.noise(model, step)
+        rows = integrator.noise(model, step)
+        intensity = model.reference_intensities()
+        common = np.zeros(len(model.bodies), dtype=bool)
+        for slots in model.sources["intensity"].joining:
+            common[slots] = True
         return cls(
             white=white,
-            rows=rows,
-            runs=_runs(rows, len(model.bodies)),
-            amplitude=np.ascontiguousarray(amplitude.transpose(0, 2, 1)),
-            streams=streams_of(seed, [model.bodies[slot] for slot in rows]),
-            intensity=model.reference_intensities()[white],
+            rows=rows.bodies,
+            runs=_runs(rows.bodies, len(model.bodies)),
+            amplitude=np.ascontiguousarray(rows.amplitude.transpose(0, 2, 1)),
+            streams=streams_of(seed, rows.streams, rows.numbers.tolist()),
+            intensity=intensity[white],
+            shares=Shares.of(model, intensity),
+            noises=rows.noises,
             time_varying=model.time_varying,
             random=model.random,
+            common=common,
             coarse=coarse,
         )
 
@@ -82,7 +124,9 @@ class WhiteNoises:
             runs=_runs(rows, len(tile.bodies)),
             amplitude=np.ascontiguousarray(self.amplitude[:, :, chosen]),
             streams=np.ascontiguousarray(self.streams[:, chosen]),
+            noises=self.noises[chosen],
             random=self.random[tile.bodies],
+            common=self.common[tile.bodies],
         )
 
 

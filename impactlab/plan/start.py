@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
-from impactlab.linear.laws import coupled_systems, linear_variances
+from impactlab.linear.laws import correlated_systems, linear_variances, white_variances
 from impactlab.plan.subdomains import Tile
 
 
@@ -30,7 +30,7 @@ class Start:
     deviations : (2, body) ndarray
         Standard deviations of displacement and velocity under white noise, for a stationary start.
     factors : tuple
-        Pairs for such a start: slots of bodies that couplings connect, root of the covariance of their (x, v).
+        Pairs for such a start: slots of bodies that couplings or noises connect, root of the covariance of (x, v).
     rest : (body,) ndarray
         Displacements of bodies that start at rest (m).
     """
@@ -87,12 +87,11 @@ def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> 
     They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
     but contacts can heat start at the temperature that is expected of them, where it is known.
     """
-    velocity = linear_variances(model)[1]
+    velocity = white_variances(model, model.initial_densities)[1]
     velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + residual), velocity])
     variances[~np.isfinite(variances)] = 0.0
-    variances[:, list(model.lines)] = 0.0
     result: np.ndarray = np.sqrt(variances)
     return result
 
@@ -128,13 +127,13 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
 
 
 def _factors(model: Model, residual: np.ndarray, temperature: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Return the slots of bodies that linear couplings connect, and a root of the covariance of their (x, v).
+    """Return slots of bodies that linear couplings or white noises connect, and a root of the covariance of (x, v).
 
     Residual forces narrow the law. What only contacts can heat has the `temperature` given for it (J), (body,).
     Without a stationary law the root is 0.
     """
     result = []
-    for slots, system in coupled_systems(model):
+    for slots, system in correlated_systems(model):
         added = residual[slots]
         stiffer = replace(system, stiffness=system.stiffness + np.diag(added)) if added.any() else system
         cold = not system.damping.any() and not model.excited[slots].any()

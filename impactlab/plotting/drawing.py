@@ -13,6 +13,7 @@ from matplotlib.patches import FancyBboxPatch, Rectangle
 import impactlab
 from impactlab.components.component import Component
 from impactlab.components.contact import Contact
+from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
@@ -77,8 +78,7 @@ def draw_network(network: impactlab.Network, ax: Axes | None = None) -> Figure:
         for index, name in enumerate(shown):
             side = 0 if not beside else -1 if index == 0 else 1
             _draw_body(ax, start[name], name, network.oscillators[name], side)
-            if name in network.excitations:
-                _draw_excitation(ax, start[name], network.excitations[name])
+            _draw_excitations(ax, start[name], name, network.excitations_of(name))
         if not beside:
             _hatched(ax, low + 0.1, -_BELOW - 0.12, high - low - 0.2, 0.12)
         for contact in drawn.values():
@@ -205,7 +205,9 @@ def _hatched(ax: Axes, x: float, y: float, width: float, height: float) -> None:
     ax.add_patch(Rectangle((x, y), width, height, facecolor="white", edgecolor=_GROUND, hatch="//////", lw=0.8))
 
 
-def _draw_excitation(ax: Axes, x: float, excitation: Component) -> None:
+def _draw_excitations(ax: Axes, x: float, body: str, excitations: list[tuple[str, Excitation, float]]) -> None:
+    if not excitations:
+        return
     y = _HEIGHT + 0.16
     ax.annotate(
         "",
@@ -213,10 +215,14 @@ def _draw_excitation(ax: Axes, x: float, excitation: Component) -> None:
         (x + 0.2 * _WIDTH, y),
         arrowprops={"arrowstyle": "-|>", "color": COLORS[1], "lw": 1.6, "shrinkA": 0, "shrinkB": 0},
     )
-    density = getattr(excitation, "spectral_density", None)
-    lines = [_words(excitation)]
-    if isinstance(density, float):
-        lines.append(rf"$S$ = {number_text(density)} {units_text(excitation.units('spectral_density'))}")
+    lines = []
+    for source, excitation, weight in excitations:
+        if source != body:
+            lines.append(f"{source}: {number_text(weight)} times")
+        lines.append(_words(excitation))
+        density = getattr(excitation, "spectral_density", None)
+        if isinstance(density, float):
+            lines.append(rf"$S$ = {number_text(density)} {units_text(excitation.units('spectral_density'))}")
     ax.text(x + _WIDTH / 2.0, y + 0.08, "\n".join(lines), ha="center", va="bottom", fontsize=7.5, color=COLORS[1])
 
 

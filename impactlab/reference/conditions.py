@@ -20,6 +20,7 @@ from impactlab.reference.subsystems import (
     Subsystem,
     differ,
     is_linear,
+    is_steady_noise,
     named,
     refusal,
     spectral_density,
@@ -84,7 +85,8 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
     oscillator, density = network.oscillators[name], spectral_density(network, name)
     known = next(iter(subsystem.temperatures.values()), None)
     if density is None:
-        excitation = type(network.excitations[name]).__name__
+        others = [item for _, item, _ in network.excitations_of(name) if not is_steady_noise(item)]
+        excitation = type(others[0]).__name__
         cure = f"il.WhiteNoise({oscillator.damping * known / math.pi:.6g})" if known else "il.WhiteNoise"
         yield f"{name!r} is excited by {excitation}; the law is known for constant white noise only, as {cure}."
     elif density and not oscillator.damping:
@@ -145,7 +147,12 @@ def _with_states(what: str, law: Component) -> str:
 def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:
     network, bodies = subsystem.network, subsystem.bodies
     temperatures = subsystem.temperatures
-    if temperatures and differ(*temperatures.values()):
+    for source, driven in subsystem.common_noises.items():
+        yield (
+            f"one noise, {source!r}, drives {named(driven)}: their motions are correlated, and the density is not "
+            "exp(−H/T); a noise of its own on each would do."
+        )
+    if not subsystem.common_noises and temperatures and differ(*temperatures.values()):
         yield _unequal(subsystem)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
         yield f"{named(bodies)}: {UNHEATED}"

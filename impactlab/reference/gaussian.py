@@ -67,7 +67,8 @@ class GaussianLaw:
             turning = inverse[:, None] * root
             braking = inverse[:, None] * self.system.damping * inverse
             drift = np.block([[np.zeros((count, count)), turning.T], [-turning, -braking]])
-            noise = np.diag(np.concatenate([np.zeros(count), 2.0 * np.pi * self.system.intensity / mass]))
+            noise = np.zeros((2 * count, 2 * count))
+            noise[count:, count:] = 2.0 * np.pi * self.system.intensity / np.sqrt(np.outer(mass, mass))
             for _ in range(2):  # what rounding leaves is solved for again
                 result += solve_continuous_lyapunov(drift, -(noise + drift @ result + result @ drift.T))
             back = block_diag(np.linalg.inv(root).T, np.diag(inverse))
@@ -93,6 +94,10 @@ class GaussianLaw:
         """Return the variance of a displacement (m2) or a velocity (m2 s-2)."""
         place = self._place(body, quantity)
         return float(self.covariance[place, place])
+
+    def covariance_of(self, first: str, second: str, quantity: str) -> float:
+        """Return the covariance of the displacements (m2) or the velocities (m2 s-2) of two bodies."""
+        return float(self.covariance[self._place(first, quantity), self._place(second, quantity)])
 
     def relative_variances(self, weights: Mapping[str, float]) -> tuple[float, float]:
         """Return the variances of the displacement and the velocity of a weighted sum of bodies."""
@@ -183,13 +188,18 @@ class GaussianLaw:
                 "Under white noise alone it has one."
             )
         response = self.system.receptance(self.bodies.index(body), frequencies)
-        result = np.abs(response) ** 2 @ self.system.intensity
+        own = np.diag(self.system.intensity)
+        result = np.abs(response) ** 2 @ own
+        if (between := self.system.intensity - np.diag(own)).any():
+            result += ((response @ between) * response.conj()).sum(axis=1).real
         return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
 
     def __str__(self) -> str:
         if self.cosines:
             return "linear motion under sums of cosines"
         one = self.temperature is not None
+        if not one and (self.system.intensity != np.diag(np.diag(self.system.intensity))).any():
+            return "correlated noises, Gaussian"
         return f"temperature {self.temperature:.6g} J, Gaussian" if one else "several temperatures, Gaussian"
 
     def _place(self, body: str, quantity: str) -> int:

@@ -21,9 +21,9 @@ from impactlab.reference.subsystems import (
     Subsystem,
     differ,
     is_linear,
+    is_steady_noise,
     named,
     refusal,
-    spectral_density,
     subsystems_of,
 )
 
@@ -73,7 +73,8 @@ class LinearPart:
         model = self._model
         springs, dampers = (model.links.springs(strength) for strength in model.coupling)
         damping, stiffness = np.diag(model.damping) + dampers, np.diag(model.stiffness) + springs
-        return LinearSystem(model.mass, damping, stiffness, model.initial_intensities)
+        noise = model.intensity_matrix(np.arange(len(model.bodies)))
+        return LinearSystem(model.mass, damping, stiffness, noise)
 
     @cached_property
     def reasons(self) -> list[str]:
@@ -90,7 +91,8 @@ class LinearPart:
             for item, (_, receptance) in zip(lines_of(model), responses(model, together), strict=True)
         ]
         temperatures = list(self.subsystem.temperatures.values())
-        balanced = ((system.intensity > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
+        balanced = ((model.initial_intensities > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
+        balanced = balanced and not self.subsystem.common_noises
         thermal = temperatures and balanced and not differ(*temperatures)
         return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines)
 
@@ -102,12 +104,12 @@ class LinearPart:
     def _varying(self) -> Iterator[str]:
         network = self.subsystem.network
         for name in self.subsystem.bodies:
-            excitation = network.excitations.get(name)
-            if excitation and excitation.kind != "lines" and spectral_density(network, name) is None:
-                yield (
-                    f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant white "
-                    "noise or a sum of cosines of random phases the law would be stationary."
-                )
+            for _, excitation, _ in network.excitations_of(name):
+                if excitation.kind != "lines" and not is_steady_noise(excitation):
+                    yield (
+                        f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant "
+                        "white noise or a sum of cosines of random phases the law would be stationary."
+                    )
 
     def _unstable(self) -> Iterator[str]:
         system, model, names = self._system, self._model, self.subsystem.bodies

@@ -100,6 +100,31 @@ class ExactReference(Densities):
             return np.asarray(marginals[0] * marginals[1])
         return laws[0].joint_density(first, second, x, y)
 
+    def covariance(self, first: str, second: str, quantity: str) -> float:
+        """Return ``E[q_first q_second]`` of two bodies whose motion is linear.
+
+        Parameters
+        ----------
+        first, second : str
+            Names of the bodies; the same one twice for its variance.
+        quantity : {"displacement", "velocity"}
+            q, the mean of which is 0.
+
+        Returns
+        -------
+        float
+            Covariance (m2 or m2 s-2).
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown.
+        NoExactReference
+            If the motion is not linear.
+        """
+        laws = [self._linear_law(name, quantity) for name in (first, second)]
+        return laws[0].covariance_of(first, second, quantity) if second in laws[0].bodies else 0.0
+
     def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
         """Return ``E[q(t) q(t + lag)]`` of a body whose motion is linear.
 
@@ -346,7 +371,7 @@ class ExactReference(Densities):
 def exact(network: Composition) -> ExactReference:
     """Return the exact stationary law of a network that has one which is known here.
 
-    Parts of a network that neither contacts nor couplings connect are independent. Known are
+    Parts of a network that no contacts, couplings or sources connect are independent. Known are
 
     - parts in which contacts and couplings form trees (between any two bodies at most one way,
       over one or more contacts and couplings), with walls and residual potentials, or one ring of
@@ -356,9 +381,9 @@ def exact(network: Composition) -> ExactReference:
       masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density is
       proportional to ``exp(−H/T)`` with the energy H;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
-      any temperatures and sums of cosines. Contacts are allowed if the law without them closes
-      them so rarely that they cannot matter: a bound of the probability, and of the contacts
-      in a relaxation time, is 10⁻¹².
+      any temperatures, also one on several bodies, and sums of cosines. Contacts are allowed if
+      the law without them closes them so rarely that they cannot matter: a bound of the
+      probability, and of the contacts in a relaxation time, is 10⁻¹².
 
     Parameters
     ----------

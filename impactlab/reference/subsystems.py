@@ -11,6 +11,7 @@ from itertools import pairwise
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
+from impactlab.components.excitation import Excitation, Source
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -23,7 +24,7 @@ _REFUSAL = "There is no exact stationary law that is known here:"
 
 @dataclass(frozen=True, eq=False)
 class Subsystem:
-    """Bodies that contacts and couplings connect."""
+    """Bodies that contacts, couplings and sources connect."""
 
     network: Composition
     bodies: tuple[str, ...]
@@ -102,6 +103,17 @@ class Subsystem:
         return [name for name, others in around.items() if others]
 
     @cached_property
+    def common_noises(self) -> dict[str, list[str]]:
+        """The white noises that drive several of the bodies, and which."""
+        excitations, inside = self.network.excitations.items(), set(self.bodies)
+        of_several = {
+            name: [body for body in item.on if body in inside]
+            for name, item in excitations
+            if isinstance(item, Source) and item.excitation.kind == "intensity"
+        }
+        return {name: bodies for name, bodies in of_several.items() if len(bodies) > 1}
+
+    @cached_property
     def temperatures(self) -> dict[str, float]:
         """``π S / damping`` (J) of the bodies that have noise and damping."""
         densities = {name: spectral_density(self.network, name) for name in self.bodies}
@@ -113,7 +125,11 @@ class Subsystem:
         return Composition(
             {name: self.network.oscillators[name] for name in self.bodies},
             None,
-            {name: self.network.excitations[name] for name in self.bodies if name in self.network.excitations},
+            {
+                name: item
+                for name, item in self.network.excitations.items()
+                if not set(self.bodies).isdisjoint(item.on if isinstance(item, Source) else (name,))
+            },
             self.couplings,
         )
 
@@ -135,6 +151,10 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     for link in links:
         for one, other in pairwise(sides(link)):
             leader[led(one)] = led(other)
+    for source in network.excitations.values():
+        if isinstance(source, Source):
+            one, *others = map(led, source.on)
+            leader.update(dict.fromkeys(others, one))
     members: dict[str, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
     for name in network.oscillators:
         members.setdefault(led(name), ([], {}, {}))[0].append(name)
@@ -174,14 +194,19 @@ def named(bodies: Sequence[str]) -> str:
 
 def spectral_density(network: Composition, name: str) -> float | None:
     """Return the density S of a body's noise (N2 s rad-1); None if it is not constant white noise."""
-    excitation = network.excitations.get(name)
-    if excitation is None:
-        return 0.0
-    if excitation.kind != "intensity" or "time" in excitation.kernel("intensity")[1]:
-        return None
-    density = float(excitation.call("intensity", 0.0))
-    if not 0.0 <= density < math.inf:
-        raise InvalidInput(
-            f"{type(excitation).__name__}.intensity of {name!r} must be finite and not negative, not {density!r}."
-        )
-    return density
+    total = 0.0
+    for source, excitation, weight in network.excitations_of(name):
+        if not is_steady_noise(excitation):
+            return None
+        density = float(excitation.call("intensity", 0.0))
+        if not 0.0 <= density < math.inf:
+            raise InvalidInput(
+                f"{type(excitation).__name__}.intensity of {source!r} must be finite and not negative, not {density!r}."
+            )
+        total += weight**2 * density
+    return total
+
+
+def is_steady_noise(excitation: Excitation) -> bool:
+    """Whether an excitation is white noise of constant density."""
+    return excitation.kind == "intensity" and "time" not in excitation.kernel("intensity")[1]

@@ -167,7 +167,11 @@ class Block:
         latest = plan.system.ends.largest(last, -1)
         self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
         if not method.takes_response:
-            sampled = [Cosines(seed, item, np.ones((1, 1)), False, interval, needed) for item in driving.lines]
+            weights = [np.array(item.weights)[:, None] for item in driving.lines]
+            sampled = [
+                Cosines(seed, item, gains, False, interval, needed)
+                for item, gains in zip(driving.lines, weights, strict=True)
+            ]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
         samples = np.empty((lanes, ends[-1], sample_count(plan.driving.lines, interval, needed)))
@@ -272,7 +276,7 @@ class Block:
         plan = self.plan
         scale = self.scale
         if plan.noise.time_varying:
-            mean, _, least = self._over_steps(count, self.module.intensity, len(plan.noise.white))
+            mean, _, least = self._over_steps(count, self.module.intensity, plan.noise.shares.noises)
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
                 time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
@@ -280,12 +284,10 @@ class Block:
                     f"The spectral density of a white noise is negative or NaN near t = {time:g} s; correct its "
                     "intensity."
                 )
-            mean /= plan.noise.intensity
             phases = plan.method.integrator.phases
-            for phase in range(phases):
-                self.intensity[phase] += mean[(phase - self.now) % phases :: phases].sum(axis=0)
-            rows = np.searchsorted(plan.noise.white, plan.noise.rows)
-            scale = np.ascontiguousarray(np.sqrt(mean)[:, rows])
+            of_phases = [mean[(phase - self.now) % phases :: phases].sum(axis=0) for phase in range(phases)]
+            self.intensity += plan.noise.shares.added(np.array(of_phases))
+            scale = np.ascontiguousarray(np.sqrt(mean)[:, plan.noise.noises])
         return Noise(
             plan.noise.rows,
             plan.noise.runs,
@@ -303,14 +305,15 @@ class Block:
         if not len(plan.driving.forced):
             return Forced(plan.driving.forced, np.zeros((0, 0)))
         if plan.method.integrator.takes_response:
-            mean, slope, _ = self._over_steps(count, self.module.forcing, len(plan.driving.forced))
-            return Forced(plan.driving.forced, np.stack([mean, slope], axis=1).reshape(2 * count, -1))
+            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given)
+            both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
+            return Forced(plan.driving.forced, plan.driving.on_bodies(both))
         per_step = plan.method.integrator.samples_per_step
         first = (self.now - plan.clock.spin_up_steps) * per_step
         times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
-        force = np.empty((len(times), len(plan.driving.forced)))
+        force = np.empty((len(times), plan.driving.given))
         self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
-        return Forced(plan.driving.forced, force)
+        return Forced(plan.driving.forced, plan.driving.on_bodies(force))
 
     def _over_steps(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).

@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
+from impactlab.components.excitation import Source
 from impactlab.components.sides import bodies_of
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
@@ -25,13 +26,15 @@ def split(
 ) -> tuple[Composition, Composition] | None:
     """Return the part of a network where something can touch, and the rest, if they can be simulated apart.
 
-    Parts that no contact and no coupling connects know nothing of each other. The rest are bodies on
+    Parts that no contact, no coupling and no source connects know nothing of each other. The rest are bodies on
     which nothing acts but constant white noise; each transition of theirs is exact however long.
     Records that look at both parts at a time keep them together, and so does a given start.
     """
     busy = model.nonlinear_bodies
     busy[[*model.lines, *model.forced, *(model.white if model.time_varying else ())]] = True
-    labels = model.connected()
+    labels = model.connected().copy()
+    for slots in (slots for kind in model.sources.values() for slots in kind.joining):
+        labels[np.isin(labels, labels[slots])] = labels[slots[0]]
     idle = ~np.isin(labels, labels[busy])
     alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, dict)
     if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
@@ -46,7 +49,11 @@ def _only(model: Model, chosen: np.ndarray) -> Composition:
     return type(network)(
         {name: body for name, body in network.oscillators.items() if name in names},
         {name: item for name, item in network.contacts.items() if not names.isdisjoint(bodies_of(item))},
-        {name: item for name, item in network.excitations.items() if name in names},
+        {
+            name: item
+            for name, item in network.excitations.items()
+            if not names.isdisjoint(item.on if isinstance(item, Source) else (name,))
+        },
         {name: item for name, item in network.couplings.items() if not names.isdisjoint(bodies_of(item))},
     )
 

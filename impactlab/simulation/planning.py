@@ -141,7 +141,8 @@ def _may_close(model: Model, request: Request, stiffening: Stiffening) -> np.nda
 
 def _contacts_reached(model: Model, integrator: Integrator) -> int:
     """Number of contacts that a force reaches in a step; 0 where more than forces of contacts acts between bodies."""
-    alone = model.only_touching and not (model.time_varying or model.remembering) and integrator.reach
+    own_noise = not (model.time_varying or model.sources["intensity"].beyond_own)
+    alone = model.only_touching and own_noise and not model.remembering and integrator.reach
     return integrator.reach + model.passes if alone else 0
 
 

@@ -109,7 +109,8 @@ def simulate(
         What to keep besides the statistics.
     rng : optional
         Seed as NumPy takes it (SPEC 7): None, int, SeedSequence, Generator. Streams are
-        keyed by seed, realization, name of the body and step; or interval, in runs with contact-free intervals.
+        keyed by seed, realization, name of the body or the source, and step; or interval, in runs
+        with contact-free intervals.
     executor : concurrent.futures.Executor, optional
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.

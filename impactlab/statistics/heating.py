@@ -115,6 +115,7 @@ def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.nd
     np.minimum.at(lowest, labels[bathed], own[bathed])
     np.maximum.at(highest, labels[bathed], own[bathed])
     one = (highest - lowest <= 1e-9 * highest) & (highest > 0.0) & np.isfinite(highest)
+    one[labels[plan.noise.common]] = False  # correlated forces keep no common temperature
     temperature = np.where(one, highest, np.nan)[labels]
     off = mass * mean_square_velocity - temperature
     limit = MOST_HEATING * temperature + VERY_CERTAIN * mass * error

@@ -250,7 +250,7 @@ def _sawtooth(chain: Chain, s: np.ndarray) -> np.ndarray:
 def _closed_flow(groups: tuple[Group, ...], driving: Driving, bodies: int) -> np.ndarray:
     """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
     result = np.ones(bodies, dtype=bool)
-    result[[lines.body for lines in driving.lines]] = False
+    result[[body for lines in driving.lines for body in lines.bodies]] = False
     result[driving.forced] = False
     for group in groups:
         result[group.slots] = result[group.slots].all()

@@ -17,14 +17,16 @@ _PLACES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 1.5, 3.0])
 def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
     """Whether a step of a network, up to the automatic one, is known to be right, without a measurement.
 
-    So it is, by theory and by random networks against exact laws, for bodies under white noise of constant intensity,
-    or starting from given states, whose forces are conservative: linear couplings, and contacts and residual forces
-    that are nearly powers of their indentation or displacement, with exponents from 1 to 4. Friction does not stop a
-    body within a step: at c h/m from 8 to 60 the mean force of a contact was up to 1.6 % too small.
+    So it is, by theory and by random networks against exact laws, for bodies under white noises of constant intensity,
+    one for each, or starting from given states, whose forces are conservative: linear couplings, and contacts and
+    residual forces that are nearly powers of their indentation or displacement, with exponents from 1 to 4. Friction
+    does not stop a body within a step: at c h/m from 8 to 60 the mean force of a contact was up to 1.6 % too small.
     """
     if (model.nonlinear_bodies & (model.damping * step > 1.001 * model.mass)).any():  # steps are often m/c
         return False
     if model.lines or model.forced or model.time_varying or model.passes or model.remembering:
+        return False
+    if model.sources["intensity"].joining:
         return False
     if any(not item.law.linear[0] for item in model.network.couplings.values()):
         return False

@@ -55,7 +55,7 @@ def test_transition_of_a_system(step, damping):
     """The exponential of SciPy; the covariance is what the law at unlike temperatures loses in a step."""
     hot = np.array([4.0, 1.0, 0.2])
     friction = np.diag(OWN) + damping * DAMPER
-    a, q = system_transition(MASS, friction, STIFFNESS, hot * OWN / np.pi, step, 400.0)
+    a, q = system_transition(MASS, friction, STIFFNESS, np.diag(hot * OWN) / np.pi, step, 400.0)
     drift, law = drift_by_hand(damping), law_by_hand(hot, damping)
     np.testing.assert_allclose(a, expm(step * drift), rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(q, law - a @ law @ a.T, rtol=1e-7, atol=1e-12)
@@ -68,7 +68,7 @@ def test_transition_of_a_system(step, damping):
 def test_a_system_of_one_body_is_that_body():
     numbers = [np.array([value]) for value in (2.0, 0.7, 30.0, 0.4)]
     mass, damping, stiffness, density = numbers
-    found = system_transition(mass, damping[None], stiffness[None], density, 0.2, 5.0)
+    found = system_transition(mass, damping[None], stiffness[None], density[None], 0.2, 5.0)
     for joint, (alone,) in zip(found, transition(*numbers, 0.2), strict=True):
         np.testing.assert_allclose(joint, alone, rtol=1e-12)
 

@@ -67,7 +67,7 @@ def reference(network, start, duration, interval):
         slope = compiled.rhs(t, y)
         for item, angle in zip(items, phase, strict=True):
             force = item.amplitudes @ np.cos(item.frequencies * t + angle)
-            slope[bodies + item.body] += force / compiled.model.mass[item.body]
+            slope[[bodies + body for body in item.bodies]] += force / compiled.model.mass[[*item.bodies]]
         return slope
 
     begin = compiled.state(**STARTS[start])

@@ -27,7 +27,7 @@ def test_phases_never_change():
 
 @pytest.mark.parametrize(("realization", "block"), [(0, 0), (9, 2**32 - 1), (2**32 - 1, 2**56 - 2)])
 def test_words_are_the_addressed_ones(realization, block):
-    lines = Lines(0, "body", np.ones(4), np.ones(4))
+    lines = Lines((0,), "body", np.ones(4), np.ones(4))
     turns = (drawn(4, realization, block) + 0.5) / 2.0**32
     np.testing.assert_array_equal(2.0 * np.pi * turns, phases(SEED, lines, realization, block))
 
@@ -50,7 +50,7 @@ def test_phases_are_uniform():
 def test_spectrum_holds_every_line_where_its_samples_are(lines, samples):
     rng = np.random.default_rng(1)
     frequencies, gains = rng.uniform(1.0, 2.0, lines), rng.normal(size=(2, lines)) + 1j * rng.normal(size=(2, lines))
-    amplitudes = gains * np.exp(1j * phases(SEED, Lines(0, "body", frequencies, gains), 5, 2))
+    amplitudes = gains * np.exp(1j * phases(SEED, Lines((0,), "body", frequencies, gains), 5, 2))
     spectrum = np.full((4, samples // 2 + 1), np.nan, dtype=complex)
     parts = Amplitudes(frequencies, gains.real.copy(), gains.imag.copy())
     fill_spectrum(Phases(ADDRESS, np.uint32(5), 2), 11, samples, parts, spectrum)

@@ -17,7 +17,7 @@ SEED = (1, 2)
 
 
 def lines_with(noise):
-    return Lines(0, "a", *noise.lines())
+    return Lines((0,), "a", *noise.lines())
 
 
 def alone(lines, mass, damping, stiffness):
@@ -73,7 +73,7 @@ def test_samples_are_the_direct_sum(band, components, interval, wanted):
 
 def test_lines_at_any_distance_are_summed_directly():
     frequencies = np.array([0.3, 1.0, 7.7, 20.0])
-    lines = Lines(0, "a", frequencies, np.array([1.0, 2.0, 3.0, 4.0]))
+    lines = Lines((0,), "a", frequencies, np.array([1.0, 2.0, 3.0, 4.0]))
     amplitudes = (lines.amplitudes * np.exp(1j * phases(SEED, lines, 0, 0)))[None]
     expected = direct(frequencies, amplitudes, 0.1 * np.arange(700))
     np.testing.assert_allclose(sampled(lines, np.ones((1, 4)), False, 0.1, 700), expected, rtol=0.0, atol=1e-11)
@@ -121,7 +121,7 @@ def test_phases_belong_to_realization_attempt_body_and_seed():
         return sampled(lines, np.ones((1, 50000)), False, 1e-3, 100_000, realization, attempt, seed)[:, 0]
 
     force = drawn()
-    other_body = Lines(0, "b", lines.frequencies, lines.amplitudes)
+    other_body = Lines((0,), "b", lines.frequencies, lines.amplitudes)
     for other in (drawn(realization=1), drawn(attempt=1), drawn(seed=(2, 2)), drawn(lines=other_body)):
         assert abs(np.corrcoef(force, other)[0, 1]) * np.sqrt(len(force)) < 4.0
     np.testing.assert_array_equal(drawn(), force)

@@ -88,10 +88,16 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
         ({"oscillators": [("a", BODY), ("a", BODY)]}, r"oscillators: the name 'a' was given twice"),
         ({"contacts": [("c", il.Contact("a", "b", LAW))] * 2}, r"contacts: the name 'c' was given twice"),
         ({"contacts": {"": il.Contact("a", "b", LAW)}}, r"contacts: a name must be a non-empty string"),
-        ({"oscillators": {"a": LAW}}, r"oscillators: 'a' must be an il.Oscillator, not HertzContact"),
-        ({"oscillators": {"a": il.LinearOscillator}}, r"oscillators: 'a' must be an il.Oscillator, not <class"),
+        (
+            {"oscillators": {"a": LAW}},
+            r"oscillators: 'a' must be an il.Oscillator or il.LinearStructure, not HertzContact",
+        ),
+        (
+            {"oscillators": {"a": il.LinearOscillator}},
+            r"oscillators: 'a' must be an il.Oscillator or il.LinearStructure, not <class",
+        ),
         ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact, not HertzContact"),
-        ({"excitations": {"a": 16.0}}, r"excitations: 'a' must be an il.Excitation, not 16.0"),
+        ({"excitations": {"a": 16.0}}, r"excitations: 'a' must be an il.Excitation or il.Source, not 16.0"),
         (
             {"contacts": {"c": il.Contact("a", "x", LAW)}},
             r"Contact 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",

@@ -201,7 +201,7 @@ BUGS = [
     Bug("the same noise in every block", ALONE, own_realizations(lambda part, own: own % part.lanes)),
     Bug("the same noise again after eight steps", LINEAR, cycle_of_noise),
     Bug("streams without the seed", INTERVALS,
-        called(noise_plan, "streams_of", lambda seed, names: ((0, 0), names))),
+        called(noise_plan, "streams_of", lambda seed, names, numbers: ((0, 0), names, numbers))),
     Bug("streams by the place of a body", ALONE, called(noise_plan, "streams_of", by_place)),
     Bug("no noise in the displacement", LINEAR, of_rows(velocity_rows)),
     Bug("no noise in the displacement of a body with contacts", PAIR, of_rows(velocity_rows)),

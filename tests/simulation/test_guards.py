@@ -80,7 +80,7 @@ def test_counts_of_blocks_are_added_as_they_finish(monkeypatch):
 
 def test_little_of_a_long_period_is_sampled_without_all_of_it(monkeypatch):
     """The values are those of the FFT of a whole period, which would take a terabyte at a small step."""
-    lines = Lines(0, "a", *il.ShinozukaNoise(1.0, band=(0.0, 1.0), components=20).lines())
+    lines = Lines((0,), "a", *il.ShinozukaNoise(1.0, band=(0.0, 1.0), components=20).lines())
     short = Cosines((1, 2), lines, np.ones((1, 20)), False, 1e-3, 50)
     whole = Cosines((1, 2), lines, np.ones((1, 20)), False, 1e-3)
     few, all_of_it = np.empty((1, 50)), np.empty((1, 20000))
@@ -95,7 +95,7 @@ def test_little_of_a_long_period_is_sampled_without_all_of_it(monkeypatch):
 
 
 def test_lines_anywhere_are_summed_some_samples_at_a_time():
-    lines = Lines(0, "a", np.array([1.0, 2.5, 7.1]), np.ones(3))
+    lines = Lines((0,), "a", np.array([1.0, 2.5, 7.1]), np.ones(3))
     cosines = Cosines((1, 2), lines, np.ones((1, 3)), False, 0.01)
     at_once, in_parts = np.empty((2, 1, 2000))
     cosines.sample(0, 0, at_once)
@@ -136,14 +136,14 @@ def test_a_linear_law_of_rates_far_apart_is_known_in_any_units():
     mass, own = np.array([1e-6, 1e3]), np.array([1e-9, 1e-3])
     spring = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     stiffness, damping = spring + np.diag([0.0, 1.0]), np.diag([1e-4, 1.0])
-    system = LinearSystem(mass, damping, stiffness, 2.0 * np.diag(damping) / np.pi)
+    system = LinearSystem(mass, damping, stiffness, 2.0 * damping / np.pi)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         covariance = system.covariance
     assert (own > 0.0).all()
     np.testing.assert_allclose(np.diag(covariance)[2:], 2.0 / mass, rtol=1e-4)
     assert covariance[1, 1] == pytest.approx(2.0, rel=1e-4)
-    beyond = LinearSystem(mass, np.diag([1e-4, 1e-9]), stiffness, np.array([1.0, 1.0]))
+    beyond = LinearSystem(mass, np.diag([1e-4, 1e-9]), stiffness, np.eye(2))
     assert beyond.covariance is None
 
 

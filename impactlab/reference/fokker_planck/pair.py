@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
+from impactlab.components.excitation import Source
 from impactlab.errors import NoExactReference
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
@@ -226,6 +227,9 @@ def _reasons(network: Composition) -> Iterator[str]:
             yield f"the force of contact {name!r} depends on the rate; laws of the indentation alone are allowed."
     if network.couplings:
         yield f"it has couplings, {', '.join(network.couplings)}; none are allowed."
+    for name, item in network.excitations.items():
+        if isinstance(item, Source):
+            yield f"it has the source {name!r}; each body's own noise alone is allowed."
     for name, body in network.oscillators.items():
         if body.has_kernel("residual"):
             yield f"{name!r} has a residual force; linear bodies are allowed."
@@ -235,7 +239,7 @@ def _reasons(network: Composition) -> Iterator[str]:
             yield f"{name!r} has no spring, so that nothing confines it; give it a stiffness."
         excitation = network.excitations.get(name)
         if excitation is None:
-            yield f"{name!r} has no noise; give it il.WhiteNoise."
+            yield f"{name!r} has no noise of its own; give it il.WhiteNoise."
         elif excitation.kind != "intensity" or "time" in excitation.kernel("intensity")[1]:
             yield f"{name!r} is excited by {type(excitation).__name__}; constant white noise is allowed."
         elif not float(excitation.call("intensity", 0.0)) > 0.0:

@@ -44,7 +44,7 @@ def contributions(study: WorkPrecisionStudy, table: dict[Method, Findings], spee
         rows.append(("lanes", f"{width} realizations instead of {tuning().lanes}", lanes / fewer, measured))
     own, other = _generators(study.rounds)
     network = study.scenes()[PAIR]
-    drawn = len(il.ExactFlow().noise(Model.of(network), usual.step)[0]) / len(network.oscillators)
+    drawn = len(il.ExactFlow().noise(Model.of(network), usual.step).bodies) / len(network.oscillators)
     ratio = 1.0 + lanes * drawn * (other - own)
     measured = (
         f"{1e9 * other:.2f} instead of {1e9 * own:.2f} ns a normal, "

@@ -1,0 +1,124 @@
+"""Excitations of one kind as arrays: which bodies each of them drives, with which weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.components.excitation import Excitation, Source
+
+
+class Drives(NamedTuple):
+    """Pairs of an excitation and a body that it drives, one excitation after the other, by increasing slot."""
+
+    source: np.ndarray  # (pair,) number of the excitation
+    body: np.ndarray  # (pair,) slot
+    weight: np.ndarray  # (pair,) factor of the force
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Excitations of one kind.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Their names, by which random numbers are addressed: that of the body, or of the source.
+    excitations : tuple of Excitation
+    own : int
+        How many, the first ones, are the excitation of one body under the body's name, by its slot.
+    drives : Drives
+        What they drive.
+    """
+
+    names: tuple[str, ...]
+    excitations: tuple[Excitation, ...]
+    own: int
+    drives: Drives
+
+    @classmethod
+    def of(cls, given: Mapping[str, Excitation | Source], slots: Mapping[str, int], kind: str) -> Sources:
+        """Return those of one kind, "intensity", "force" or "lines", for bodies of some slots."""
+        bodies = {name: given[name] for name in slots if name in given}
+        own = {name: item for name, item in bodies.items() if isinstance(item, Excitation) and item.kind == kind}
+        sources = {name: item for name, item in given.items() if isinstance(item, Source)}
+        shared = {name: item for name, item in sources.items() if item.excitation.kind == kind}
+        pairs = [(number, slots[name], 1.0) for number, name in enumerate(own)]
+        for number, item in enumerate(shared.values(), len(own)):
+            by_slot = sorted((slots[name], weight) for name, weight in item.on.items())
+            pairs += [(number, slot, weight) for slot, weight in by_slot]
+        source, body, weight = zip(*pairs, strict=True) if pairs else ((), (), ())
+        return cls(
+            (*own, *shared),
+            (*own.values(), *(item.excitation for item in shared.values())),
+            len(own),
+            Drives(np.array(source, dtype=np.int64), np.array(body, dtype=np.int64), np.array(weight, dtype=float)),
+        )
+
+    @property
+    def of_several(self) -> np.ndarray:
+        """Slots of the bodies of all excitations that drive several."""
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *self.joining]))
+
+    def named(self) -> list[tuple[str, Excitation]]:
+        """Return their names with them."""
+        return list(zip(self.names, self.excitations, strict=True))
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """Slots of the bodies that they drive, in increasing order."""
+        return tuple(np.unique(self.drives.body).tolist())
+
+    @property
+    def beyond_own(self) -> range:
+        """Numbers of those that have a name of their own."""
+        return range(self.own, len(self.names))
+
+    @property
+    def joining(self) -> list[np.ndarray]:
+        """Slots of the bodies of each excitation that drives several."""
+        parts = [self.driven(number)[0] for number in self.beyond_own]
+        return [slots for slots in parts if len(slots) > 1]
+
+    def only_own(self) -> Sources:
+        """Return those that are the excitation of one body under its name."""
+        drives = Drives(*(item[: self.own] for item in self.drives))
+        return Sources(self.names[: self.own], self.excitations[: self.own], self.own, drives)
+
+    @cached_property
+    def _begins(self) -> np.ndarray:
+        """Where the pairs of each excitation begin, and where the last ones end."""
+        return np.searchsorted(self.drives.source, np.arange(len(self.names) + 1))
+
+    def driven(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slots of the bodies that one of them drives, in increasing order, and the weights."""
+        part = slice(self._begins[number], self._begins[number + 1])
+        return self.drives.body[part], self.drives.weight[part]
+
+    def on(self, slot: int) -> list[tuple[Excitation, float]]:
+        """Return the excitations of a body, and their weights."""
+        chosen = self.drives.body == slot
+        pairs = zip(self.drives.source[chosen].tolist(), self.drives.weight[chosen].tolist(), strict=True)
+        return [(self.excitations[number], weight) for number, weight in pairs]
+
+    def added(self, densities: np.ndarray, bodies: int) -> np.ndarray:
+        """Return the spectral densities of the forces on all bodies from those of independent excitations, (body,)."""
+        result = np.zeros(bodies)
+        np.add.at(result, self.drives.body, self.drives.weight**2 * densities[self.drives.source])
+        return result
+
+    def matrix(self, densities: np.ndarray, added: np.ndarray, slots: np.ndarray) -> np.ndarray:
+        """Return the spectral densities of the forces on some bodies and between them, (n, n), from those `added`."""
+        result = np.diag(added[slots])
+        for number in self.beyond_own:
+            body, weight = self.driven(number)
+            place = np.minimum(np.searchsorted(body, slots), len(body) - 1)
+            factor = np.where(body[place] == slots, weight[place], 0.0)
+            between = np.outer(factor, factor) * densities[number]
+            np.fill_diagonal(between, 0.0)
+            result += between
+        return result
