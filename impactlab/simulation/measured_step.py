@@ -71,11 +71,7 @@ def measured(
     first = plan
     plan, error = _chosen(plan_of, measure, plan, above) if free else (plan, measure(plan))
     if math.isinf(error.certain):
-        warn(
-            f"The bias of the step of {first.clock.step:.3g} s is not known: in its measurement the motion left the "
-            "range of finite numbers; try a smaller step=, or check the forces."
-        )
-        return first, error
+        return first, error  # the run will say where it diverges, or that this is unknown
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(

@@ -33,6 +33,9 @@ CERTAIN, LOOKED_AT = 2.5, 10
 UNLIKE = 2.0
 """Ratio of the mean square velocity of a run to that in the measurement beyond which this says nothing of the run."""
 
+UNSURE = 2.0 * WORTH_SAYING
+"""Bias that must be excluded, beside three standard errors of the run, where motion is not stationary."""
+
 REACHED = 0.95
 """Share of a run that is not stationary up to which a measurement must reach."""
 
@@ -209,6 +212,11 @@ class StepError:
             return dataset[name].values, error if sampled else np.nan_to_num(error)
 
         again = f"; compare with step={0.5 * self.step:.2g}."
+        if math.isinf(self.certain):
+            return (
+                "The bias of the step is unknown: its measurement left the range of finite numbers, which the run did "
+                f"not{again}"
+            )
         name = "mean_square_velocity"
         value, error = ran(name)
         seen = self.measured[name] + self.limit * self.scatter
@@ -226,8 +234,8 @@ class StepError:
             size = size_of(name, lambda item: dataset[item].values)
             with np.errstate(divide="ignore", invalid="ignore"):
                 may_be = np.abs(bias) + self.limit * self.error[name]
-                allowed = WORTH_SAYING + 3.0 * error / size
-                unknown = (may_be > allowed) & (np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name])
+                unknown = may_be > UNSURE + 3.0 * error / size
+                unknown &= np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name]
             for place in np.flatnonzero(unknown & (value != 0.0) & (3.0 * error < KNOWN * size))[:1]:
                 label, known = self.labels[STATISTICS[name].dimension][place], self.error[name][place]
                 how = f"known to ± {100.0 * known:.2g} % only" if known < math.inf else "unknown: it was not seen"
