@@ -273,7 +273,8 @@ def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
     size, slots, rows = np.abs(model.ends.weights), model.ends.slots, model.ends.rows
     np.minimum.at(narrowest, slots, np.hypot(depth[rows], np.sqrt(model.ends.others(unknown))) / size)
     narrowest[-1] = np.inf  # a wall keeps no bodies from each other
-    np.minimum.at(scale, rows, size * narrowest[slots])
+    with np.errstate(invalid="ignore"):  # unknown spreads stay so
+        np.minimum.at(scale, rows, size * narrowest[slots])
     return np.where((scale > 0.0) & np.isfinite(scale), scale, 1.0)
 
 

@@ -99,9 +99,9 @@ def own_realizations(change: Any) -> Plant:
     return instead(Realizations, "of", lambda part, block: change(part, right(part, block)).astype(np.uint32))
 
 
-def by_place(seed: Any, names: list[str]) -> tuple[Any, list[str]]:
+def by_place(seed: Any, names: list[str], numbers: list[int]) -> tuple[Any, list[str], list[int]]:
     places = {name: str(place) for place, name in enumerate(dict.fromkeys(names))}
-    return seed, [places[name] for name in names]
+    return seed, [places[name] for name in names], numbers
 
 
 def one_sided(plan: Any) -> np.ndarray:

@@ -167,7 +167,10 @@ def printed_potential(monkeypatch: Any) -> None:
 def of_contacts(rate: float = 1.0, force: float = 1.0) -> Plant:
     """Multiply what the exact law says of contacts."""
     law = reference.ExactReference
-    return returned(law, "_contact", lambda found, *_: (found[0], rate * found[1], force * found[2]))
+    factors = {"contact_rate": rate, "mean_contact_force": force}
+    return returned(
+        law, "_contact", lambda found, *_: {name: factors.get(name, 1.0) * value for name, value in found.items()}
+    )
 
 
 def without_turns(plan: Any, sums: np.ndarray, *others: Any) -> tuple[Any, ...]:
@@ -195,7 +198,7 @@ BUGS = [
     Bug("flux through the window in both directions", PAIR, scaled_rate(2.0)),
     Bug("flux through the window without its weight", PAIR, scaled_rate(8.0 / 9.0)),
     Bug("variance without the square of the mean", PAIR,
-        instead(schema.Variance, "averaged", lambda variance, bodies, average: average(bodies.xx))),
+        instead(schema.Variance, "averaged", lambda variance, moments, average: average(moments.bodies.xx))),
     Bug("sums that are not cleared between batches", PAIR, instead(Block, "_clear_sums", lambda block: None)),
     Bug("sums of one batch for the next", BATCHES,
         returned(simulate, "merged",
