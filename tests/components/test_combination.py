@@ -151,9 +151,11 @@ CUBIC = {"cubic": (DampedCubicCoupling(50.0, damping=0.2), DampedCubicCoupling(8
     [
         ({}, (il.LinearContact(400.0), il.LinearContact(100.0))),
         (SPRING, (il.LinearContact(400.0), il.LinearContact(100.0))),
-        (STIFF, (il.LinearContact(400.0), il.LinearContact(100.0))),
-        (CUBIC, (LossyContact(400.0, damping=8.0), LossyContact(100.0, damping=1.0))),
-        (MAXWELL, LATCHED),
+        pytest.param(STIFF, (il.LinearContact(400.0), il.LinearContact(100.0)), marks=pytest.mark.campaign),
+        pytest.param(
+            CUBIC, (LossyContact(400.0, damping=8.0), LossyContact(100.0, damping=1.0)), marks=pytest.mark.campaign
+        ),
+        pytest.param(MAXWELL, LATCHED, marks=pytest.mark.campaign),
     ],
     ids=["contact", "spring", "stiff", "dissipative", "states"],
 )

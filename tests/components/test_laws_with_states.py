@@ -68,7 +68,11 @@ def bouc_wen_path():
     return tuple(solution(*bouc_wen(BOUC_WEN), duration=duration) for duration in (0.5, 2.5))
 
 
-@pytest.mark.parametrize("method", [ONE_STEP, il.RungeKutta4()], ids=lambda item: type(item).__name__)
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(ONE_STEP, marks=pytest.mark.campaign), il.RungeKutta4()],
+    ids=lambda item: type(item).__name__,
+)
 def test_bouc_wen_hysteresis_follows_its_equation(method):
     """Until it turns back the error falls with the square of the step, or faster; it is small after many loops, too."""
     ahead, after = bouc_wen_path()

@@ -127,6 +127,7 @@ def everything(factor=1.0):
     return il.Network(bodies, contacts, dict.fromkeys(bodies, il.WhiteNoise(0.5)), couplings)
 
 
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore:Too few")
 def test_blocks_lanes_and_workers_give_the_same_numbers():
     options = {"duration": 2.0, "spin_up": 1.0, "step": 2e-3, "rng": 3, "record": il.Trajectory(0.5)}
@@ -156,6 +157,7 @@ def test_calls_of_any_length_go_on_where_the_last_one_ended():
             assert np.array_equal(whole.state.v, block.state.v)
 
 
+@pytest.mark.campaign
 def test_plain_python_gives_the_same_numbers(run_python, tmp_path):
     text = """
 import sys
@@ -375,6 +377,7 @@ def test_names_that_clash_give_the_right_numbers():
     assert math.isfinite(float(block.state.x[0, 0]))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("realizations", [1, 3])
 def test_links_with_weights_have_the_states_of_the_pairs_that_they_are(realizations):
     """A combination of one body with the weight 1 is that body: the same motion along other loops."""

@@ -147,9 +147,9 @@ def test_a_heavy_base_and_the_motion_of_the_ground():
     "excitation",
     [
         il.WhiteNoise(1.0),
-        ModulatedNoise(1.0, frequency=1.0),
-        il.ShinozukaNoise(1.0, band=(0.0, 2.0), components=40),
-        Harmonic(2.0, frequency=2.0),
+        pytest.param(ModulatedNoise(1.0, frequency=1.0), marks=pytest.mark.campaign),
+        pytest.param(il.ShinozukaNoise(1.0, band=(0.0, 2.0), components=40), marks=pytest.mark.campaign),
+        pytest.param(Harmonic(2.0, frequency=2.0), marks=pytest.mark.campaign),
     ],
     ids=lambda item: type(item).__name__,
 )
@@ -166,6 +166,7 @@ def test_equal_bodies_move_in_proportion_to_their_weights(method, step, contact,
     np.testing.assert_allclose(path.sel(oscillator="b"), -2.0 * path.sel(oscillator="a"), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.campaign
 @few
 def test_motions_under_several_excitations_add_up():
     """Noise of its own, a common noise, common cosines and a common force: each as if it were alone."""

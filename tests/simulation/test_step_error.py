@@ -432,6 +432,7 @@ def test_a_measurement_that_diverges_is_told_if_the_run_does_not():
     assert "The bias of the step is unknown" in infinite.doubt(result, sampled=False, steady=True)
 
 
+@pytest.mark.campaign
 def test_the_step_of_a_network_in_tiles_is_measured():
     bodies = 8192
     law = ClampedKelvinVoigtContact(1e3, damping=5.0)
