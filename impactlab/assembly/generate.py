@@ -10,7 +10,7 @@ miss changes in the imported file on a cache hit, and would not work for a scrip
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from impactlab.assembly.inlining import Inliner, free_name
@@ -265,6 +265,11 @@ def _run(index: int, kind: Kind, *lines: str, slices: tuple[str, ...] = ()) -> s
     return textwrap.indent("\n".join(text), "    ") + "\n"
 
 
+def _over_lanes(rows: str, lines: Sequence[str]) -> str:
+    """Write the loop over the lanes of a member, of which there are as many as in some rows."""
+    return f"            for lane in range({rows}.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+
+
 def _parameters(kind: Kind) -> list[str]:
     """Names of the parameters of a member inside a loop; the clearance is not a field."""
     return [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
@@ -351,10 +356,8 @@ def _contact_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
             "gaps[member, lane] = gap",
             "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
         ]
-    return (
-        f"{_run(index, kind, *place, slices=('gaps = indentation[slot]', 'forces_of = contact_force[slot]'))}"
-        "            for lane in range(gaps.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
-    )
+    slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
+    return _run(index, kind, *place, slices=slices) + _over_lanes("gaps", lines)
 
 
 def _over_kick(kind: Kind, name: str, place: str, speed: str) -> str:
@@ -389,28 +392,20 @@ def _combination_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
         "for entry in range(begin, end):",
         "    total[indices[slots + entry], lane] += parameters[entry] * force",
     ]
-    return (
-        f"{_run(index, kind, *(line.format(link='link') for line in _ALONG))}"
-        "            for lane in range(total.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
-    )
+    return _run(index, kind, *(line.format(link="link") for line in _ALONG)) + _over_lanes("total", lines)
 
 
 def _coupling_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
-    rate = (
-        "                rate = middle[second + member, lane] - middle[first + member, lane]\n"
-        if "rate" in kind.kinematic
-        else ""
-    )
     values = {"extension": "extension", "rate": "rate"}
-    call, trial = _call(kind, name, values), _trial(kind, name, values)
-    return (
-        f"{_run(index, kind)}"
-        "            for lane in range(total.shape[1]):\n"
-        "                extension = x[second + member, lane] - x[first + member, lane]\n"
-        f"{rate}" + "".join(f"                {line}\n" for line in trial) + f"                force = {call}\n"
-        "                total[first + member, lane] += force\n"
-        "                total[second + member, lane] -= force\n"
-    )
+    lines = [
+        "extension = x[second + member, lane] - x[first + member, lane]",
+        *["rate = middle[second + member, lane] - middle[first + member, lane]"] * ("rate" in kind.kinematic),
+        *_trial(kind, name, values),
+        f"force = {_call(kind, name, values)}",
+        "total[first + member, lane] += force",
+        "total[second + member, lane] -= force",
+    ]
+    return _run(index, kind) + _over_lanes("total", lines)
 
 
 def _residual_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
@@ -427,10 +422,8 @@ def _residual_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
         ]
     else:
         lines = [*trial, f"forces_on[member, lane] -= {_call(kind, name, {'displacement': place})}"]
-    return (
-        f"{_run(index, kind, *(['response = half_step * mobility'] if kind.slows else []), slices=tuple(slices))}"
-        "            for lane in range(forces_on.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
-    )
+    response = ["response = half_step * mobility"] * kind.slows
+    return _run(index, kind, *response, slices=tuple(slices)) + _over_lanes("forces_on", lines)
 
 
 def _accept_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
@@ -456,9 +449,7 @@ def _accept_loop(index: int, kind: Kind, name: str, form: _Form) -> str:
         of_x, of_v = (f"{item}[{ends[1]}, lane] - {item}[{ends[0]}, lane]" for item in "xv")
         values = {"extension": of_x, "indentation": f"{of_x} - clearance", "rate": of_v}
     new = ", ".join(f"{_row(k)}[member, lane]" for k in range(len(kind.states)))
-    return f"{_run(index, kind, *of_member)}            for lane in range(x.shape[1]):\n" + "".join(
-        f"                {line}\n" for line in [*along, _update(kind, name, values, new)]
-    )
+    return _run(index, kind, *of_member) + _over_lanes("x", [*along, _update(kind, name, values, new)])
 
 
 def _timetable_loop(index: int, kind: Kind, name: str) -> str:

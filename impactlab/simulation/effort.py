@@ -69,12 +69,12 @@ class Effort:
     def of(cls, plan: Plan, model: Model) -> Self:
         """Choose what a share of the work of a plan buys."""
         clock, lane = plan.clock, lane_seconds(len(model.mass), len(model.links))
-        if not _random(plan) and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
+        if not plan.random and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
             return cls(plan.realizations.number, clock.spin_up_steps, clock.steps, (0,), 0, (1,))
         apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
         seconds = min(max(UNCLEAR_SECONDS if apart else LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
         wanted = SEGMENTS * (settling + 3 * SEGMENT) if apart else 3 * FEWEST * SEGMENT
-        led = len(plan.driving.forced) > 0 and not _random(plan)  # to a motion that may depend on how it began
+        led = len(plan.driving.forced) > 0 and not plan.random  # to a motion that may depend on how it began
         spin_up = clock.spin_up_steps if led else min(clock.spin_up_steps, settling)
         for realizations in _numbers(plan, model):
             of_all = STEP_SECONDS * (1 + len(model.mass) // 10) if realizations > 1 else STEP_SECONDS
@@ -98,13 +98,9 @@ class Effort:
         return cls(realizations, spin_up, steps, tuple(range(0, looks[-1] * steps, steps)), 0, looks)
 
 
-def _random(plan: Plan) -> bool:
-    return bool(plan.noise.random.any())
-
-
 def _apart(plan: Plan) -> bool:
     """Whether what comes late in a run differs from how it begins, and can be reached without all that lies between."""
-    return not plan.steady and not plan.driving.lines and (_random(plan) or len(plan.driving.forced) > 0)
+    return not plan.steady and not plan.driving.lines and (plan.random or len(plan.driving.forced) > 0)
 
 
 def _numbers(plan: Plan, model: Model) -> list[int]:
@@ -124,7 +120,7 @@ def _segment(plan: Plan, model: Model, left: int) -> int:
     if not plan.steady or plan.driving.lines:
         steps = min(steps, left)
         steps = max(2, left // -(-left // steps) // 2 * 2) if left > 1 else 1
-    if not _random(plan):  # parts of the whole path
+    if not plan.random:  # parts of the whole path
         steps = max(steps, -(-left // (SEGMENTS * SLOTS)) * SLOTS)
     return steps
 

@@ -90,7 +90,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan, above: 
     that was found to do: differences between a step and its half, which are what is measured, then add up to its bias.
     """
     plan, time = rules, rules.realizations.number * rules.clock.duration
-    stationary = rules.steady and bool(rules.noise.random.any())
+    stationary = rules.steady and rules.random
     anything = np.full(len(rules.system.bodies), np.inf)
     if stationary and above:
         larger = plan_of(math.inf, anything)

@@ -94,7 +94,6 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
-    alike = coarse.steady or lanes == 1  # segments: else what differs from one to the next is no scatter
     mean = of_fine["mean_displacement"].mean(axis=-1)
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
@@ -107,9 +106,10 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     limit = limit_of(sum(len(of_coarse[name]) for name in names))
 
     def scatter(values: np.ndarray, fitted: int) -> np.ndarray:
-        if not coarse.noise.random.any():
-            return _error(values, coverage.left_out, limit, fitted)
-        return _error(values, 1.0, limit, fitted) if alike else _error_in_time(values, coverage.left_out, limit)
+        values = values.reshape(-1, segments, lanes)
+        if coarse.random and not coarse.steady and lanes > 1:  # times differ by more than chance
+            return _error_in_time(values, coverage.left_out, limit)
+        return _error(values, 1.0 if coarse.random else coverage.left_out, limit, fitted)
 
     still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
     bias, error, measured = {}, {}, {}
@@ -128,11 +128,11 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)
-        error[name] = scatter(relative.reshape(-1, segments, lanes), fitted)
+        error[name] = scatter(relative, fitted)
         error[name][unseen] = np.inf
         bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
-    velocity = of_coarse["mean_square_velocity"].reshape(-1, segments, lanes)
+    velocity = of_coarse["mean_square_velocity"]
     labels_of = {BODY: model.bodies, CONTACT: model.contacts}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = (

@@ -40,7 +40,7 @@ def step_error(
     makes the plans of its runs, with the mean square velocities that the plan was made with.
     """
     effort = Effort.of(plan, model)
-    step, finer = plan.clock.step, FINER if plan.noise.random.any() else FINEST
+    step, finer = plan.clock.step, FINER if plan.random else FINEST
 
     def part(size: float, coarse: bool) -> Plan:
         request = Request(

@@ -253,7 +253,7 @@ def _run_part(
         dataset = _run(plan, request, execution, configuration, file)
         if error is None:
             return dataset
-        sampled = bool(plan.noise.random.any()) and not plan.realizations.trusted
+        sampled = plan.random and not plan.realizations.trusted
         if message := error.doubt(dataset, sampled, plan.steady):
             warn(message)
         return error.added_to(dataset, plan.clock.automatic)
