@@ -31,40 +31,19 @@ class Model:
 
     Bodies have slots 0 … n − 1 in the order of their names; slot n is the wall, a body
     that is always at rest at 0, so that walls need no code of their own.
-
-    Attributes
-    ----------
-    network : Network
-        Where the model comes from.
-    mass, damping, stiffness : (body,) ndarray
-        Linear part (kg, N s m-1, N m-1).
-    ends : Links
-        What each contact acts along: its gap, but for the clearance.
-    clearance : (contact,) ndarray
-        Clearances (m).
-    coupled : Links
-        The same of the couplings; their extension is the negative of it.
-    coupling : (2, coupling) ndarray
-        Stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others.
-    flowing : (coupling,) ndarray of bool
-        Which of them an integrator treats as a part of the bodies' linear motion.
-    sources : dict of str to Sources
-        White noises ("intensity"), given forces ("force") and sums of cosines ("lines").
-    members : Members
-        Contacts, other couplings, residual forces and functions of time, as generated loops take them.
     """
 
-    network: Composition
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    ends: Links
-    clearance: np.ndarray
-    coupled: Links
-    coupling: np.ndarray
-    flowing: np.ndarray
-    sources: dict[str, Sources]
-    members: Members
+    network: Composition  # where the model comes from
+    mass: np.ndarray  # (body,) of the linear part, as the next two (kg)
+    damping: np.ndarray  # (N s m-1)
+    stiffness: np.ndarray  # (N m-1)
+    ends: Links  # what each contact acts along: its gap, but for the clearance
+    clearance: np.ndarray  # (contact,) (m)
+    coupled: Links  # the same of the couplings; their extension is the negative of it
+    coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
+    flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
+    sources: dict[str, Sources]  # white noises ("intensity"), given forces ("force") and sums of cosines ("lines")
+    members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
     def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:

@@ -42,28 +42,16 @@ _RANGE, _POINTS = 40.0, 4001  # deviations of the displacement and points at whi
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """Times after which a network has forgotten.
+    """Times after which a network has forgotten."""
 
-    Attributes
-    ----------
-    linear : float
-        Of the slowest damped motion (s); 0 if nothing is damped.
-    slowest : float
-        The longest of all (s): samples further apart are independent.
-    settling : float
-        The longest of what the start does not know (s): energies of bodies that only collisions heat, where
-        temperatures differ or the start is at rest, and the share of wells of different depth. 0 if there is none.
-    reason : str
-        What takes the longest of these, as a message says it.
-    temperature : (body,) ndarray
-        Estimates for the bodies that nothing but contacts and couplings heats (J); NaN for others.
-    """
-
-    linear: float
-    slowest: float
+    linear: float  # of the slowest damped motion (s); 0 if nothing is damped
+    slowest: float  # the longest of all (s): samples further apart are independent
     settling: float
-    reason: str
-    temperature: np.ndarray
+    """The longest of what the start does not know (s): energies of bodies that only collisions heat, where temperatures
+    differ or the start is at rest, and the share of wells of different depth. 0 if there is none.
+    """
+    reason: str  # what takes the longest of these, as a message says it
+    temperature: np.ndarray  # (body,) of those that nothing but contacts and couplings heats (J), NaN for others
 
     @classmethod
     def of(cls, model: Model, stiffening: Stiffening) -> Relaxation:
@@ -136,11 +124,8 @@ def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, 
     often as their gap closes by Rice's formula; a damped body gives ``c/m`` of its temperature away in a second. In the
     stationary state what comes equals what goes.
 
-    Returns
-    -------
-    ndarray, float, bool, int
-        Temperatures (J), time of the slowest exchange with cold bodies (s), whether temperatures differ in a part that
-        has some or its start is at rest, and the slot of the cold body whose temperature changes slowest.
+    Returns temperatures (J), the time of the slowest exchange with cold bodies (s), whether temperatures differ in a
+    part that has some or its start is at rest, and the slot of the cold body whose temperature changes slowest.
     """
     result = np.full(len(model.bodies), np.nan)
     cold = cold_bodies(model)

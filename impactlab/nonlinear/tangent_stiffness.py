@@ -78,34 +78,18 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Stiffening:
-    """What contacts, couplings and residual forces add to the bodies' own stiffness at a given energy.
+    """What contacts, couplings and residual forces add to the bodies' own stiffness at a given energy."""
 
-    Attributes
-    ----------
-    energy : (body,) ndarray
-        Energy of the bodies (J).
-    penetration : (contact,) ndarray
-        Thermal plus static penetration (m).
-    contacts : (contact,) ndarray
-        Tangent stiffness of the contacts there, or the largest weighted one of their profile (N m-1).
-    couplings : (coupling,) ndarray
-        The same of the couplings (N m-1).
-    bodies : (body,) ndarray
-        The same of the residual forces (N m-1).
-    rest : (body,) ndarray
-        Displacements under the static forces of contacts with negative clearance (m).
-    profiles : tuple of (Profiles, ndarray of int)
-        Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row
-        of each item, -1 where it has none.
-    """
-
-    energy: np.ndarray
-    penetration: np.ndarray
-    contacts: np.ndarray
-    couplings: np.ndarray
-    bodies: np.ndarray
-    rest: np.ndarray
+    energy: np.ndarray  # (body,) (J)
+    penetration: np.ndarray  # (contact,) thermal plus static (m)
+    contacts: np.ndarray  # (contact,) tangent stiffness there, or the largest weighted one of the profile (N m-1)
+    couplings: np.ndarray  # (coupling,) the same of the couplings (N m-1)
+    bodies: np.ndarray  # (body,) the same of the residual forces (N m-1)
+    rest: np.ndarray  # (body,) displacements under the static forces of contacts with negative clearance (m)
     profiles: tuple[tuple[Profiles, np.ndarray], ...]
+    """Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row of
+    each item, -1 where it has none.
+    """
 
     @property
     def plain(self) -> bool:

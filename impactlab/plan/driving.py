@@ -17,27 +17,14 @@ from impactlab.linear.laws import flowing_systems, lines_of, responses
 
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """Forces that are known functions of time once their phases are drawn.
+    """Forces that are known functions of time once their phases are drawn."""
 
-    Attributes
-    ----------
-    lines : tuple of Lines
-        Sums of cosines.
-    responses : tuple
-        What each of them moves; see `impactlab.linear.laws.responses`.
-    forced : (row,) ndarray of int
-        Slots of the bodies under given forces, once for each of them.
-    forces : (row,) ndarray of int
-        Which given force it is.
-    weights : (row,) ndarray
-        Factor of it.
-    """
-
-    lines: tuple[Lines, ...]
+    lines: tuple[Lines, ...]  # sums of cosines
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
-    forced: np.ndarray
-    forces: np.ndarray
-    weights: np.ndarray
+    """What each of them moves; see `impactlab.linear.laws.responses`."""
+    forced: np.ndarray  # (row,) slots of the bodies under given forces, once for each of them
+    forces: np.ndarray  # (row,) which given force it is
+    weights: np.ndarray  # (row,) factor of it
 
     @classmethod
     def of(cls, model: Model) -> Driving:

@@ -15,53 +15,27 @@ from impactlab.plan.subdomains import Tile
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Generated functions, what they take, and which bodies they act on.
+    """Generated functions, what they take, and which bodies they act on."""
 
-    Attributes
-    ----------
-    text : str
-        Generated module.
-    parameters, indices : ndarray
-        What the generated functions take.
-    states : ndarray
-        States of laws at the start; see `impactlab.assembly.members.Members`.
-    labels : tuple of (str, str)
-        Names of the states, and their units.
-    passes : int
-        How often a kick evaluates forces that depend on velocities, 0 where there are none.
-    likely : (contact,) ndarray of bool
-        Whether each contact may close in the run.
-    kicked : (body,) ndarray of bool
-        Whether these, couplings that do not flow or a residual force act on each body.
-    half_kick : (0 to 2, body) ndarray
-        Of what a unit force of a kick gives the velocity of each body and the wall: how far velocities are spread
-        around their own time, half of it without friction; and, where friction slows bodies within a step, what those
-        in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
-    """
-
-    text: str
-    parameters: np.ndarray
+    text: str  # generated module
+    parameters: np.ndarray  # what its functions take, as `indices`
     indices: np.ndarray
-    states: np.ndarray
-    labels: tuple[tuple[str, str], ...]
-    passes: int
-    likely: np.ndarray
-    kicked: np.ndarray
+    states: np.ndarray  # of laws at the start; see `impactlab.assembly.members.Members`
+    labels: tuple[tuple[str, str], ...]  # names of the states, and their units
+    passes: int  # how often a kick evaluates forces that depend on velocities, 0 where there are none
+    likely: np.ndarray  # (contact,) whether each may close in the run
+    kicked: np.ndarray  # (body,) whether these, couplings that do not flow or a residual force act on it
     half_kick: np.ndarray
+    """Of what a unit force of a kick gives the velocity of each body and the wall, (0 to 2, body + 1): how far
+    velocities are spread around their own time, half of it without friction; and, where friction slows bodies within a
+    step, what those in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
+    """
 
     @classmethod
     def of(cls, model: Model, likely: np.ndarray, *, single: bool, kick: float | None) -> Forces:
-        """Return the forces of a model.
+        """Return the forces of a model for a method that kicks at a step (s), or None, in blocks of one lane or many.
 
-        Parameters
-        ----------
-        model : Model
-        likely : (contact,) ndarray of bool
-            Whether each contact may close in the run.
-        single : bool
-            Whether blocks have one lane, without an axis of lanes.
-        kick : float or None
-            Step of a method that kicks (s).
+        `likely` says whether each contact may close in the run, (contact,) of bool.
         """
         return cls(
             generate(model, single=single), model.members.parameters, model.members.indices, model.members.states,

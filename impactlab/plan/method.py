@@ -19,23 +19,12 @@ from impactlab.plan.subdomains import Tile
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """A method with its numbers.
-
-    Attributes
-    ----------
-    integrator : Integrator
-    coefficients : (phase, column, body) ndarray
-        Its numbers.
-    cross : Cross
-        Blocks of the linear motion between bodies.
-    flows : Flows or None
-        What is between kicks.
-    """
+    """A method with its numbers."""
 
     integrator: Integrator
-    coefficients: np.ndarray
-    cross: Cross
-    flows: Flows | None
+    coefficients: np.ndarray  # (phase, column, body) its numbers
+    cross: Cross  # blocks of the linear motion between bodies
+    flows: Flows | None  # what is between kicks
 
     jumps: ClassVar[Jumps | None] = None
     """How intervals in which nothing can touch are covered at once."""
@@ -94,13 +83,7 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class JumpingMethod(Method):
-    """A method that covers intervals in which nothing can touch at once.
-
-    Attributes
-    ----------
-    jumps : Jumps
-        How it does.
-    """
+    """A method that covers intervals in which nothing can touch at once."""
 
     jumps: Jumps  # type: ignore[misc]
 

@@ -41,48 +41,21 @@ class Shares(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WhiteNoises:
-    """White noise on some bodies.
+    """White noise on some bodies."""
 
-    Attributes
-    ----------
-    white : (white,) ndarray of int
-        Slots of these bodies.
-    rows : (row,) ndarray of int
-        Slots of the bodies by row of noise; second rows of some come last.
-    runs : (run, 3) ndarray of int
-        Bodies that follow each other, as do their first rows: first body, its row or -1, number.
-    amplitude : (phase, 2, row) ndarray
-        Amplitude of the rows.
-    streams : (3, row) ndarray of uint64
-        Addresses of the noise.
-    intensity : (white,) ndarray
-        Density of the noise on `white` that the amplitudes were made with.
-    shares : Shares
-        Parts of that which each noise has.
-    noises : (row,) ndarray of int
-        Which noise it is.
-    time_varying : bool
-        Whether densities depend on time.
-    random : (body,) ndarray of bool
-        Whether noise of any kind reaches each body.
-    common : (body,) ndarray of bool
-        Whether a noise on each body drives others, too.
-    coarse : bool
-        Whether a step takes the noise that a run at half the step has in two.
-    """
-
-    white: np.ndarray
-    rows: np.ndarray
+    white: np.ndarray  # (white,) slots of these bodies
+    rows: np.ndarray  # (row,) slots of the bodies by row of noise; second rows of some come last
     runs: np.ndarray
-    amplitude: np.ndarray
-    streams: np.ndarray
-    intensity: np.ndarray
-    shares: Shares
-    noises: np.ndarray
-    time_varying: bool
-    random: np.ndarray
-    common: np.ndarray
-    coarse: bool
+    """Bodies that follow each other, as do their first rows, (run, 3): first body, its row or -1, number."""
+    amplitude: np.ndarray  # (phase, 2, row) of the rows
+    streams: np.ndarray  # (3, row) addresses of the noise
+    intensity: np.ndarray  # (white,) density of the noise on `white` that the amplitudes were made with
+    shares: Shares  # parts of that which each noise has
+    noises: np.ndarray  # (row,) which noise it is
+    time_varying: bool  # whether densities depend on time
+    random: np.ndarray  # (body,) whether noise of any kind reaches each body
+    common: np.ndarray  # (body,) whether a noise on each body drives others, too
+    coarse: bool  # whether a step takes the noise that a run at half the step has in two
 
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> WhiteNoises:

@@ -19,48 +19,26 @@ from impactlab.plan.subdomains import Tile
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where realizations begin.
+    """Where realizations begin."""
 
-    Attributes
-    ----------
-    state : str or (2, body) ndarray
-        "stationary", "rest", or displacements and velocities.
-    streams : (3, body) ndarray of uint64
-        Addresses of a random start.
-    deviations : (2, body) ndarray
-        Standard deviations of displacement and velocity under white noise, for a stationary start.
-    factors : tuple
-        Pairs for such a start: slots of bodies that couplings or noises connect, root of the covariance of (x, v).
-    rest : (body,) ndarray
-        Displacements of bodies that start at rest (m).
-    """
-
-    state: str | np.ndarray
-    streams: np.ndarray
+    state: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body)
+    streams: np.ndarray  # (3, body) addresses of a random start
     deviations: np.ndarray
+    """Standard deviations of displacement and velocity under white noise, (2, body), for a stationary start."""
     factors: tuple[tuple[np.ndarray, np.ndarray], ...]
-    rest: np.ndarray
+    """For such a start: slots of bodies that couplings or noises connect, and a root of the covariance of (x, v)."""
+    rest: np.ndarray  # (body,) displacements of bodies that start at rest (m)
 
     @classmethod
     def of(
         cls, model: Model, state: str | np.ndarray, residual: np.ndarray, rest: np.ndarray, temperature: np.ndarray,
         seed: tuple[int, int],
     ) -> Start:  # fmt: skip
-        """Return a start.
+        """Return the start that was asked for.
 
-        Parameters
-        ----------
-        model : Model
-        state : str or ndarray
-            What was asked for.
-        residual : (body,) ndarray
-            Stiffness of residual forces at the energies of the bodies (N m-1).
-        rest : (body,) ndarray
-            Displacements under the static forces of contacts (m).
-        temperature : (body,) ndarray
-            What is expected of bodies that nothing but contacts heats (J), NaN elsewhere.
-        seed : tuple of int
-            128 bits.
+        `residual` is the stiffness of residual forces at the energies of the bodies (N m-1), `rest` are displacements
+        under the static forces of contacts (m), and `temperature` is what is expected of bodies that nothing but
+        contacts heats (J), NaN elsewhere, (body,) each.
         """
         drawn = model.bodies if isinstance(state, str) and state == "stationary" else ()
         return cls(
