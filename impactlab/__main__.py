@@ -27,18 +27,10 @@ _CODES = """exit codes:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line, by default with the arguments of the process, and return the exit code.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
-
-    Returns
-    -------
-    int
-        Exit code: 0 done, 1 checks failed, 2 usage, configuration or plugin, 3
-        incomplete and resumable, 130 interrupted.
+    It is 0 where all is done, 1 where checks failed, 2 for usage, configuration or plugin, 3 for what is incomplete and
+    can be resumed, 130 where it was interrupted.
     """
     for stream in (sys.stdout, sys.stderr):  # names and units are not ASCII
         if hasattr(stream, "reconfigure"):

@@ -56,13 +56,7 @@ def tuned(**changes: Any) -> Iterator[Tuning]:
 
 
 def begin(executor: concurrent.futures.Executor, function: Callable[..., Any] = int, *arguments: Any) -> Any:
-    """Submit a function and return its future, or say that the executor takes nothing any more.
-
-    Raises
-    ------
-    InvalidInput
-        If the executor was shut down, or its workers died.
-    """
+    """Submit a function and return its future; refuse an executor that takes nothing any more."""
     try:
         return executor.submit(function, *arguments)
     except RuntimeError as error:  # a broken executor's error is one as well

@@ -21,11 +21,8 @@ def say(progress: bool | Callable[[float], None] | None, text: str) -> None:
 def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float], None]:
     """Return what is called with the part that is done.
 
-    Parameters
-    ----------
-    progress : bool, callable or None
-        None shows a bar if standard error is a terminal and the run is long; True and
-        False decide it; a callable is called itself.
+    With None it is a bar if standard error is a terminal and the run is long; True and False decide it; a callable is
+    called itself.
     """
     if callable(progress):
         return progress

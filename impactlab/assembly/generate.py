@@ -135,24 +135,10 @@ def _slowing(kind: Kind, name: str) -> str:
 
 
 def generate(model: Model, single: bool = False) -> str:
-    """Return the text of the module that holds a network's forces.
+    """Return the text of the module that holds a network's forces, for blocks of many lanes or of a `single` one.
 
-    Parameters
-    ----------
-    model : Model
-        The network as arrays.
-    single : bool
-        Whether for blocks of one lane.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InvalidInput
-        If the source of a kernel cannot be found, or reads something that is neither a
-        number, nor a function, nor from ``math`` or ``numpy``.
+    Kernels are refused whose source cannot be found, or reads something that is neither a number, nor a function, nor
+    from ``math`` or ``numpy``.
     """
     return _generated(model, single)
 

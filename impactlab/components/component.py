@@ -34,19 +34,7 @@ _REGISTRY: dict[str, dict[str, type[Component]]] = {}
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return a clause that names the nearest known name, or all of them.
-
-    Parameters
-    ----------
-    name : str
-        What was given.
-    known : iterable of str
-        What is allowed.
-
-    Returns
-    -------
-    str
-    """
+    """Return a clause that names the known name that is nearest to what was given, or all of them."""
     known = [str(item) for item in known]
     near = difflib.get_close_matches(str(name), known, n=1)
     if near:
@@ -295,21 +283,10 @@ class Component:
 
 
 def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray) -> np.ndarray:
-    """Evaluate a kernel of many components in Python, each on its row of arrays.
+    """Evaluate a kernel of many components of any classes in Python, each on its row of arrays, (component, point).
 
-    Parameters
-    ----------
-    components : sequence of Component
-        Of any classes that have the kernel.
-    name : str
-        Name of the kernel.
-    *kinematic : (component, point) ndarray
-        All kinematic arguments of the family's kernel, in order.
-
-    Returns
-    -------
-    (component, point) ndarray
-        NaN where a function of Python overflows or is not defined, which compiled ones do not tell.
+    The arrays are all kinematic arguments of the family's kernel, in order. The result is NaN where a function of
+    Python overflows or is not defined, which compiled ones do not tell.
     """
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     by_class: dict[type[Component], list[int]] = {}

@@ -25,29 +25,13 @@ _MOST_OF_A_CLASS = 8
 def check_potentials(
     what: str, members: Iterable[tuple[str, Component]], force: str, potential: str, both_sides: bool = False
 ) -> None:
-    """Refuse potentials that are not the work of their forces from 0.
+    """Refuse potentials that are not the work of their forces from 0, also below 0 if they have `both_sides`.
 
-    Of each class up to eight members are looked at, since what is wrong is a formula. From one
-    octave of places to the next the change of the potential is compared with the integral
-    of the force, by Gauss's rule. Where polynomials of order 15 do not resolve them (a kink), the
-    tolerance grows by what they leave.
-    Nothing is looked at where a kernel fails or overflows, or the force depends on a rate.
-
-    Parameters
-    ----------
-    what : str
-        Of what they are the laws, as messages say it.
-    members : iterable of (str, Component)
-        Names and laws.
-    force, potential : str
-        Names of the two kernels.
-    both_sides : bool
-        Whether places may be negative.
-
-    Raises
-    ------
-    InvalidInput
-        If one is not.
+    Members are names and laws of `what`, as messages say it, with two kernels. Of each class up to eight are looked at,
+    since what is wrong is a formula. From one octave of places to the next the change of the potential is compared with
+    the integral of the force, by Gauss's rule. Where polynomials of order 15 do not resolve them (a kink), the
+    tolerance grows by what they leave. Nothing is looked at where a kernel fails or overflows, or the force depends on
+    a rate.
     """
     distinct: dict[type[Component], dict[int, tuple[str, Component]]] = {}
     for name, component in members:

@@ -119,19 +119,8 @@ def jump_tables(
 ) -> Jumps:
     """Return the tables for intervals of ``leaf 2^levels`` steps and their halves.
 
-    Parameters
-    ----------
-    model : Model
-    step : float
-        Step (s).
-    leaf, levels : int
-        Steps of the shortest interval, and how often the longest is halved.
-    deviations : (2, body) ndarray
-        Usual size of displacements and velocities (m, m s-1).
-    window : (contact,) ndarray
-        How near to contact a gap must be for statistics to look at it (m).
-    seed : tuple of int
-        128 bits.
+    The deviations are the usual size of displacements and velocities, (2, body) (m, m s-1), and the window is how near
+    to contact a gap must be for statistics to look at it, (contact,) (m).
     """
     linear = model.mass, model.damping, model.stiffness, model.intensities()
     bodies, noisy = len(model.mass), model.intensities() > 0.0

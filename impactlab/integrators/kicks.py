@@ -50,23 +50,11 @@ def slot_of(history, slot):  # type: ignore[no-untyped-def]
 
 @inlined
 def kick(forces, tables, passes, still, v, y, slot):  # type: ignore[no-untyped-def]
-    """Change the velocities by all forces at the shifted place y.
+    """Change the velocities v by all forces at the shifted place y, which is a result, [body, lane] each.
 
-    Parameters
-    ----------
-    forces : function
-    tables : Tables
-    passes : int
-        How often forces that depend on velocities are evaluated, 0 where there are none.
-    still : [body, lane]
-        Zeros.
-    v : [body, lane]
-        Velocities.
-    y : [body, lane]
-        Result: where the kick is read.
-    slot : History
-        Of one step, with the displacements; the rest is written, of which the velocities are those in the middle of
-        the kick.
+    Forces that depend on velocities are evaluated in some passes, 0 where there are none; `still` holds zeros. The slot
+    is a `History` of one step, with the displacements; the rest is written, of which the velocities are those in the
+    middle of the kick.
     """
     parameters, indices, coefficients = tables.parameters, tables.indices, tables.coefficients
     x, middle, total, indentation, contact_force = slot

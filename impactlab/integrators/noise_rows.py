@@ -26,23 +26,12 @@ def with_own_noise(model: Model) -> Model:
 
 
 def rows_of_source(model: Model, split: np.ndarray, step: float, number: int, places: Sequence[float]) -> NoiseRows:
-    """Return the rows of a white noise that has a name of its own.
+    """Return the rows of the white noise of some number in a model, which has a name of its own.
 
-    Its first normal is its integral over the step, the same for all bodies. Bodies on which it acts at one moment of
-    the step take nothing else. The motion of the others has a part that this determines, and one that is independent
-    of it, for which they take further normals: the covariance of all that they do is exact at any step.
-
-    Parameters
-    ----------
-    model : Model
-    split : (body,) ndarray of bool
-        On which bodies noise acts at one moment of the step.
-    step : float
-        (s)
-    number : int
-        Which white noise of the model it is.
-    places : sequence of float
-        That moment in each phase of the method, as a part of the step.
+    Its first normal is its integral over the step (s), the same for all bodies. Where it is `split` it acts on bodies
+    at one moment of the step, one of the `places` for each phase of the method, as parts of the step: these take
+    nothing else. The motion of the others has a part that this determines, and one that is independent of it, for which
+    they take further normals: the covariance of all that they do is exact at any step.
     """
     noises, density = model.sources["intensity"], float(model.reference_densities()[number])
     slots, weights = noises.driven(number)
@@ -63,22 +52,11 @@ def rows_of_source(model: Model, split: np.ndarray, step: float, number: int, pl
 
 
 def _motion(model: Model, driven: np.ndarray, size: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a noise does in a step to the bodies that it drives and those of their groups.
+    """Return what a noise does in a step (s) to the bodies that it drives and those of their groups.
 
-    Parameters
-    ----------
-    model : Model
-    driven : (n,) ndarray of int
-        Slots of the bodies that it drives.
-    size : (n,) ndarray
-        Root of 2π times the spectral density of the force on each, with its sign.
-    step : float
-        (s)
-
-    Returns
-    -------
-    (body,), (body, 2, normal) ndarray
-        Slots, and displacements and velocities by the normals.
+    Given are the slots of the bodies that it drives, and the root of 2π times the spectral density of the force on
+    each, with its sign, (n,). Returned are slots, (body,), and displacements and velocities by the normals,
+    (body, 2, normal).
     """
     slots, system = joined_systems(model, flowing_systems(model), [driven])[-1]
     count, rate = len(slots), sum(system.scales)

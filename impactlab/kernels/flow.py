@@ -65,18 +65,10 @@ def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ig
 
 @kernel
 def flow_between(cross, normals, x, v, result, after):  # type: ignore[no-untyped-def]
-    """Add what the flow of connected bodies carries from one to another.
+    """Add what the flow of connected bodies carries from one to another, by blocks of the flow, `Cross`.
 
-    Parameters
-    ----------
-    cross : Cross
-        Blocks of the flow between bodies.
-    normals : [row, lane]
-        As in `flow`.
-    x, v : [body, lane]
-        State before the step.
-    result, after : [body, lane]
-        Displacements and velocities after it.
+    Normals are those of `flow`; the state before the step is x, v, and the results are displacements and velocities
+    after it, [body, lane] each.
     """
     for block in range(cross.bodies.shape[0]):
         body, other = cross.bodies[block, 0], cross.bodies[block, 1]

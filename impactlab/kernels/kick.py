@@ -8,16 +8,10 @@ from impactlab.kernels.jit import kernel, scattered
 
 @kernel
 def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
-    """Write the sum of its contacts' forces on every body to `total`, in the order of the contacts.
+    """Write the sum of its contacts' forces on every body, in the order of the contacts; 0 for the wall, the last body.
 
-    Parameters
-    ----------
-    indices : ndarray of int
-        `Members.indices`: the second entry tells where the rows for this begin.
-    contact_force : [contact, lane]
-        Forces of the contacts.
-    total : [body, lane]
-        Result; 0 for the wall, which is the last body.
+    Forces are [contact, lane], their sums [body, lane]; the second entry of the indices, `Members.indices`, tells where
+    the rows for this begin.
     """
     begin = indices[1]
     at = begin + 6
@@ -77,16 +71,10 @@ def gather(indices, contact_force, total):  # type: ignore[no-untyped-def]
 
 @scattered
 def differences(indices, a, result):  # type: ignore[no-untyped-def]
-    """Write the difference of a quantity between the first and the second body of every contact.
+    """Write the difference of a quantity, [body, lane], between the first and the second body of every contact.
 
-    Parameters
-    ----------
-    indices : ndarray of int
-        `Members.indices`: the first entry tells where the rows for this begin.
-    a : [body, lane]
-        The quantity.
-    result : [contact, lane]
-        Result.
+    The result is [contact, lane]; the first entry of the indices, `Members.indices`, tells where the rows for this
+    begin.
     """
     begin = indices[0]
     at = begin + 2

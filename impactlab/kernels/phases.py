@@ -11,12 +11,8 @@ from impactlab.kernels.jit import kernel
 def turn(planes, first, second):  # type: ignore[no-untyped-def]
     """Multiply complex numbers by phases of two directions, in place.
 
-    Parameters
-    ----------
-    planes : (waves, 2, center, first, second) float32 ndarray
-        Real and imaginary parts.
-    first : (waves, center, first) complex64 ndarray
-    second : (waves, center, second) complex64 ndarray
+    Real and imaginary parts are planes of single precision, (waves, 2, center, first, second); the phases are single
+    complex numbers, (waves, center, first) and (waves, center, second).
     """
     cosine, sine = np.empty(second.shape[2], np.float32), np.empty(second.shape[2], np.float32)
     for k in range(planes.shape[0]):

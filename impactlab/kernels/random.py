@@ -47,21 +47,10 @@ _COSINE = tuple(np.float32(number) for number in (-0.49999857, 0.041655026, -0.0
 
 
 def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, int]:
-    """Return the address of a stream: two words of the key and one of the counter.
+    """Return the address of a stream: two words of the key and one of the counter, from BLAKE2 keyed by the seed.
 
-    Parameters
-    ----------
-    seed : tuple of int
-        128 bits of seed as two words of 64 bits.
-    name : str
-        Name of the body or of the source.
-    purpose : str
-        What the numbers are for, at most 16 bytes ("noise", "start", "phases").
-
-    Returns
-    -------
-    tuple of int
-        Three words of 32 bits, from BLAKE2 keyed by the seed.
+    The seed is 128 bits as two words of 64 bits, the name that of the body or the source, and the purpose says what the
+    numbers are for in at most 16 bytes ("noise", "start", "phases").
     """
     key = struct.pack("<2Q", *seed)
     digest = hashlib.blake2b(name.encode(), digest_size=12, key=key, person=purpose.encode()).digest()
@@ -124,18 +113,9 @@ def normal_pair(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def fill_normals(streams, realizations, block, normals):  # type: ignore[no-untyped-def]
-    """Write normals 4 block … 4 block + 3 of every stream and realization.
+    """Write normals 4 block … 4 block + 3 of every stream and realization, (4, stream, lane) of single precision.
 
-    Parameters
-    ----------
-    streams : (3, stream) uint64
-        Addresses as `stream` returns them.
-    realizations : (lane,) uint32
-        Indices of the realizations.
-    block : uint64
-        Index of the block.
-    normals : (4, stream, lane) float32
-        Result.
+    Streams are addresses as `stream` returns them, (3, stream) of uint64, and realizations indices, (lane,) of uint32.
     """
     c0 = np.uint32(block & _LOW)
     c1 = np.uint32(block >> _32)
@@ -192,21 +172,7 @@ def philox_words(counters_and_keys, words):  # type: ignore[no-untyped-def]
 def normals_of(
     seed: tuple[int, int], name: str, purpose: str, realizations: np.ndarray, first_block: int, blocks: int
 ) -> np.ndarray:
-    """Return consecutive normals of one stream.
-
-    Parameters
-    ----------
-    seed, name, purpose
-        See `stream`.
-    realizations : (lane,) array of int
-        Indices of the realizations.
-    first_block, blocks : int
-        First block of four normals and number of blocks.
-
-    Returns
-    -------
-    (4 blocks, lane) ndarray of float32
-    """
+    """Return consecutive normals of one `stream`, (4 blocks, lane) of single precision, from the first block on."""
     addresses = np.array([stream(seed, name, purpose)], dtype=np.uint64).T.copy()
     lanes = np.ascontiguousarray(realizations, dtype=np.uint32)
     result = np.empty((blocks, 4, 1, lanes.size), dtype=np.float32)

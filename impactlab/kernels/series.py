@@ -132,19 +132,9 @@ def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type
 def fill_spectrum(phases, lowest, samples, lines, spectrum):  # type: ignore[no-untyped-def]
     """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
 
-    Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin
-    k mod samples and, as the conjugate, to −k mod samples.
-
-    Parameters
-    ----------
-    phases : Phases
-    lowest : int
-        Number of the first line.
-    samples : int
-        Number of samples in a period.
-    lines : Amplitudes
-    spectrum : (channel, samples // 2 + 1 or less) ndarray of complex
-        Result, up to some bin: each row, or if there is room each row and its derivative.
+    Lines whose values at t = 0, 1, … cannot be told apart are added up: number k goes to bin k mod samples and, as the
+    conjugate, to −k mod samples. The spectrum is complex, (channel, samples // 2 + 1 or less), up to some bin: each row
+    or, if there is room, each row and its derivative.
     """
     rows, bins = lines.real.shape[0], spectrum.shape[1]
     derivatives = spectrum.shape[0] // rows

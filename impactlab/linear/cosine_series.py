@@ -18,25 +18,9 @@ LONG_PERIOD = 16
 class Cosines:
     """What the sum of cosines on one body does, realization by realization.
 
-    Parameters
-    ----------
-    seed : tuple of int
-        128 bits.
-    lines : Lines
-        Frequencies and amplitudes of the force.
-    gains : (row, line) ndarray of complex
-        What each line does by unit force.
-    derivatives : bool
-        Whether the derivative of each row is wanted too.
-    interval : float, optional
-        Time between samples (s); without it there are no samples.
-    needed : float
-        Number of samples that are wanted.
-
-    Attributes
-    ----------
-    channels : int
-        Number of rows, with derivatives: row, its derivative, next row, …
+    By unit force each line does its gains, (row, line) of complex. Where `derivatives` are wanted, too, there are
+    `channels` for each row and its derivative, in turn. Without an interval between samples (s) there are none, with
+    one as many as are needed.
     """
 
     def __init__(

@@ -25,14 +25,9 @@ def damped(model: Model) -> tuple[Model, Model]:
 
     The energy θ of a body alone is where such a force and the damper take the power P(θ) that white noise brings, on
     average over displacements and velocities that are normal, with the temperature θ. Without noise it is where a force
-    that drives slow motion takes as much at fast motion. The dampers of the first network keep that energy, those of
-    the second let small deviations from it decay as they do. The network itself where nothing depends on the velocity,
-    or a force takes no power at any energy.
-
-    Returns
-    -------
-    Model, Model
-        For energies, and for relaxation times.
+    that drives slow motion takes as much at fast motion. The dampers of the first network, which is for energies, keep
+    that energy; those of the second, for relaxation times, let small deviations from it decay as they do. The network
+    itself where nothing depends on the velocity, or a force takes no power at any energy.
     """
     heat, decay = model.damping.copy(), model.damping.copy()
     for slot, body in enumerate(model.network.oscillators.values()):

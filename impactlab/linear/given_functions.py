@@ -112,15 +112,10 @@ def look(model: Model, excitation: Excitation, begin: float, end: float) -> tupl
 def resolving_step(model: Model, begin: float, end: float, longest: float) -> float:
     """Return the largest step, up to the longest, that sees the model's functions of time between two times.
 
-    Around times that are drawn in proportion to the square of a function, it is compared with
-    the linear function of time by which a step would know it; the relative difference must be below
-    `UNSEEN` at the share `MOST` of them. So what matters is where the function is large, however short
-    that is, and how fast it varies there, not any period.
-
-    Raises
-    ------
-    InvalidInput
-        If a function varies at any step.
+    Around times that are drawn in proportion to the square of a function, it is compared with the linear function of
+    time by which a step would know it; the relative difference must be below `UNSEEN` at the share `MOST` of them. So
+    what matters is where the function is large, however short that is, and how fast it varies there, not any period. A
+    function that varies at any step is refused.
     """
     step, of_time = longest, kinds_of(model)
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)

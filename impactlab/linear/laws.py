@@ -107,10 +107,7 @@ def responses(
 ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return what each sum of cosines moves, alone or in some systems of bodies.
 
-    Returns
-    -------
-    tuple of pairs
-        Slots, and complex displacements by unit force, (line, body) (m N-1).
+    These are slots, and complex displacements by unit force, (line, body) (m N-1).
     """
     joint = {slot: pair for pair in systems for slot in pair[0].tolist()}
     result = []

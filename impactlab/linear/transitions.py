@@ -17,26 +17,12 @@ _NOTHING = 1e-12
 def transition(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact Gaussian transition of linear bodies over a step.
+    """Return the exact Gaussian transition A, Q, (n, 2, 2), of linear bodies, (n,) each (SI units), over a step (s).
 
-    The state (x, v) of ``m x'' + c x' + k x = f`` with white noise f of two-sided density
-    S becomes ``A (x, v)`` plus a normal vector of covariance Q, ``A = exp(h M)``. A and Q come
-    from Van Loan's block exponential (IEEE Trans. Autom. Control 23, 1978, 395), so that
-    free and undamped bodies need no case of their own; long steps by doubling,
+    The state (x, v) of ``m x'' + c x' + k x = f`` with white noise f of two-sided density S becomes ``A (x, v)`` plus a
+    normal vector of covariance Q, ``A = exp(h M)``. A and Q come from Van Loan's block exponential (IEEE Trans. Autom.
+    Control 23, 1978, 395), so that free and undamped bodies need no case of their own; long steps by doubling,
     ``Q(2h) = Q + A Q Aᵀ``, which has no cancellation.
-
-    Parameters
-    ----------
-    mass, damping, stiffness : (n,) ndarray
-        Bodies (kg, N s m-1, N m-1).
-    intensity : (n,) ndarray
-        Two-sided spectral density S of the force (N2 s rad-1).
-    step : float
-        Step h (s).
-
-    Returns
-    -------
-    A, Q : (n, 2, 2) ndarray
     """
     bodies = np.stack([mass, damping, stiffness], axis=1)
     unique, which = _unique(bodies)
@@ -59,25 +45,10 @@ def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def system_transition(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, step: float, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact Gaussian transition of bodies that springs and dampers connect.
+    """Return the exact Gaussian transition A, Q, (2 n, 2 n), of bodies that springs and dampers connect.
 
-    Parameters
-    ----------
-    mass : (n,) ndarray
-        (kg)
-    damping, stiffness : (n, n) ndarray
-        Matrices C and K (N s m-1, N m-1).
-    intensity : (n, n) ndarray
-        Two-sided spectral densities of the forces and between them (N2 s rad-1).
-    step : float
-        Step (s).
-    rate : float
-        At least the magnitude of the largest eigenvalue of the motion (s-1).
-
-    Returns
-    -------
-    A, Q : (2 n, 2 n) ndarray
-        Of all displacements, then all velocities.
+    Masses are (n,), matrices of damping, stiffness and spectral densities (n, n) (SI units). The rate is at least the
+    magnitude of the largest eigenvalue of the motion (s-1). In A and Q all displacements come before all velocities.
     """
     drift, growth = drift_matrix(mass, damping, stiffness), diffusion_matrix(mass, intensity)
     a, q = _gaussian(drift[None], growth[None], step, rate)
@@ -106,24 +77,11 @@ def split_transition(
     place: float,
     until: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flow of linear bodies with the friction and noise of a step at one moment.
+    """Return the flow A, Q, (n, 2, 2), of linear bodies with the friction and noise of a step at one moment.
 
-    The undamped motion is exact, and so is what friction and noise do to the velocity over
-    a step; each alone keeps the stationary law of the body, and so does the product, at
-    any step. It needs one normal, since Q has rank one.
-
-    Parameters
-    ----------
-    mass, damping, stiffness, intensity, step
-        As in `transition`.
-    place : float
-        When friction and noise act, as a part of the step.
-    until : float
-        Where the flow ends, as a part of the step.
-
-    Returns
-    -------
-    A, Q : (n, 2, 2) ndarray
+    The undamped motion is exact, and so is what friction and noise do to the velocity over a step; each alone keeps the
+    stationary law of the body, and so does the product, at any step. It needs one normal, since Q has rank one. The
+    moment and the end of the flow are parts of the step, the rest is as in `transition`.
     """
     free = (mass, np.zeros_like(mass), stiffness, np.zeros_like(mass))
     if until < place:
@@ -144,14 +102,8 @@ def split_noise(
 ) -> np.ndarray:
     """Return what a normal number adds to (x, v) in the flow of `split_transition`, (place, n, 2).
 
-    Parameters
-    ----------
-    mass, damping, stiffness, step
-        As in `transition`.
-    size : (n,) ndarray
-        Root of 2π times the two-sided spectral density of the force, with its sign.
-    places : sequence of float
-        Moments when friction and noise act, as parts of the step.
+    The size is the root of 2π times the two-sided spectral density of the force, with its sign, (n,), and the places
+    are moments when friction and noise act, as parts of the step.
     """
     change = size / mass * np.sqrt(step * _kept_of_noise(damping / mass * step))
     still = np.zeros_like(mass)

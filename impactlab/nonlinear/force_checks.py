@@ -49,13 +49,7 @@ _RATES = {"indentation": "rate", "extension": "rate", "displacement": "velocity"
 
 
 def stiffening_of(model: Model, energy: np.ndarray) -> Stiffening:
-    """Return what forces add to the stiffness at some energies of the bodies, and refuse forces that cannot be used.
-
-    Raises
-    ------
-    InvalidInput
-        As `check_forces`.
-    """
+    """Return what forces add to the stiffness at some energies of the bodies; refuse forces as `check_forces` does."""
     return _stiffening(model, np.asarray(energy, dtype=float).tobytes())
 
 
@@ -69,24 +63,11 @@ def _stiffening(model: Model, energies: bytes) -> Stiffening:
 
 
 def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> None:
-    """Refuse forces that are not finite where they certainly act, or not the same each time.
+    """Refuse forces that are not finite where they certainly act, or not the same each time, by law, place and value.
 
-    Forces of contacts are looked at from 0 to the penetration, where they have stored the energy that a body
-    brings, at rest and at the speeds that this energy gives; those of couplings and residual forces must be finite at
-    0. Equal laws are looked at once.
-
-    Parameters
-    ----------
-    model : Model
-    penetration : (contact,) ndarray
-        Thermal plus static penetration (m).
-    energy : (body,) ndarray
-        Energy that the bodies bring (J).
-
-    Raises
-    ------
-    InvalidInput
-        Names the law, the place and the value.
+    Forces of contacts are looked at from 0 to the penetration (m), thermal and static, where they have stored the
+    energy that a body brings (J), at rest and at the speeds that this energy gives; those of couplings and residual
+    forces must be finite at 0. Equal laws are looked at once.
     """
     speed = np.sqrt(2.0 * energy[model.ends.first()] * model.ends.squares(1.0 / model.mass))
     contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))

@@ -116,18 +116,10 @@ def of_force(
     spring: float = 0.0,
     rest: float = 0.0,
 ) -> np.ndarray:
-    """Return the `COLUMNS` of a force, positive where it pushes back to smaller places.
+    """Return the `COLUMNS` of a force (N), positive where it pushes back to smaller places (m), at a temperature (J).
 
-    Parameters
-    ----------
-    force : callable
-        Forces (N) at an array of places (m).
-    low, high : float
-        Where to look (m); nothing is known where they are not in this order, or forces there are not finite.
-    temperature : float
-        Temperature T (J).
-    spring, rest : float
-        A spring (N m-1) beside it, and where it rests (m).
+    It is looked at between two places; nothing is known where they are not in order, or forces there are not finite. A
+    spring (N m-1) may be beside it, and rests somewhere (m).
     """
     if not (low < high and math.isfinite(high - low) and 0.0 < temperature < math.inf):
         return np.full(COLUMNS, np.nan)

@@ -79,15 +79,10 @@ def fit_step(
 ) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
-    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if
-    there is none, until it divides the duration. The number of steps is such a multiple. If the
-    number of steps in the interval is to be `smooth`, it has no prime factor above 5, which an FFT
-    takes best.
-
-    Raises
-    ------
-    InvalidInput
-        If an interval is not a whole number of steps.
+    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if there is none,
+    until it divides the duration. The number of steps is such a multiple. If the number of steps in the interval is to
+    be `smooth`, it has no prime factor above 5, which an FFT takes best. Intervals that are not a whole number of steps
+    are refused.
     """
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s; change one of them.")

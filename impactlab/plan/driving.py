@@ -69,13 +69,7 @@ def _samples(integrator: Integrator, step: float, steps: int) -> tuple[float, in
 
 
 def check_periods(model: Model, total: float) -> float | None:
-    """Return the period of the first series that repeats, after checking the time of the run.
-
-    Raises
-    ------
-    InvalidInput
-        If a series would repeat within the run.
-    """
+    """Return the period of the first series that repeats; refuse one that would repeat within the time of the run."""
     for name, excitation in [pair for kind in model.sources.values() for pair in kind.named()]:
         if total > excitation.period * (1.0 + 1e-9):
             raise InvalidInput(

@@ -17,15 +17,10 @@ class Seed(NamedTuple):
 
 
 def seed_of(rng: Any) -> Seed:
-    """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7).
+    """Return 128 bits of seed from what NumPy takes as `rng` (SPEC 7), or refuse what is none of that.
 
-    An integer or a SeedSequence gives the same seed every time; a Generator or
-    BitGenerator gives two words and moves on; None gives fresh entropy. A seed is itself.
-
-    Raises
-    ------
-    InvalidInput
-        If it is none of these.
+    An integer or a SeedSequence gives the same seed every time; a Generator or BitGenerator gives two words and moves
+    on; None gives fresh entropy. A seed is itself.
     """
     if isinstance(rng, Seed):
         return rng

@@ -75,13 +75,7 @@ def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> 
 
 
 def start_of(initial: Any, model: Model) -> str | np.ndarray:
-    """Return "stationary", "rest", or displacements and velocities (2, body).
-
-    Raises
-    ------
-    InvalidInput
-        If `initial` is none of the allowed forms or names a body that does not exist.
-    """
+    """Return "stationary", "rest", or displacements and velocities (2, body); refuse other forms and unknown names."""
     if initial is None or (isinstance(initial, str) and initial == "stationary"):
         variances = linear_variances(model)
         return "stationary" if np.isfinite(variances).all() and not model.time_varying else "rest"

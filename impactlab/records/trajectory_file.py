@@ -26,12 +26,7 @@ from impactlab.results.snapshot import TIME
 def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
     """Give the plan whose trajectories go to a new file instead of memory; messages say that it is in the `folder`.
 
-    Raises
-    ------
-    InvalidInput
-        If the disk has not enough space.
-    ImpactLabError
-        If the file cannot be written.
+    A run for which the disk has not enough space is refused.
     """
     size, free = trajectory_size(plan), shutil.disk_usage(folder).free
     if size > free:

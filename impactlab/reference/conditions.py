@@ -40,10 +40,7 @@ _FORCED = "a contact or a coupling that pushes it would."
 def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
     """Return the laws of the independent parts of a network, and the contacts that are left out since they never close.
 
-    Raises
-    ------
-    NoExactReference
-        With all reasons, if one of the parts has no law that is known here.
+    If one of the parts has no law that is known here it is refused with all reasons.
     """
     laws: list[Law | Subsystem] = []
     reasons: list[str] = []

@@ -23,26 +23,16 @@ _REACH = 10.0  # standard deviations after which a Gaussian is 0
 class GibbsLaw:
     """Stationary law of a body, or of a pair of linear bodies.
 
-    The coordinate q is the displacement of the body, or the difference
-    ``x_first − x_second``. It has the density ``exp(−Φ(q)/T)/Z`` with
-    ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``. The
-    displacement of a body is ``weight q + spread z``, with one standard normal z for
-    both bodies: for two springs ``exp(−k₁x₁²/2T − k₂x₂²/2T)`` factorises so, with
-    stiffness ``k₁k₂/(k₁+k₂)``, weights ``k₂/(k₁+k₂)`` and ``−k₁/(k₁+k₂)`` and
-    spread ``sqrt(T/(k₁+k₂))``.
+    The coordinate q is the displacement of the body, or the difference ``x_first − x_second``. It has the density
+    ``exp(−Φ(q)/T)/Z`` with ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``. The displacement
+    of a body is ``weight q + spread z``, with one standard normal z for both bodies: for two springs
+    ``exp(−k₁x₁²/2T − k₂x₂²/2T)`` factorises so, with stiffness ``k₁k₂/(k₁+k₂)``, weights ``k₂/(k₁+k₂)`` and
+    ``−k₁/(k₁+k₂)`` and spread ``sqrt(T/(k₁+k₂))``.
 
-    The integrals are composite Gauss-Legendre sums. Panels double in width with the
-    distance from every corner and minimum of Φ, so that the scales of springs and
-    contacts may differ as they like, and are halved where that is not enough (a law
-    with a kink of its own); the part on either side of a corner is right relative to
-    itself, however small it is.
-
-    Raises
-    ------
-    NoExactReference
-        If ``exp(−Φ/T)`` cannot be normalised or integrated.
-    InvalidInput
-        If a potential is not the integral of its force.
+    The integrals are composite Gauss-Legendre sums. Panels double in width with the distance from every corner and
+    minimum of Φ, so that the scales of springs and contacts may differ as they like, and are halved where that is not
+    enough (a law with a kink of its own); the part on either side of a corner is right relative to itself, however
+    small it is. What cannot be normalised or integrated, or is not the integral of its force, is refused.
     """
 
     bodies: tuple[str, ...]  # names

@@ -55,13 +55,8 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
 def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, np.ndarray]:
     """Return the ranges of each displacement and of each difference that count, (body, 2) and (link, 2) (m).
 
-    In it neither a potential of the body nor one on the way to any other body need be
-    larger than the least energy plus `VANISHED`.
-
-    Raises
-    ------
-    NoExactReference
-        If nothing confines a body.
+    In it neither a potential of the body nor one on the way to any other body need be larger than the least energy plus
+    `VANISHED`. Bodies that nothing confines are refused.
     """
     between = [item for *_, item in links]
     most = VANISHED - depth_of([*own, *between])

@@ -33,13 +33,7 @@ matter."""
 
 
 def linear_law_of(network: Composition, body: str) -> GaussianLaw:
-    """Return the law of a body and what is connected to it, where nothing but linear motion matters.
-
-    Raises
-    ------
-    NoExactReference
-        With all reasons, if something else matters.
-    """
+    """Return the law of a body and what is connected to it, unless something else than linear motion matters."""
     subsystem = next(item for item in subsystems_of(network) if body in item.bodies)
     if subsystem.is_linear:
         part = LinearPart(subsystem)

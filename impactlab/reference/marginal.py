@@ -59,12 +59,7 @@ class Marginal:
     def return_level(self, time: float) -> float:
         """Return the highest level that is crossed upwards once in a time, on average.
 
-        Raises
-        ------
-        InvalidInput
-            If no level is crossed so often.
-        NoExactReference
-            If the density is not known so far out.
+        It is refused where none is crossed so often, or the density is not known so far out.
         """
         wanted = math.sqrt(2.0 * math.pi) / (self.speed * time)
         values = self.density(self.places)

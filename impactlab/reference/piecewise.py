@@ -108,13 +108,7 @@ panel), the edges of the panels (panel, 2) and the sizes that the coefficients h
 
 
 def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str) -> Piecewise:
-    """Return functions on panels that are halved until they are fine.
-
-    Raises
-    ------
-    NoExactReference
-        If they do not become so.
-    """
+    """Return functions on panels that are halved until they are fine; they are refused if they do not become so."""
     pending = np.stack([edges[:-1], edges[1:]], axis=1)
     panels, found, before = [], [], None
     while len(pending):
@@ -198,22 +192,9 @@ def fine_integrals(corners: np.ndarray, tolerance: float) -> Fineness:
 def shifted_integrals(edges: np.ndarray, kernel: Piecewise, shifts: np.ndarray) -> np.ndarray:
     """Return the weights of the integrals ``∫ f(y + u) kernel(u) du`` of any f that is given on panels.
 
-    Both are polynomials on panels, and between the edges of both Gauss's rule is exact for
-    their product, so that nothing is lost where the kernel has a kink.
-
-    Parameters
-    ----------
-    edges : (panel + 1,) ndarray
-        Edges of the panels of f, which is 0 outside.
-    kernel : Piecewise
-        The kernels, 0 outside their panels.
-    shifts : (shift,) ndarray
-        The shifts y.
-
-    Returns
-    -------
-    (kernel, shift, panel, order) ndarray
-        Weights of the coefficients of f.
+    Both are polynomials on panels, and between the edges of both Gauss's rule is exact for their product, so that
+    nothing is lost where the kernel has a kink. Outside of their edges f and the kernels are 0; the shifts are y. The
+    weights are those of the coefficients of f, (kernel, shift, panel, order).
     """
     panels, count = len(edges) - 1, len(kernel.coefficients)
     result = np.zeros((len(shifts) * panels, count, ORDER))

@@ -62,13 +62,7 @@ class Potential:
         return np.unique([0.0, *(gap.corner for gap in self.gaps)])
 
     def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
-        """Return Φ/T, less the line, at ``coordinate + offset``; infinite where it is too large for a number.
-
-        Raises
-        ------
-        NoExactReference
-            If it is not a number.
-        """
+        """Return Φ/T, less the line, at ``coordinate + offset``; infinite where too large for a number, never NaN."""
         place = coordinate + offset
         total = 0.5 * self.stiffness * place**2
         if self.residual is not None:
@@ -117,13 +111,7 @@ class Potential:
         return 0.5 * float(low + high)
 
     def check_work(self, edges: np.ndarray) -> None:
-        """Refuse a potential that is not the integral of its force, on panels that hold all corners.
-
-        Raises
-        ------
-        InvalidInput
-            If one is not.
-        """
+        """Refuse a potential that is not the integral of its force, on panels that hold all corners."""
         starts, offsets, lengths = gauss_legendre(edges)
         for gap in self.gaps:
             force = gap.law.evaluate(gap.indentation(starts, offsets))

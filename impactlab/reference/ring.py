@@ -42,27 +42,13 @@ class RingLaw:
 
         Z(x_0) = ∫ k(−u_1) h(u_1) ∫ k(u_1 − u_2) h(u_2) … ∫ k(u_(n−2) − u_(n−1)) h(u_(n−1)) k(u_(n−1)) du_(n−1) … du_1,
 
-    ``h(u_j) = exp(−Φ_j(x_0 + u_j)/T)`` being the factor of a body and k those of the
-    differences. No k depends on x_0, so the weights of their integrals are found once, as
-    in `TreeLaw`, and used for all x_0. Every body is taken for body 0 in turn, which gives its
-    law and that of the gap to the next one. All must find the same sum over all states, which shows
-    how exact they are.
+    ``h(u_j) = exp(−Φ_j(x_0 + u_j)/T)`` being the factor of a body and k those of the differences. No k depends on x_0,
+    so the weights of their integrals are found once, as in `TreeLaw`, and used for all x_0. Every body is taken for
+    body 0 in turn, which gives its law and that of the gap to the next one. All must find the same sum over all states,
+    which shows how exact they are.
 
-    Parameters
-    ----------
-    bodies : tuple of str
-        Names of the bodies, in the order of the ring.
-    own : sequence of Potential
-        Of the displacement of each body, without walls.
-    links : sequence of Potential
-        Of the difference of each body and the next.
-
-    Raises
-    ------
-    NoExactReference
-        If the density cannot be normalised or resolved.
-    InvalidInput
-        If a potential is not the integral of its force.
+    Bodies are named in the order of the ring. Each has a potential of its own, without walls, and one of the difference
+    of it and the next. What cannot be normalised or resolved is refused.
     """
 
     def __init__(self, bodies: tuple[str, ...], own: Sequence[Potential], links: Sequence[Potential]) -> None:

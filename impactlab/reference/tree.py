@@ -19,38 +19,22 @@ from impactlab.reference.potential import Gap, Potential, gauss_legendre
 class TreeLaw(Messages):
     """Stationary law of bodies in a tree.
 
-    The density ``exp(−H/T)`` is a product of one function of each displacement and one of
-    each difference of two that are connected. It is integrated body by body: what body i
-    says to its neighbour j, its *message*, is
+    The density ``exp(−H/T)`` is a product of one function of each displacement and one of each difference of two that
+    are connected. It is integrated body by body: what body i says to its neighbour j, its *message*, is
 
         M(x_j) = ∫ h(x_i) exp(−U(x_i − x_j)/T) dx_i ,
 
-    h being the density of i without j: its own function times the messages of its other
-    neighbours. (In a chain these are transfer integrals, Scalapino, Sears and Ferrell, Phys.
-    Rev. B 6, 1972, 3409; in a tree the sum-product algorithm, Kschischang, Frey and Loeliger,
-    IEEE Trans. Inf. Theory 47, 2001, 498.)
+    h being the density of i without j: its own function times the messages of its other neighbours. (In a chain these
+    are transfer integrals, Scalapino, Sears and Ferrell, Phys. Rev. B 6, 1972, 3409; in a tree the sum-product
+    algorithm, Kschischang, Frey and Loeliger, IEEE Trans. Inf. Theory 47, 2001, 498.)
 
-    All functions are polynomials on panels: logarithms for messages, which are smooth, densities
-    as they are. Each integral over a difference is split where a contact closes, so that
-    probabilities of contact are as exact as any other statistic. Messages that have become
-    equal are one object, and nothing is computed twice from the same objects: the middle of a
-    long chain of equal bodies costs nothing.
+    All functions are polynomials on panels: logarithms for messages, which are smooth, densities as they are. Each
+    integral over a difference is split where a contact closes, so that probabilities of contact are as exact as any
+    other statistic. Messages that have become equal are one object, and nothing is computed twice from the same
+    objects: the middle of a long chain of equal bodies costs nothing.
 
-    Parameters
-    ----------
-    bodies : tuple of str
-        Names of the bodies.
-    own : sequence of Potential
-        Of the displacement of each body.
-    links : sequence of Link
-        Potentials of the differences; they connect all bodies and form no loop.
-
-    Raises
-    ------
-    NoExactReference
-        If the density cannot be normalised or integrated.
-    InvalidInput
-        If a potential is not the integral of its force.
+    Given are the potentials of the displacement of each body, and of the differences of those that are linked, which
+    connect all and form no loop. What cannot be normalised or integrated is refused.
     """
 
     def __str__(self) -> str:

@@ -46,13 +46,7 @@ def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
 
 
 def configuration_of(source: xr.Dataset | xr.DataTree | str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the configuration stored with a dataset or a file.
-
-    Raises
-    ------
-    InvalidInput
-        If there is none: the dataset was not made by impactlab, or lost its attributes.
-    """
+    """Return the configuration stored with a dataset or a file; refuse what impactlab did not make."""
     if not isinstance(source, xr.Dataset | xr.DataTree | str | os.PathLike):
         raise InvalidInput(f"Give a dataset returned by simulate, or the path of its file, not {source!r}.")
     dataset = source if isinstance(source, xr.Dataset | xr.DataTree) else load(source)
@@ -148,13 +142,7 @@ def opened(path: Path, lazy: Collection[Hashable]) -> xr.Dataset:
 
 
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
-    """Read a file that `save` wrote into memory: a dataset, or a tree if the file has groups.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such file, or it cannot be read.
-    """
+    """Read a file that `save` wrote into memory, a dataset, or a tree if it has groups, or refuse it."""
     path = Path(path)
     if not path.is_file():
         raise InvalidInput(f"There is no file {path}.")

@@ -23,14 +23,8 @@ def run(
 ) -> list[BlockResult]:
     """Run all blocks, on threads or an executor, and return their results in order.
 
-    `progress` is called now and then with the part that is done.
-
-    Raises
-    ------
-    Diverged
-        If a realization left the range of finite numbers.
-    ImpactLabError
-        If a worker of the executor died.
+    `progress` is called now and then with the part that is done. An error tells of a realization that left the range of
+    finite numbers, and of a worker of the executor that died.
     """
     total = plan.realizations.number * plan.clock.all_steps
     done, stop, lock = [0], threading.Event(), threading.Lock()

@@ -35,20 +35,7 @@ NEGLIGIBLE_CLOSURES = 1e-3
 
 
 def make_plan(model: Model, request: Request) -> Plan:
-    """Make the plan of a run; nothing is decided later.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled network.
-    request : Request
-        The arguments of the run.
-
-    Raises
-    ------
-    InvalidInput
-        If the request cannot be met; the message says which value would work.
-    """
+    """Make the plan of a run; nothing is decided later. A request that cannot be met is refused, with a cure."""
     request.integrator.check(model)
     request = request.resolved(model)
     expected = Expected.of(model, request)

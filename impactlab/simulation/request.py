@@ -18,13 +18,7 @@ from impactlab.records.record import Record
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The arguments of a run; see `impactlab.simulate`.
-
-    Raises
-    ------
-    InvalidInput
-        If an argument is out of range.
-    """
+    """The arguments of a run, within their ranges; see `impactlab.simulate`."""
 
     duration: float
     realizations: int

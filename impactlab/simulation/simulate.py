@@ -168,13 +168,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class Execution:
-    """Where a run happens, and what it may take; parameters are those of `simulate`.
-
-    Raises
-    ------
-    InvalidInput
-        If the executor is none.
-    """
+    """Where a run happens, and what it may take; parameters are those of `simulate`."""
 
     executor: Executor | None = None
     progress: bool | Callable[[float], None] | None = None

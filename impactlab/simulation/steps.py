@@ -49,10 +49,7 @@ class Steps:
     def of(cls, model: Model, request: Request, expected: Expected, start: Start, window: np.ndarray) -> Self:
         """Choose the step, and round it so that duration, sampling intervals and periods are whole numbers of steps.
 
-        Raises
-        ------
-        InvalidInput
-            If no step can be chosen, the given one cannot be used, or the run would have too many steps.
+        It is refused if no step can be chosen, the given one cannot be used, or the run would have too many steps.
         """
         intervals, duration, given = request.intervals(), request.duration, request.step is not None
         period = check_periods(model, duration + expected.spin_up)

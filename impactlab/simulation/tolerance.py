@@ -43,11 +43,8 @@ Attempt = Callable[[int, float | None, bool, float], xr.Dataset]
 def checked(tolerance: Any, model: Model) -> dict[str, float]:
     """Return tolerances by the name of the statistic.
 
-    Raises
-    ------
-    InvalidInput
-        If a tolerance is not positive, or a statistic is unknown, has no error bar, or has
-        no stationary value in this network.
+    They are refused if one is not positive, or a statistic is unknown, has no error bar, or no stationary value in this
+    network.
     """
     if not isinstance(tolerance, Mapping) or not tolerance:
         raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, not {tolerance!r}.')
@@ -87,37 +84,17 @@ def reach(
 ) -> xr.Dataset:
     """Repeat a simulation with more realizations or a smaller step until it is good enough.
 
-    Every attempt runs at a step h and, with the same noise, at 2h. The bias of the step is estimated
-    as a third of the difference, which is right for a method of second order and too much for a
-    higher one. Both runs follow nearly the same paths, so that their difference says little of
-    the scatter of either: a run is not accepted because it happens to be off. A result is good
-    enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for every label; where the value
-    is 0 by symmetry, its standard deviation takes its place.
+    Every attempt runs at a step h and, with the same noise, at 2h. The bias of the step is estimated as a third of the
+    difference, which is right for a method of second order and too much for a higher one. Both runs follow nearly the
+    same paths, so that their difference says little of the scatter of either: a run is not accepted because it happens
+    to be off. A result is good enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for every label; where
+    the value is 0 by symmetry, its standard deviation takes its place.
 
-    Parameters
-    ----------
-    attempt : callable
-        ``attempt(realizations, step, coarse, seconds)`` returns a dataset; with step None the
-        step is chosen, coarse runs have the noise of those at half the step, and a run that
-        would take longer than some seconds is refused.
-    tolerance : dict of str to float
-        Relative tolerances by the name of the statistic.
-    max_seconds : float
-        Time that may be spent, as far as it can be foreseen (s).
-    least : int
-        Least number of realizations.
-    step : float, optional
-        Step to begin with (s).
-
-    Returns
-    -------
-    xarray.Dataset
-        The last attempt, with ``<name>_bias`` and what was spent.
-
-    Raises
-    ------
-    InvalidInput
-        If the tolerance cannot be reached in the time.
+    ``attempt(realizations, step, coarse, seconds)`` returns a dataset; with step None the step is chosen, coarse runs
+    have the noise of those at half the step, and a run that would take longer than some seconds is refused. The first
+    attempt has at least the `least` realizations, and a step if one is given (s). The last one is returned, with
+    ``<name>_bias`` and what was spent; a tolerance that cannot be reached in the time, as far as that can be foreseen,
+    is refused.
     """
     begin = time.monotonic()
     realizations = max(PILOT, least)
@@ -179,10 +156,8 @@ def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) ->
 def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
     """Whether contact forces of the two runs differ by more than `UNLIKE`, so that their difference is no estimate.
 
-    Raises
-    ------
-    InvalidInput
-        If bodies overlap and a contact that could push them apart did not: neither run has its force.
+    A step is refused at which bodies overlap and a contact that could push them apart did not: neither run has its
+    force.
     """
     if "mean_contact_force" not in fine:
         return False

@@ -14,29 +14,14 @@ def balances_of(
     """Direct minus balance estimates of the moments at the kick.
 
     With A the flow of a step, Σ the linear law, g the velocity increment of a kick, and
-    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those
-    before the next one Σ + A (D + K) Aᵀ: linear equations for the D of all phases of the
-    method's cycle. Where the linear law does not exist, a part of this remains: the
-    velocity of a damped free body, the power of the kicks on an undamped one.
+    K = [[0, E[g x]], [E[g x], 2 E[g v]]], the moments before a kick are Σ + D, and those before the next one Σ + A
+    (D + K) Aᵀ: linear equations for the D of all phases of the method's cycle. Where the linear law does not exist, a
+    part of this remains: the velocity of a damped free body, the power of the kicks on an undamped one.
 
-    Parameters
-    ----------
-    chain : Chain
-    intensity : (body,) ndarray
-        Of the white noise that the flows are made with.
-    s : (phase, row, body, unit) ndarray
-        Means of the rows of sums.
-    closed : (body,) ndarray of bool
-        Bodies that nothing but kicks and steady white noise moves.
-    of_kicks : (body, 2, phase) ndarray
-        Second of `Chain.response`.
-
-    Returns
-    -------
-    dict of str to (body, unit) ndarray
-        By the statistic; NaN where there is none.
-    (body, unit) ndarray
-        That of E[x v].
+    `intensity` is of the white noise that the flows are made with, (body,), s are means of the rows of sums,
+    (phase, row, body, unit), `closed` are the bodies that nothing but kicks and steady white noise moves, (body,) of
+    bool, and `of_kicks` is the second of `Chain.response`. The balances are (body, unit), by the statistic, NaN where
+    there are none; the last ones are of E[x v].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         heat = (np.pi * intensity / (chain.mass * chain.damping))[:, None]

@@ -23,22 +23,13 @@ KNOWN = 10.0
 def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
     """Return the factor to the standard errors of a curve in which a band holds all of it with 95 %.
 
-    It is the quantile of the largest ``|Σ_g ξ_g r_gb| / (Σ_g r_gb²)^½`` over the bins b, ξ being normal numbers:
-    what the scatter of the subsamples g says of how bins depend on each other (multiplier bootstrap; Chernozhukov,
-    Chetverikov and Kato, Ann. Statist. 41, 2013, 2786). That normal quantile becomes one of
-    Student's law, since errors from few subsamples scatter.
+    It is the quantile of the largest ``|Σ_g ξ_g r_gb| / (Σ_g r_gb²)^½`` over the bins b, ξ being normal numbers: what
+    the scatter of the subsamples g says of how bins depend on each other (multiplier bootstrap; Chernozhukov,
+    Chetverikov and Kato, Ann. Statist. 41, 2013, 2786). That normal quantile becomes one of Student's law, since errors
+    from few subsamples scatter.
 
-    Parameters
-    ----------
-    residuals : (subsample, bin) ndarray
-        Differences of each subsample from the mean.
-    counted : (bin,) ndarray of bool
-        Which bins the band is for.
-
-    Returns
-    -------
-    float
-        NaN if no bin counts.
+    Residuals are differences of each subsample from the mean, (subsample, bin); the band is for the bins that are
+    `counted`, (bin,) of bool. NaN if none is.
     """
     scatter = np.sqrt((residuals**2).sum(axis=0))
     chosen = counted & (scatter > 0.0)

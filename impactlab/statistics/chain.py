@@ -35,10 +35,7 @@ class Chain:
     def response(self) -> tuple[np.ndarray, np.ndarray]:
         """Return displacement and velocity under unit force: means over time, and at the kicks by phase of the force.
 
-        Returns
-        -------
-        (body, 2), (body, 2, phase) ndarray
-            NaN where there is no stationary mean.
+        These are (body, 2) and (body, 2, phase), NaN where there is no stationary mean.
         """
         a, increment, bodies = self.flows.transition, self.increment, len(self.mass)
         over_time, at_kicks = np.full((bodies, 2), np.nan), np.full((bodies, 2, len(a)), np.nan)
@@ -56,16 +53,7 @@ class Chain:
 def cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
 
-    Parameters
-    ----------
-    maps : (phase, body, n, n) ndarray
-        L.
-    inputs : (body, n, m) ndarray
-        B.
-
-    Returns
-    -------
-    (body, n, phase m) ndarray
+    The maps L are (phase, body, n, n), the inputs B (body, n, m), and the means (body, n, phase m).
     """
     phases, bodies, size, _ = maps.shape
     columns = inputs.shape[2]

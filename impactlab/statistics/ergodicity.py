@@ -90,13 +90,7 @@ def memory_of(plan: Plan, bodies: np.ndarray, steps: np.ndarray, alone: bool) ->
 def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np.ndarray]) -> str:
     """Say what becomes of a motion without noise that begins otherwise than at rest; empty if the same does.
 
-    Parameters
-    ----------
-    plan : Plan
-    bodies : (batch, phase, row, body, 1) ndarray
-        Sums of the run.
-    sums_of : callable
-        Runs a plan of one realization and returns its sums.
+    The sums of the run are (batch, phase, row, body, 1); `sums_of` runs a plan of one realization and returns its sums.
     """
     affordable = int(SECONDS / plan.seconds(1))
     kicked = plan.forces.kicked.any() and not plan.random

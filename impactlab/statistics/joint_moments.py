@@ -26,34 +26,19 @@ def joint_moments(
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], dict[str, np.ndarray]]:
     """Return the moments over the time of a step of the bodies of a group, and their balances.
 
-    Mean squares are (kick + 2 middle of the flow)/3, Simpson's rule; those in the middle follow
-    from all second moments after a kick. Without the displacements that no spring holds the
-    state is z = R (x, v). Its mean under a force F solves ``L z + R (0, F/m) = 0`` over time, and
-    is ``(I − A)⁻¹ A R (0, g)`` at the kicks, g the velocity increment of a kick. With K of all
-    E[g x] and E[g v], the moments before a kick are those of the linear law plus D,
-    ``D = A (D + K) Aᵀ``; an element of D is a sum over K, whose weights solve the adjoint
-    equation. A group has the same A in all phases. Means and balances are for groups of which
-    all motions are damped, balances of displacements for bodies that springs hold.
+    Mean squares are (kick + 2 middle of the flow)/3, Simpson's rule; those in the middle follow from all second moments
+    after a kick. Without the displacements that no spring holds the state is z = R (x, v). Its mean under a force F
+    solves ``L z + R (0, F/m) = 0`` over time, and is ``(I − A)⁻¹ A R (0, g)`` at the kicks, g the velocity increment of
+    a kick. With K of all E[g x] and E[g v], the moments before a kick are those of the linear law plus D,
+    ``D = A (D + K) Aᵀ``; an element of D is a sum over K, whose weights solve the adjoint equation. A group has the
+    same A in all phases. Means and balances are for groups of which all motions are damped, balances of displacements
+    for bodies that springs hold.
 
-    Parameters
-    ----------
-    group : Group
-    step : float
-        Step (s).
-    s : (9, body, unit) ndarray
-        Means of the rows of sums of its bodies.
-    products : (9, pair, unit) ndarray
-        Means of the sums over its pairs, in the order of `numpy.triu_indices`.
-    begun : (9, body, unit) ndarray, optional
-        In a transient, the means over the kicks with which flows begin; the same of pairs follow in `products`.
-
-    Returns
-    -------
-    tuple
-        Means and mean squares of x and v, (2, body, unit), and the load, (body, unit); see
-        `impactlab.statistics.moments.Motion`.
-    dict of str to (body, unit) ndarray
-        Balances by the statistic; empty where there are none.
+    Given are means s of the rows of sums of its bodies, (9, body, unit), and of the sums over its pairs,
+    (9, pair, unit), in the order of `numpy.triu_indices`. In a transient also the means over the kicks with which flows
+    begin; the same of pairs follow in `products`. Returned are means and mean squares of x and v, (2, body, unit), and
+    the load, (body, unit), as of `impactlab.statistics.moments.Motion`; and balances by the statistic, (body, unit),
+    empty where there are none.
     """
     count, units = s.shape[1:]
     system, increment = group.system, step / group.system.mass[:, None]

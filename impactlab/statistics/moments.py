@@ -31,22 +31,10 @@ class Motion(NamedTuple):
 
 
 def moments_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Moments:
-    """Turn sums into moments.
+    """Turn sums into moments, (body or contact, unit) each.
 
-    Parameters
-    ----------
-    plan : Plan
-    sums : (phase, row, body, unit) ndarray
-        Sums over the steps of each phase; see `impactlab.kernels.sums`.
-    counts : (phase, unit) ndarray of int
-        How many steps these are.
-    contacts, products : (row, contact or pair, unit) ndarray
-        Sums.
-
-    Returns
-    -------
-    Moments
-        (body or contact, unit) each.
+    Sums over the steps of each phase are (phase, row, body, unit), see `impactlab.kernels.sums`, and `counts` says how
+    many steps these are, (phase, unit). Sums of contacts and products are (row, contact or pair, unit).
     """
     steps = counts.sum(axis=0)
     motion, balances = _of_bodies(plan, sums, counts, products / steps)

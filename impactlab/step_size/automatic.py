@@ -34,11 +34,7 @@ def choose_step(
 ) -> float:  # fmt: skip
     """Return the given step, checked, or the recommended one for a run between two times from a start.
 
-    Raises
-    ------
-    InvalidInput
-        If the step is too large for the scene (the largest safe one is named), or no rule
-        leads to a step.
+    A step that is too large for the scene is refused (the largest safe one is named), and where no rule leads to one.
     """
     unknown = model.nonlinear_bodies & ~np.isfinite(stiffening.energy)
     if given is None and unknown.any():

@@ -41,14 +41,10 @@ def damping_step(model: Model, stiffening: Stiffening) -> float:
 
 
 def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rates at which contacts, couplings and residual forces slow bodies down (s-1).
+    """Return the rates at which contacts, couplings and residual forces slow bodies down (s-1), (contact,), … (body,).
 
-    They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v Σ w²/m`` over normal
-    velocities of the energy that the bodies bring, at some indentations, extensions or displacements.
-
-    Returns
-    -------
-    (contact,), (coupling,), (body,) ndarray
+    They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v Σ w²/m`` over normal velocities
+    of the energy that the bodies bring, at some indentations, extensions or displacements.
     """
     network = model.network
     inverse_mass = 1.0 / model.mass

@@ -50,13 +50,7 @@ def _load(entry: EntryPoint) -> Plugin:
 
 
 def study_class(name: str) -> type[Study]:
-    """Return the class of a study by its name.
-
-    Raises
-    ------
-    InvalidInput
-        If no distribution offers the study, several do, or it cannot be imported.
-    """
+    """Return the class of a study by its name; refuse a study that none or several offer, or cannot be imported."""
     entries = entry_points(group=GROUP)
     found = [_load(entry) for entry in entries if entry.name == name]
     if not found:
@@ -75,22 +69,11 @@ def make_study(
     settings: Mapping[str, Any] | None = None,
     quick: bool = False,
 ) -> Study:
-    """Return a configured study.
+    """Return a configured study, given by its name, a TOML file (a path, or a text that ends in ``.toml``) or itself.
 
-    Parameters
-    ----------
-    study : str, path, Study or subclass of Study
-        Name of a study, a TOML file (a path, or a text that ends in ``.toml``), an
-        instance, or a class.
-    settings : mapping, optional
-        Values that replace those of the study, also those of its quick form.
-    quick : bool
-        Whether to take the study's smoke form.
-
-    Raises
-    ------
-    InvalidInput
-        If the study or the file does not exist, or a setting is unknown or of the wrong type.
+    A class of studies will do as well. Settings are values that replace those of the study, also those of its `quick`
+    form, which is a smoke test. Studies and files that do not exist, and settings that are unknown or of the wrong
+    type, are refused.
     """
     if isinstance(study, os.PathLike) or (isinstance(study, str) and study.endswith(".toml")):
         made = _from_toml(Path(study))
@@ -132,13 +115,7 @@ def toml(study: Study) -> str:
 
 
 def parse_setting(text: str, study: Study) -> tuple[str, Any]:
-    """Return key and value of ``key=value``, the value in TOML; quotes may be left out of a text.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no ``=``, the key is unknown, or the value is not TOML.
-    """
+    """Return key and value of ``key=value``, or refuse it; the value is TOML, but quotes may be left out of a text."""
     key, separator, value = (part.strip() for part in text.partition("="))
     if not separator:
         raise InvalidInput(f"A setting is key=value, such as clearances=[0.05], not {text!r}.")

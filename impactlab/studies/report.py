@@ -46,13 +46,7 @@ def publish(result: StudyResult, folder: Folder, begin: float) -> None:
 
 
 def republish(folder: Folder) -> StudyResult:
-    """Judge and draw a complete result again, with the study that is installed now.
-
-    Raises
-    ------
-    InvalidInput
-        If the run is not complete or its result is not whole, or the study cannot be used.
-    """
+    """Judge and draw a complete result again, with the study that is installed now; refuse an incomplete one."""
     begin = time.perf_counter()
     manifest = folder.manifest()
     study = make_study(manifest["study"], manifest["settings"])

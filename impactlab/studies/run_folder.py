@@ -34,13 +34,7 @@ _ITEM = "impactlab_item"
 
 
 class Folder:
-    """Where a study's run is kept.
-
-    Parameters
-    ----------
-    path : str or path
-        The folder; made by :meth:`claim` if it does not exist.
-    """
+    """Where a study's run is kept; made by :meth:`claim` if it does not exist."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         if not isinstance(path, str | os.PathLike):
@@ -48,13 +42,7 @@ class Folder:
         self.path = Path(path)
 
     def manifest(self) -> dict[str, Any]:
-        """Return the contents of the manifest.
-
-        Raises
-        ------
-        InvalidInput
-            If there is no manifest that can be read.
-        """
+        """Return the contents of the manifest, or refuse a folder without one that can be read."""
         try:
             data: dict[str, Any] = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
             _ = data["study"], data["settings"], data["complete"]
@@ -67,10 +55,7 @@ class Folder:
     def claim(self, study: Study) -> None:
         """Make the folder ready for a run of this study, before anything is computed.
 
-        Raises
-        ------
-        InvalidInput
-            If it is a file, cannot be written to, or holds something else.
+        It is refused if it is a file, cannot be written to, or holds something else.
         """
         if self.path.exists() and not self.path.is_dir():
             raise InvalidInput(f"{self.path} is a file; give the name of a folder for the results.")
@@ -139,13 +124,7 @@ class Folder:
         return self.path / ITEMS / f"{quote(item.key, safe=' =,+')}.nc"
 
     def load_result(self) -> xr.DataTree:
-        """Return the tree of a complete run.
-
-        Raises
-        ------
-        InvalidInput
-            If the run is not complete, or the file is not the one that was written.
-        """
+        """Return the tree of a complete run; refuse it if the file is not the one that was written."""
         import xarray as xr
 
         from impactlab.results import dataset
@@ -184,13 +163,7 @@ def _identity(item: Item) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return an item's options as data that JSON can hold.
-
-    Raises
-    ------
-    InvalidInput
-        If there is something that is not data, such as a random generator or a function.
-    """
+    """Return an item's options as data that JSON can hold, or refuse what is none, such as a random generator."""
     if isinstance(value, Component | impactlab.Network):
         return plain(value.to_dict())
     if isinstance(value, Mapping):

@@ -30,10 +30,7 @@ class Simulations(NamedTuple):
 def simulations(study: Study) -> Simulations:
     """Return the items of a study, each point of a sweep as one.
 
-    Raises
-    ------
-    InvalidInput
-        If two items have the same key, an option is not plain data, or a point is refused.
+    Items of the same key, options that are not plain data, and points without a network are refused.
     """
     found: list[Item] = []
     sweeps: dict[str, Sweep] = {}

@@ -51,10 +51,7 @@ def make_points(
 ) -> tuple[Point, ...]:
     """Return the product of some values, the last varying fastest; see `impactlab.sweep`.
 
-    Raises
-    ------
-    InvalidInput
-        If the names, an option or what `make_network` returns cannot be used.
+    Names, options and what `make_network` returns are refused where they cannot be used.
     """
     options = _checked_options(options)
     _check_arguments(make_network, tuple(values))

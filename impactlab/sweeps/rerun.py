@@ -82,13 +82,7 @@ def _repeat(
     executor: Executor | None,
     progress: bool | Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Simulate again what a configuration of `simulate` describes.
-
-    Raises
-    ------
-    InvalidInput
-        If a component's kernel has changed since.
-    """
+    """Simulate again what a configuration of `simulate` describes, unless a component's kernel has changed since."""
     options = configuration.get("simulate")
     if not isinstance(options, Mapping) or set(options) != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options

@@ -32,24 +32,11 @@ def run_together(
 ) -> None:
     """Run jobs side by side, so that what one does on a single core fills the gaps of the others.
 
-    When a function that is called here raises an error, or Ctrl-C is pressed, all jobs stop.
-
-    Parameters
-    ----------
-    jobs : mapping of str to callable
-    finished : callable
-        Called in the order of the jobs with the key of each and its dataset, or the error that it
-        raised on purpose.
-    kind : str
-        What a job is called in warnings, which are given once, however many jobs they concern.
-    executor : Executor, optional
-        Where blocks run; by default threads.
-    workers : int, optional
-        Number of threads; by default one per core.
-    alone : bool
-        Whether each job has the cores for itself, as it measures its time.
-    watch : callable
-        Called now and then with the key of the job that is waited for and the parts that are done.
+    When a function that is called here raises an error, or Ctrl-C is pressed, all jobs stop. `finished` is called in
+    the order of the jobs with the key of each and its dataset, or the error that it raised on purpose; `watch` now and
+    then with the key of the job that is waited for and the parts that are done. `kind` is what a job is called in
+    warnings, which are given once, however many jobs they concern. Blocks run on the executor, or on as many threads as
+    `workers`, by default one per core. Jobs that measure their time run `alone`: each has the cores for itself.
     """
     threads = cores() if workers is None else workers
     parts = dict.fromkeys(jobs, 0.0)

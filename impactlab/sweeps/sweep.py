@@ -42,13 +42,7 @@ class Sweep:
         return {point.key: job(point) for point in self.points if not point.refusal}
 
     def dataset(self, outcomes: Mapping[str, xr.Dataset | ImpactLabError]) -> xr.Dataset:
-        """Return the outcomes of all points as one dataset; see `sweep`.
-
-        Raises
-        ------
-        ImpactLabError
-            If no point could be simulated.
-        """
+        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
         refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
         if all(refusals.values()):
             key, reason = next(iter(refusals.items()))

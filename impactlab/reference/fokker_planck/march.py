@@ -20,13 +20,8 @@ _COLUMNS, _TOGETHER = 192, 16
 class March:
     """Carries densities on the grid of a propagator from step to step.
 
-    Blocks do not depend on the number of threads, hence nor do numbers.
-
-    Parameters
-    ----------
-    propagator : Propagator
-    pool : Executor
-        Threads, each of which calls a BLAS that has no threads of its own.
+    Threads of the pool each call a BLAS that has no threads of its own. Blocks do not depend on their number, hence nor
+    do numbers.
     """
 
     def __init__(self, propagator: Propagator, pool: Executor) -> None:

@@ -43,13 +43,7 @@ class Pair:
 
     @classmethod
     def of(cls, network: Composition) -> Pair:
-        """Return the pair that a network is.
-
-        Raises
-        ------
-        NoExactReference
-            If it is not one; with all reasons.
-        """
+        """Return the pair that a network is, or refuse it with all reasons."""
         reasons = list(_reasons(network))
         if reasons:
             raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
