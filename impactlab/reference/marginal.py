@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -34,9 +34,8 @@ class Marginal:
 
     def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], second: Function) -> float:
         """Return the mean of a function of the place, which may have a kink at 0, and of a second quantity there."""
-        starts, offsets, lengths = gauss_legendre(np.unique(np.append(self.places, 0.0)))
-        places = starts + offsets
-        return float(lengths * self.density(places) @ function(places, second(places)))
+        places, probabilities = self._quadrature
+        return float(probabilities @ function(places, second(places)))
 
     def mean_with_rate(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> float:
         """Return the mean of a function of the place and its rate, which may have a kink where that is 0."""
@@ -45,6 +44,13 @@ class Marginal:
         weights = lengths * np.exp(-0.5 * rates**2) / math.sqrt(2.0 * math.pi)
         means = [self.mean(function, partial(np.full_like, fill_value=self.speed * rate)) for rate in rates]
         return float(weights @ means)
+
+    @cached_property
+    def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places and their probabilities, by panels that end at 0."""
+        starts, offsets, lengths = gauss_legendre(np.unique(np.append(self.places, 0.0)))
+        places = starts + offsets
+        return places, lengths * self.density(places)
 
     def exceedance(self, level: float) -> float:
         """Return the probability to be above a level."""
