@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "components.component": ["Component", "parameter", "state"],
-    "components.structure": ["LinearStructure"],
+    "components.structure": ["LinearStructure", "ModalStructure"],
     "components.oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
     "components.sides": ["WALL", "Combination"],
     "components.contact": [

@@ -24,6 +24,7 @@ from impactlab.components.oscillator import Oscillator as Oscillator
 from impactlab.components.sides import WALL as WALL
 from impactlab.components.sides import Combination as Combination
 from impactlab.components.structure import LinearStructure as LinearStructure
+from impactlab.components.structure import ModalStructure as ModalStructure
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError

@@ -6,7 +6,9 @@ import reprlib
 import unicodedata
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
+
+import numpy as np
 
 from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
@@ -14,8 +16,8 @@ from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import Excitation, Source
 from impactlab.components.oscillator import LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
-from impactlab.components.sides import WALL, Combination, named_by
-from impactlab.components.structure import LinearStructure
+from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
+from impactlab.components.structure import LinearStructure, ModalStructure, Structure
 from impactlab.errors import InvalidInput
 
 Member = TypeVar("Member", bound=Component)
@@ -23,16 +25,32 @@ Family = Mapping[str, Member] | Iterable[tuple[str, Member]]
 
 _SHOWN = 6
 
+_MOST_ALIKE = 1e10
+"""Condition of the shapes of points up to which displacements of bodies follow from theirs."""
+
 _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
 _FAMILIES: dict[str, tuple[type[Component], ...]] = {
-    "oscillators": (Oscillator, LinearStructure),
+    "oscillators": (Oscillator, LinearStructure, ModalStructure),
     "contacts": (Contact,),
     "excitations": (Excitation, Source),
     "couplings": (Coupling,),
 }
 """Families of a network, in the order in which it takes them, and what their members may be."""
+
+Shares = Mapping[str, float]
+"""Weights by the name of a body."""
+
+
+class _Expanded(NamedTuple):
+    """The members of a network without structures and points: coordinates are bodies, and sides name these."""
+
+    bodies: dict[str, Oscillator]
+    points: dict[str, Shares]
+    contacts: dict[str, Contact]
+    excitations: dict[str, Excitation | Source]
+    couplings: dict[str, Coupling]
 
 
 class Composition:
@@ -41,11 +59,11 @@ class Composition:
     What is below `impactlab.Network`, which adds the methods that compile and check, reads this alone.
     """
 
-    __slots__ = ("_contacts", "_couplings", "_excitations", "_expanded", "_oscillators", "_sources")
+    __slots__ = ("_contacts", "_couplings", "_excitations", "_expanded", "_oscillators")
 
     def __init__(
         self,
-        oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure],
+        oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure | ModalStructure],
         contacts: Family[Contact] | None = None,
         excitations: Family[Excitation | Source] | None = None,
         couplings: Family[Coupling] | None = None,
@@ -54,82 +72,130 @@ class Composition:
         self._contacts = _family("contacts", {} if contacts is None else contacts)
         self._excitations = _family("excitations", {} if excitations is None else excitations)
         self._couplings = _family("couplings", {} if couplings is None else couplings)
-        self._sources = {name: item for name, item in self._excitations.items() if isinstance(item, Source)}
         if not self._oscillators:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
-        self._expanded = bodies, _ = _with_structures(self._oscillators, self._couplings)
-        for name, link in [*self._contacts.items(), *self._couplings.items()]:
-            for body in named_by(link):
-                if body not in bodies:
-                    raise InvalidInput(
-                        f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
-                        f"{self._instead(body)}"
-                    )
-        self._check_sources()
-        for name in self._excitations:
-            if name not in bodies and name not in self._sources:
-                raise InvalidInput(
-                    f"There is an excitation for {name!r}, which is not in the network; {self._instead(name)}"
-                )
+        bodies, terms, points = _with_structures(self._oscillators)
+        self._check_names(bodies, terms, points)
+        self._expanded = _Expanded(
+            bodies,
+            points,
+            {name: _without_points(name, contact, points) for name, contact in self._contacts.items()},
+            {name: _at_bodies(name, item, points) for name, item in self._excitations.items()},
+            {name: _without_points(name, item, points) for name, item in self._couplings.items()} | terms,
+        )
         laws = ((name, contact.law) for name, contact in self._contacts.items())
         check_potentials("contact", laws, "force", "potential")
         check_potentials("body", bodies.items(), "residual", "residual_potential", both_sides=True)
 
-    def _check_sources(self) -> None:
-        bodies, _ = self._expanded
-        for name, source in self._sources.items():
-            if name in bodies or name in self._oscillators:
+    def _check_names(
+        self, bodies: Mapping[str, Oscillator], terms: Mapping[str, Coupling], points: Mapping[str, Shares]
+    ) -> None:
+        """Refuse members that name what is not there, or have the name of something else."""
+        places = {**bodies, **points}
+        for name in terms:
+            if name in self._couplings:
+                raise InvalidInput(f"couplings: {name!r} is the name of a coupling, and of a term of a structure.")
+        for name, link in [*self._contacts.items(), *self._couplings.items()]:
+            for body in named_by(link):
+                if body not in places:
+                    raise InvalidInput(
+                        f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
+                        f"{self._instead(body, places)}"
+                    )
+        for name, item in self._excitations.items():
+            if not isinstance(item, Source):
+                if name not in places:
+                    raise InvalidInput(
+                        f"There is an excitation for {name!r}, which is not in the network; "
+                        f"{self._instead(name, places)}"
+                    )
+                continue
+            if name in places or name in self._oscillators:
                 raise InvalidInput(
                     f"The source {name!r} has the name of a body, by which the body's own noise is drawn; give it a "
                     "name of its own."
                 )
-            for body in source.on:
-                if body not in bodies:
+            for body in item.on:
+                if body not in places:
                     raise InvalidInput(
-                        f"Source {name!r} drives {body!r}, which is not in the network; {self._instead(body)}"
+                        f"Source {name!r} drives {body!r}, which is not in the network; {self._instead(body, places)}"
                     )
 
     @property
     def oscillators(self) -> Mapping[str, Oscillator]:
         """The bodies by name; of structures each coordinate is one."""
-        return MappingProxyType(self._expanded[0])
+        return MappingProxyType(self._expanded.bodies)
 
     @property
-    def structures(self) -> Mapping[str, LinearStructure]:
+    def structures(self) -> Mapping[str, Structure]:
         """The structures of several coordinates by name."""
-        return {name: item for name, item in self._oscillators.items() if isinstance(item, LinearStructure)}
+        return {name: item for name, item in self._oscillators.items() if isinstance(item, Structure)}
+
+    @property
+    def points(self) -> Mapping[str, Shares]:
+        """The weights of the bodies in the displacement of each point of a structure, by the name of the point."""
+        return MappingProxyType(self._expanded.points)
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """The contacts by name."""
-        return MappingProxyType(self._contacts)
+        """The contacts by name; in the place of points they have combinations."""
+        return MappingProxyType(self._expanded.contacts)
 
     @property
     def excitations(self) -> Mapping[str, Any]:
-        """The excitations by the name of the body that they act on, and the sources by their own."""
-        return MappingProxyType(self._excitations)
+        """The excitations by the name of the body that they act on, and the sources by their own.
+
+        The excitation at a point is a source of its name.
+        """
+        return MappingProxyType(self._expanded.excitations)
 
     def excitations_of(self, body: str) -> list[tuple[str, Excitation, float]]:
         """Return name, excitation and weight of all that drives a body: its own excitation, then sources."""
-        own = [(body, self._excitations[body], 1.0)] if body in self._excitations else []
-        sources = [(name, item.excitation, item.on[body]) for name, item in self._sources.items() if body in item.on]
-        return own + sources
+        given = self.excitations
+        own = [(body, given[body], 1.0)] if body in given else []
+        sources = {name: item for name, item in given.items() if isinstance(item, Source)}
+        return own + [(name, item.excitation, item.on[body]) for name, item in sources.items() if body in item.on]
 
     @property
     def couplings(self) -> Mapping[str, Coupling]:
         """The couplings by name, and the terms of the matrices of structures."""
-        return MappingProxyType(self._expanded[1])
+        return MappingProxyType(self._expanded.couplings)
 
-    def _instead(self, name: str) -> str:
-        """Say what may be meant by a name that is that of no body."""
+    def displaced(self, point: str) -> Shares:
+        """Return the displacements of the bodies that move a point by 1, and no other point of its structure.
+
+        Raises
+        ------
+        InvalidInput
+            If the displacements of the structure do not follow from those of its points.
+        """
+        name = next(name for name in self.structures if point in _named(name, self.structures[name].weights()))
+        structure = self.structures[name]
+        rows, bodies = structure.weights(), list(structure.bodies())
+        shapes = np.array([[row.get(body, 0.0) for body in bodies] for row in rows.values()])
+        square = len(shapes) == len(bodies)
+        if not square or np.linalg.cond(shapes) > _MOST_ALIKE:
+            raise InvalidInput(
+                f"The displacements of the {len(bodies)} bodies of {name!r} do not follow from that of {point!r} and "
+                f"its other points; name bodies, such as {f'{name}.{bodies[0]}'!r}."
+            )
+        column = np.linalg.inv(shapes)[:, list(_named(name, rows)).index(point)]
+        return dict(zip([f"{name}.{body}" for body in bodies], column.tolist(), strict=True))
+
+    def _instead(self, name: str, places: Iterable[str]) -> str:
+        """Say what may be meant by a name that is that of no body or point."""
         if name in self.structures:
-            return f"name a coordinate of the structure, such as {_coordinates(name, self.structures[name])[0]!r}."
-        return suggestion(name, self._expanded[0])
+            structure = self.structures[name]
+            kind, first = "coordinate", next(iter({**structure.weights(), **structure.bodies()}))
+            if isinstance(structure, ModalStructure):
+                kind = "point" if structure.points else "mode"
+            return f"name a {kind} of the structure, such as {f'{name}.{first}'!r}."
+        return suggestion(name, places)
 
     def replace(
         self,
         *,
-        oscillators: Mapping[str, Oscillator | LinearStructure | None] | None = None,
+        oscillators: Mapping[str, Oscillator | LinearStructure | ModalStructure | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
         excitations: Mapping[str, Excitation | Source | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
@@ -222,41 +288,78 @@ def _family(title: str, members: Family[Any]) -> dict[str, Any]:
 
 
 def _with_structures(
-    given: Mapping[str, Any], couplings: Mapping[str, Coupling]
-) -> tuple[dict[str, Oscillator], dict[str, Coupling]]:
-    """Return bodies and couplings with the coordinates of structures and the terms of their matrices."""
+    given: Mapping[str, Any],
+) -> tuple[dict[str, Oscillator], dict[str, Coupling], dict[str, Shares]]:
+    """Return bodies with the coordinates of structures, the terms of their matrices, and their points."""
     bodies: dict[str, Oscillator] = {}
-    every = dict(couplings)
+    terms: dict[str, Coupling] = {}
+    points: dict[str, Shares] = {}
     for name, body in given.items():
-        own, terms = _of_structure(name, body) if isinstance(body, LinearStructure) else ({name: body}, {})
-        for place, item in own.items():
+        structure = isinstance(body, Structure)
+        own = {place: LinearOscillator(**numbers) for place, numbers in body.bodies().items()} if structure else {}
+        for place, item in (_named(name, own) if structure else {name: body}).items():
             if place in bodies:
                 raise InvalidInput(f"oscillators: {place!r} is the name of a body, and of a coordinate of a structure.")
             bodies[place] = item
-        for place, coupling in terms.items():
-            if place in every:
-                raise InvalidInput(f"couplings: {place!r} is the name of a coupling, and of a term of a structure.")
-            every[place] = coupling
-    return bodies, every
+        if structure:
+            terms |= _terms_of(name, body)
+            points |= {place: _named(name, row) for place, row in _named(name, body.weights()).items()}
+    for name in points:
+        if name in bodies:
+            raise InvalidInput(f"oscillators: {name!r} is the name of a body, and of a point of a structure.")
+    return bodies, terms, points
 
 
-def _coordinates(name: str, structure: LinearStructure) -> list[str]:
-    """Return the names that the coordinates of a structure have in a network."""
-    return [f"{name}.{coordinate}" for coordinate in structure.names]
+def _named(structure: str, own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return things by the names that they have in a network, from those within a structure."""
+    return {f"{structure}.{name}": item for name, item in own.items()}
 
 
-def _of_structure(name: str, structure: LinearStructure) -> tuple[dict[str, Oscillator], dict[str, Coupling]]:
-    """Return the coordinates of a structure as bodies, and what connects them as couplings."""
-    places = _coordinates(name, structure)
-    bodies: dict[str, Oscillator] = {
-        place: LinearOscillator(mass=mass, stiffness=stiffness, damping=damping)
-        for place, mass, stiffness, damping in zip(places, structure.mass, *structure.to_ground().tolist(), strict=True)
+def _terms_of(name: str, structure: Structure) -> dict[str, Coupling]:
+    """Return what connects the coordinates of a structure as couplings."""
+    return {
+        f"{name}: {label}": Coupling(Combination(_named(name, weights)), WALL, MatrixTerm(stiffness, damping=damping))
+        for label, weights, stiffness, damping in structure.terms()
     }
-    couplings = {}
-    for label, weights, stiffness, damping in structure.terms():
-        point = Combination({places[slot]: weight for slot, weight in weights.items()})
-        couplings[f"{name}: {label}"] = Coupling(point, WALL, MatrixTerm(stiffness, damping=damping))
-    return bodies, couplings
+
+
+def _of_bodies(weights: Shares, points: Mapping[str, Shares]) -> dict[str, float]:
+    """Return the weights of bodies in a weighted sum of bodies and points, without those that cancel."""
+    result: dict[str, float] = {}
+    for name, weight in weights.items():
+        for body, share in points.get(name, {name: 1.0}).items():
+            result[body] = result.get(body, 0.0) + weight * share
+    return {body: weight for body, weight in result.items() if weight}
+
+
+def _without_points(name: str, link: Any, points: Mapping[str, Shares]) -> Any:
+    """Return a contact or a coupling with combinations of bodies in the place of points."""
+    if points.keys().isdisjoint(named_by(link)):
+        return link
+
+    def side(given: Side) -> Side:
+        weights = weights_of_side(given)
+        return given if points.keys().isdisjoint(weights) else Combination(_of_bodies(weights, points))
+
+    kind, weights = type(link).__name__, [weights_of_side(item) for item in (link.first, link.second)]
+    difference = [_of_bodies(item, points) for item in weights]
+    if not all(difference[place] for place in (0, 1) if weights[place]) or difference[0] == difference[1]:
+        raise InvalidInput(
+            f"{kind} {name!r} of {link.first!r} with {link.second!r} acts on nothing: no weight is left of any body."
+        )
+    return link.replace(first=side(link.first), second=side(link.second))
+
+
+def _at_bodies(name: str, item: Excitation | Source, points: Mapping[str, Shares]) -> Excitation | Source:
+    """Return an excitation with weights of bodies where it acts on points."""
+    if isinstance(item, Excitation):
+        return Source(item, on=points[name]) if name in points else item
+    if points.keys().isdisjoint(item.on):
+        return item
+    on = _of_bodies(item.on, points)
+    if not on:
+        raise InvalidInput(f"Source {name!r} drives nothing: no weight is left of any body.")
+    return item.replace(on=on)
 
 
 def _kind_of(item: Any, kinds: tuple[type[Component], ...]) -> type[Component]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from impactlab.components.component import Component, finite, parameter
+from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
 KINDS = ("intensity", "force", "lines")
@@ -126,33 +127,6 @@ class ShinozukaNoise(Excitation):
         frequencies = self.band[0] + self.spacing * np.arange(1, self.components + 1)
         amplitude = math.sqrt(2.0 * 4.0 * math.pi * self.spectral_density * self.spacing)
         return 2.0 * math.pi * frequencies, np.full(self.components, amplitude)
-
-
-class Weights(Mapping[str, float]):
-    """Numbers by name, which do not change and can be compared, hashed and pickled."""
-
-    __slots__ = ("_numbers",)
-
-    def __init__(self, numbers: Mapping[str, float]) -> None:
-        self._numbers = dict(numbers)
-
-    def __getitem__(self, name: str) -> float:
-        return self._numbers[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._numbers)
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    def __hash__(self) -> int:
-        return hash(frozenset(self._numbers.items()))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Weights, (self._numbers,)
-
-    def __repr__(self) -> str:
-        return repr(self._numbers)
 
 
 class Source(Component):

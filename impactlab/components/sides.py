@@ -72,7 +72,8 @@ class Combination:
 Side = str | Combination | Wall
 
 
-def _weights_of_side(side: Side) -> dict[str, float]:
+def weights_of_side(side: Side) -> dict[str, float]:
+    """Return the weights of the bodies, or points, in the displacement of a side; a wall has none."""
     if isinstance(side, Combination):
         return dict(side.weights)
     return {side: 1.0} if isinstance(side, str) else {}
@@ -80,8 +81,8 @@ def _weights_of_side(side: Side) -> dict[str, float]:
 
 def weights_of(link: Any) -> dict[str, float]:
     """Return the weights w of the bodies in ``first − second = w·x`` of a contact or coupling, without those of 0."""
-    result = _weights_of_side(link.first)
-    for name, weight in _weights_of_side(link.second).items():
+    result = weights_of_side(link.first)
+    for name, weight in weights_of_side(link.second).items():
         result[name] = result.get(name, 0.0) - weight
     return {name: weight for name, weight in result.items() if weight}
 
@@ -94,7 +95,7 @@ def bodies_of(link: Any) -> tuple[str, ...]:
 def named_by(link: Any) -> Iterator[str]:
     """Give the names of all bodies that a contact or a coupling names, also of those whose weights cancel."""
     for side in (link.first, link.second):
-        yield from _weights_of_side(side)
+        yield from weights_of_side(side)
 
 
 def is_difference(link: Any) -> bool:

@@ -92,9 +92,13 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
         if not isinstance(values, Mapping):
             raise InvalidInput(f"initial {quantity} must be {{name: value}}, not {values!r}.")
         for name, value in values.items():
-            if name not in model.bodies:
-                raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
-            state[row, model.bodies.index(name)] = finite(f"initial {quantity} of {name!r}", value)
+            points = model.network.points
+            if name not in model.bodies and name not in points:
+                known = (*model.bodies, *points)
+                raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
+            number = finite(f"initial {quantity} of {name!r}", value)
+            for body, share in (model.network.displaced(name) if name in points else {name: 1.0}).items():
+                state[row, model.bodies.index(body)] += share * number
     return state
 
 

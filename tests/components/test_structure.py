@@ -86,9 +86,11 @@ ZERO, UNIT = np.zeros((2, 2)), np.eye(2)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([[2.0, 0.1], [0.1, 1.0]], ZERO, UNIT), r"mass must be diagonal, .* but its entry \(1, 2\) is 0.1 kg: lump"),
+        (([[2.0, 0.1], [0.2, 1.0]], ZERO, UNIT), r"mass must be symmetric, .* are 0.1 and 0.2"),
+        (([[2.0, 3.0], [3.0, 2.0]], ZERO, UNIT), r"mass must have positive eigenvalues .* lowest of 2 is -1 kg"),
+        (([[2.0, 1.0], [1.0, 0.0]], ZERO, UNIT), r"mass must have positive eigenvalues .* lowest of 2 is -0.414"),
         (([1.0, 0.0], ZERO, UNIT), r"mass must be larger than 0 kg, but the smallest is 0"),
-        (([[1.0, 2.0]], ZERO, UNIT), r"mass is a row of masses or a diagonal matrix, not of shape \(1, 2\)"),
+        (([[1.0, 2.0]], ZERO, UNIT), r"mass is a row of masses or a square matrix of them, not of shape \(1, 2\)"),
         (([1.0, 2.0], ZERO, np.eye(3)), r"stiffness must be a square matrix for the 2 coordinates .* shape \(3, 3\)"),
         (
             ([1.0, 2.0], [[0.0, 1.0], [0.0, 0.0]], UNIT),
