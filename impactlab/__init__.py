@@ -10,7 +10,8 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "components.component": ["Component", "parameter", "state"],
+    "components.component": ["Component"],
+    "components.fields": ["parameter", "state"],
     "components.structure": ["LinearStructure", "ModalStructure"],
     "components.oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
     "components.sides": ["WALL", "Combination"],

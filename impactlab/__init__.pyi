@@ -1,8 +1,6 @@
 """The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
 
 from impactlab.components.component import Component as Component
-from impactlab.components.component import parameter as parameter
-from impactlab.components.component import state as state
 from impactlab.components.contact import Contact as Contact
 from impactlab.components.contact import ContactLaw as ContactLaw
 from impactlab.components.contact import HertzContact as HertzContact
@@ -18,6 +16,8 @@ from impactlab.components.excitation import Excitation as Excitation
 from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
 from impactlab.components.excitation import Source as Source
 from impactlab.components.excitation import WhiteNoise as WhiteNoise
+from impactlab.components.fields import parameter as parameter
+from impactlab.components.fields import state as state
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator
 from impactlab.components.oscillator import Oscillator as Oscillator

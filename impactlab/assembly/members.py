@@ -9,7 +9,8 @@ import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, joined
-from impactlab.components.component import UPDATE, Component, finite
+from impactlab.components.component import Component, finite
+from impactlab.components.evaluation import UPDATE
 
 PLACES, HEADER = 3, 2
 """Entries of `Members.indices` before those of the kinds, and for each kind."""

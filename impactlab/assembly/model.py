@@ -15,10 +15,10 @@ from impactlab.assembly.incidence import runs
 from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.assembly.sources import Sources
-from impactlab.components.component import call_each
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
+from impactlab.components.evaluation import call_each
 from impactlab.components.excitation import KINDS
 from impactlab.components.sides import is_difference, weights_of
 

@@ -1,4 +1,4 @@
-"""Components: frozen descriptions with validated fields and scalar kernels.
+"""Components: frozen descriptions with _validated fields and scalar kernels.
 
 A component class declares its fields with :func:`parameter` and its physics as
 *kernels*: static functions of scalars, without ``self``. Defining the class makes
@@ -13,96 +13,30 @@ import difflib
 import dis
 import functools
 import inspect
-import itertools
 import math
+import operator
 import reprlib
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple, Self, dataclass_transform
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, Self, dataclass_transform
 
 import numpy as np
 
 import impactlab
+from impactlab.components.evaluation import NUMBERS, UPDATE, Found, at_new_states, number_of
+from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.errors import InvalidInput
-
-UPDATE, ELAPSED = "update", "elapsed"
-"""Kernel that returns the states of a law, and its argument of time: how long ago those that it takes were accepted."""
 
 _POTENTIALS = "potential", "residual_potential"
 
+_LIMITS = {
+    "minimum": ("at least", operator.lt),
+    "above": ("larger than", operator.le),
+    "maximum": ("at most", operator.gt),
+}
+"""Limits of a value: what it must be, and when it is not."""
+
 _REGISTRY: dict[str, dict[str, type[Component]]] = {}
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return a clause that names the known name that is nearest to what was given, or all of them."""
-    known = [str(item) for item in known]
-    near = difflib.get_close_matches(str(name), known, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return f"allowed are {', '.join(map(repr, known))}" if known else "none is allowed here"
-
-
-def parameter(
-    default: Any = dataclasses.MISSING,
-    *,
-    units: str = "1",
-    minimum: float | None = None,
-    above: float | None = None,
-    maximum: float | None = None,
-    kw_only: bool | dataclasses._MISSING_TYPE = dataclasses.MISSING,
-) -> Any:
-    """Declare a field of a component.
-
-    Parameters
-    ----------
-    default : optional
-        Value of the field when it is not given. Without it the field is required.
-    units : str
-        Units in the notation of UDUNITS, such as ``"N m-1"``.
-    minimum, maximum : float, optional
-        Smallest and largest value allowed.
-    above : float, optional
-        The value must be larger than this.
-    kw_only : bool, optional
-        Whether the field must be given by name. By default all fields but the
-        first of a class must.
-
-    Returns
-    -------
-    dataclasses.Field
-    """
-    metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum}
-    return dataclasses.field(default=default, metadata=metadata, kw_only=kw_only)  # type: ignore[call-overload]
-
-
-def state(
-    start: Any = dataclasses.MISSING,
-    *,
-    units: str = "1",
-    minimum: float | None = None,
-    above: float | None = None,
-    maximum: float | None = None,
-) -> Any:
-    """Declare a state of a law: a number that each member has in each realization, and that the motion changes.
-
-    It changes when a step is accepted, to what the kernel ``update`` of the law returns. The field of a
-    component holds the value at the start, and is given by name.
-
-    Parameters
-    ----------
-    start : float
-        Value at the start of a run, unless a component is made with another.
-    units : str
-        Units in the notation of UDUNITS, such as ``"m"``.
-    minimum, maximum, above : float, optional
-        Limits of the value at the start, as of a `parameter`.
-
-    Returns
-    -------
-    dataclasses.Field
-    """
-    metadata = {"units": units, "minimum": minimum, "above": above, "maximum": maximum, "state": True}
-    return dataclasses.field(default=start, metadata=metadata, kw_only=True)
 
 
 # Type checkers and editors see the fields. `parameter` is not named as a field specifier: a default that it takes by
@@ -124,7 +58,7 @@ class Component:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        _make_first_field_positional(cls)
+        make_first_field_positional(cls)
         dataclasses.dataclass(frozen=True, kw_only=True, repr=False)(cls)
         for name, kinematic in cls.kernels.items():
             if name in cls.__dict__:
@@ -143,7 +77,7 @@ class Component:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        for declared in _declared(type(self)):
+        for declared in declared_by(type(self)):
             value = getattr(self, declared.name)
             valid = _validated(declared, value)
             if valid is not value:
@@ -163,18 +97,17 @@ class Component:
     @classmethod
     def field_names(cls) -> tuple[str, ...]:
         """Names of the fields, in the order of their declaration."""
-        return tuple(declared.name for declared in _declared(cls))
+        return tuple(declared.name for declared in declared_by(cls))
 
     @classmethod
     def state_names(cls) -> tuple[str, ...]:
         """Names of the fields that are states, in the order of their declaration."""
-        return tuple(declared.name for declared in _declared(cls) if declared.state)
+        return tuple(declared.name for declared in declared_by(cls) if declared.state)
 
     @classmethod
     def units(cls, name: str) -> str:
         """Units of a field."""
-        fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
-        return str(fields[name].metadata.get("units", "1"))
+        return {declared.name: declared.units for declared in declared_by(cls)}[name]
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed."""
@@ -234,7 +167,7 @@ class Component:
         return kinematic, names[len(kinematic) :]
 
     @classmethod
-    def kernel(cls, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
+    def kernel(cls, name: str) -> Found:
         """Return a kernel with the names of its kinematic arguments and of its fields.
 
         A kernel that reads states reads those which hold at its own arguments: ``update`` has made them of the
@@ -243,7 +176,7 @@ class Component:
         kinematic, fields = cls.arguments(name)
         if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
             return getattr(cls, name), kinematic, fields
-        return _at_new_states(cls, name)
+        return at_new_states(cls, name)
 
     def call(self, name: str, *kinematic: Any) -> np.ndarray:
         """Evaluate a kernel on arrays, in Python, with the fields filled in.
@@ -267,7 +200,7 @@ class Component:
 
         def scalar(*point: float) -> float:
             try:
-                return _number(function(*point, *filled))
+                return number_of(function(*point, *filled))
             except OverflowError:
                 raise  # infinite in compiled code; whoever asks for values far out decides what that means
             except (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
@@ -282,102 +215,21 @@ class Component:
         return np.broadcast_to(result, shape)
 
 
-def call_each(components: Sequence[Component], name: str, *kinematic: np.ndarray) -> np.ndarray:
-    """Evaluate a kernel of many components of any classes in Python, each on its row of arrays, (component, point).
-
-    The arrays are all kinematic arguments of the family's kernel, in order. The result is NaN where a function of
-    Python overflows or is not defined, which compiled ones do not tell.
-    """
-    result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
-    by_class: dict[type[Component], list[int]] = {}
-    for row, component in enumerate(components):
-        by_class.setdefault(type(component), []).append(row)
-    most = max(1, _POINTS // max(1, result.shape[1]))
-    parts = [(cls, all_[k : k + most]) for cls, all_ in by_class.items() for k in range(0, len(all_), most)]
-    for cls, rows in parts:
-        function, used, fields = cls.kernel(name)
-        values = dict(zip(cls.kernels[name], kinematic, strict=True))
-        shape = len(rows), result.shape[1]
-        columns = [np.broadcast_to(values[item], result.shape)[rows].ravel().tolist() for item in used]
-        for field in fields:
-            columns.append([value for row in rows for value in [getattr(components[row], field)] * shape[1]])
-        points = zip(*columns, strict=True) if columns else itertools.repeat((), shape[0] * shape[1])
-        try:
-            result[rows] = np.fromiter(itertools.starmap(_without_overflow(function), points), float).reshape(shape)
-        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError):
-            for row in rows:  # which says what is wrong, and where
-                components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
-            raise
-    return result
+def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
+    return cls(**fields)
 
 
-_POINTS = 1_000_000  # numbers of Python at a time, which take much memory
-
-
-def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
-    def guarded(*arguments: Any) -> float:
-        try:
-            value = function(*arguments)
-        except (OverflowError, ValueError):  # as of math.sqrt
-            return math.nan
-        return value if type(value) is float else _number(value)
-
-    return guarded
-
-
-def _number(value: Any) -> float:
-    """Return what a kernel returned as a float."""
-    if value is None:
-        raise TypeError("it returned None; every branch must return a number")
-    if not isinstance(value, (*_NUMBERS, np.bool_)):
-        raise TypeError(f"it returned {value!r}, not a number")
-    return float(value)
-
-
-def _at_new_states_of(cls: Any, name: str) -> tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]:
-    """Return a kernel that reads states as `Component.kernel` does: those that hold just after a start."""
-    (own, fields), (of_update, of_states) = cls.arguments(name), cls.arguments(UPDATE)
-    kinematic = tuple(item for item in cls.kernels[name] if item in (*own, *of_update))
-    used = tuple(dict.fromkeys((*fields, *of_states)))
-    kernel, update, states = getattr(cls, name), getattr(cls, UPDATE), cls.state_names()
-
-    def at_new_states(*values: Any) -> float:
-        known = {**dict(zip((*kinematic, *used), values, strict=True)), ELAPSED: 0.0}
-        new = update(*(known[item] for item in (*of_update, *of_states)))
-        known.update(zip(states, (new,) if len(states) == 1 else new, strict=True))
-        return kernel(*(known[item] for item in (*own, *fields)))  # type: ignore[no-any-return]
-
-    return at_new_states, kinematic, used
-
-
-_at_new_states: Callable[[Any, str], tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]]
-_at_new_states = functools.cache(_at_new_states_of)
+def _plain(value: Any) -> Any:
+    if isinstance(value, Component):
+        return value.to_dict()
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value
 
 
 @functools.cache
 def _argument_names(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(inspect.signature(function).parameters)
-
-
-def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
-    return cls(**fields)
-
-
-def _make_first_field_positional(cls: type) -> None:
-    """Let the first field that a class itself declares be given by position, unless all are said to be ``KW_ONLY``."""
-    inherited = {name for base in cls.__mro__[1:] for name in inspect.get_annotations(base)}
-    for name, kind in inspect.get_annotations(cls).items():
-        if "KW_ONLY" in str(kind):
-            return
-        value = cls.__dict__.get(name, dataclasses.MISSING)
-        if name in inherited or "ClassVar" in str(kind):
-            continue
-        if not isinstance(value, dataclasses.Field):
-            value = dataclasses.field(default=value)
-            setattr(cls, name, value)
-        if value.kw_only is dataclasses.MISSING:
-            value.kw_only = False
-        return
 
 
 def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) -> None:
@@ -435,7 +287,7 @@ def _check_states(cls: type[Component]) -> None:
         raise InvalidInput(
             f"{cls.__name__} cannot have states ({some}): laws of contacts and couplings, and oscillators can."
         )
-    for declared in _declared(cls):
+    for declared in declared_by(cls):
         if declared.state and (declared.needed or declared.kind != "float"):
             wrong = "has no start value" if declared.needed else f"is declared as {declared.kind}"
             raise InvalidInput(
@@ -458,38 +310,9 @@ def _may_end_without_value(function: types.FunctionType) -> bool:
     return any(steps[at : at + len(way)] == way for way in ways for at in range(len(steps)))
 
 
-class _Declared(NamedTuple):
-    """A field of a class, as it is looked at whenever a component is made."""
-
-    name: str
-    place: str
-    kind: str
-    positional: bool
-    needed: bool
-    state: bool
-    units: str
-    limits: tuple[float | None, float | None, float | None]  # minimum, above, maximum
-
-
-def _fields_of(cls: Any) -> tuple[_Declared, ...]:
-    result = []
-    for field in dataclasses.fields(cls):
-        kind = str(field.type if isinstance(field.type, str) else getattr(field.type, "__name__", field.type))
-        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        minimum, above, maximum = (field.metadata.get(name) for name in ("minimum", "above", "maximum"))
-        units = field.metadata.get("units", "1")
-        place = f"{cls.__name__}.{field.name}"
-        remembered, limits = bool(field.metadata.get("state")), (minimum, above, maximum)
-        result.append(_Declared(field.name, place, kind, not field.kw_only, needed, remembered, units, limits))
-    return tuple(result)
-
-
-_declared: Callable[[Any], tuple[_Declared, ...]] = functools.cache(_fields_of)
-
-
 def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict[str, Any]) -> None:
     """Refuse unknown, surplus and missing arguments in the words of the component."""
-    declared = _declared(cls)
+    declared = declared_by(cls)
     allowed = [item.name for item in declared]
     for name in fields:
         if name not in allowed:
@@ -505,7 +328,7 @@ def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict
             raise InvalidInput(f"{cls.__name__} needs {item.name} ({item.units}).")
 
 
-def _validated(declared: _Declared, value: Any) -> Any:
+def _validated(declared: Declared, value: Any) -> Any:
     """Return the value of a field in its declared type, or refuse it."""
     place, kind = declared.place, declared.kind
     if kind == "float":
@@ -524,24 +347,27 @@ def _validated(declared: _Declared, value: Any) -> Any:
     elif isinstance(value, list):
         value = tuple(value)
     for item in value if isinstance(value, tuple) else (value,):
-        if isinstance(item, _NUMBERS) and not isinstance(item, bool):
+        if isinstance(item, NUMBERS) and not isinstance(item, bool):
             _check_limits(declared, item)
     return value
 
 
-def _check_limits(declared: _Declared, value: Any) -> None:
+def _check_limits(declared: Declared, value: Any) -> None:
     place, units = declared.place, "" if declared.units == "1" else f" {declared.units}"
-    minimum, above, maximum = declared.limits
     finite(place, value)
-    if minimum is not None and value < minimum:
-        raise InvalidInput(f"{place} must be at least {minimum:g}{units}, not {value!r}.")
-    if above is not None and value <= above:
-        raise InvalidInput(f"{place} must be larger than {above:g}{units}, not {value!r}.")
-    if maximum is not None and value > maximum:
-        raise InvalidInput(f"{place} must be at most {maximum:g}{units}, not {value!r}.")
+    for name, limit in declared.limits.items():
+        wanted, is_beyond = _LIMITS[name]
+        if is_beyond(value, limit):
+            raise InvalidInput(f"{place} must be {wanted} {limit:g}{units}, not {value!r}.")
 
 
-_NUMBERS = (int, float, np.number)
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a clause that names the known name that is nearest to what was given, or all of them."""
+    known = [str(item) for item in known]
+    near = difflib.get_close_matches(str(name), known, n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"allowed are {', '.join(map(repr, known))}" if known else "none is allowed here"
 
 
 def finite(place: str, value: Any) -> float:
@@ -557,17 +383,23 @@ def finite(place: str, value: Any) -> float:
     return number
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Component):
-        return value.to_dict()
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value
-
-
 def positive(name: str, value: Any, units: str = "s") -> float:
     """Return a positive finite number, or raise `InvalidInput` that names it."""
     number = finite(name, value)
     if number <= 0.0:
         raise InvalidInput(f"{name} must be larger than 0 {units}, not {value!r}.")
     return number
+
+
+def finite_array(name: str, values: Any) -> np.ndarray:
+    """Return an array of finite numbers, or refuse it."""
+    array = np.asarray(values, dtype=float)
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{name} must hold finite numbers only.")
+    return array
+
+
+def known_name(kind: str, name: str, known: Iterable[str]) -> None:
+    """Refuse a name that is unknown."""
+    if name not in known:
+        raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")

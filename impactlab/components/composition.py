@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import reprlib
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self, TypeVar
 
@@ -151,10 +151,20 @@ class Composition:
 
     def excitations_of(self, body: str) -> list[tuple[str, Excitation, float]]:
         """Return name, excitation and weight of all that drives a body: its own excitation, then sources."""
-        given = self.excitations
-        own = [(body, given[body], 1.0)] if body in given else []
-        sources = {name: item for name, item in given.items() if isinstance(item, Source)}
-        return own + [(name, item.excitation, item.on[body]) for name, item in sources.items() if body in item.on]
+        own = [(body, self.excitations[body], 1.0)] if body in self.excitations else []
+        return own + [(name, item.excitation, item.on[body]) for name, item in self.sources.items() if body in item.on]
+
+    @property
+    def sources(self) -> Mapping[str, Source]:
+        """The excitations that have a name of their own."""
+        return {name: item for name, item in self._expanded.excitations.items() if isinstance(item, Source)}
+
+    def excitations_on(self, bodies: Set[str]) -> dict[str, Any]:
+        """Return the excitations that act on any of some bodies, by name."""
+        acting = {name: item.on for name, item in self.sources.items()}
+        return {
+            name: item for name, item in self.excitations.items() if not bodies.isdisjoint(acting.get(name, (name,)))
+        }
 
     @property
     def couplings(self) -> Mapping[str, Coupling]:

@@ -8,7 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import Component, call_each, parameter, state
+from impactlab.components.component import Component
+from impactlab.components.evaluation import call_each
+from impactlab.components.fields import parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import Component, parameter, state
+from impactlab.components.component import Component
+from impactlab.components.fields import parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 

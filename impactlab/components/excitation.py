@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from impactlab.components.component import Component, finite, parameter
+from impactlab.components.component import Component, finite
+from impactlab.components.fields import parameter
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 

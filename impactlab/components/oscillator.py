@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar, Self
 
-from impactlab.components.component import Component, finite, parameter
+from impactlab.components.component import Component, finite
+from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 
 

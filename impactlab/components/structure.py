@@ -11,7 +11,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from impactlab.components.component import Component, parameter
+from impactlab.components.component import Component
+from impactlab.components.fields import parameter
 from impactlab.components.matrices import (
     NEGLIGIBLE,
     RIGID,

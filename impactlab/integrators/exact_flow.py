@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
-from impactlab.components.component import parameter
+from impactlab.components.fields import parameter
 from impactlab.integrators.arguments import Cross, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
-from impactlab.components.component import call_each
+from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import Oscillator
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(8)

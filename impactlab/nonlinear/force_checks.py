@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
-from impactlab.components.component import Component, call_each
+from impactlab.components.component import Component
+from impactlab.components.evaluation import call_each
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import spread
 from impactlab.nonlinear.tangent_stiffness import Stiffening

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import call_each
+from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import warn
 from impactlab.linear.damping import damped

@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import call_each
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
+from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
 from impactlab.linear.given_functions import kinds_of, largest_energy, look

@@ -38,7 +38,7 @@ class Forces:
         `likely` says whether each contact may close in the run, (contact,) of bool.
         """
         return cls(
-            generate(model, single=single), model.members.parameters, model.members.indices, model.members.states,
+            generate(model, single), model.members.parameters, model.members.indices, model.members.states,
             model.states, model.passes, likely, _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import parameter, suggestion
+from impactlab.components.component import suggestion
+from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput, warn
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.laws import extent

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, parameter, suggestion
+from impactlab.components.component import finite, suggestion
+from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.kernels.histogram import add_crossings
 from impactlab.linear.laws import extent

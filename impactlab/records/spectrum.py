@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import parameter, suggestion
+from impactlab.components.component import suggestion
+from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan

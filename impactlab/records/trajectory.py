@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import parameter
+from impactlab.components.fields import parameter
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from impactlab.components.component import finite_array
 from impactlab.errors import InvalidInput
-from impactlab.reference.laws import finite_array
 from impactlab.reference.marginal import Function
 
-
-class Law(Protocol):
-    """Law of one quantity."""
-
-    @property
-    def density(self) -> Function:
-        """Density at some places."""
-
-    @property
-    def probability_below(self) -> Function:
-        """Probability of less than some places."""
+QUANTITIES = ("displacement", "velocity")
 
 
 class Curves(NamedTuple):
-    """A law as two functions."""
+    """Law of one quantity at some places."""
 
     density: Function
     probability_below: Function
@@ -35,7 +25,7 @@ class Densities(ABC):
     """What a reference tells of one quantity at a time."""
 
     @abstractmethod
-    def _curves(self, oscillator: str, quantity: str) -> Law:
+    def _curves(self, oscillator: str, quantity: str) -> Curves:
         """Return the law of a displacement or a velocity; refuse names that are unknown."""
 
     def density(self, oscillator: str, quantity: str, grid: Any) -> np.ndarray:

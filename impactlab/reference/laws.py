@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-import numpy as np
-
-from impactlab.components.component import suggestion
+from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.sides import bodies_of, weights_of
-from impactlab.errors import InvalidInput, NoExactReference
+from impactlab.errors import NoExactReference
 from impactlab.reference.conditions import Law
+from impactlab.reference.densities import QUANTITIES
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import NEVER
@@ -22,7 +19,6 @@ from impactlab.reference.ring import RingLaw
 from impactlab.reference.subsystems import named
 from impactlab.reference.tree import TreeLaw
 
-QUANTITIES = ("displacement", "velocity")
 _SHOWN = 6
 
 
@@ -76,17 +72,3 @@ class Laws:
         """Return the standard deviation of the rate of an indentation."""
         weights = weights_of(self.network.contacts[contact])
         return math.sqrt(sum(weight**2 * self.speed(name) ** 2 for name, weight in weights.items()))
-
-
-def known_name(kind: str, name: str, known: Iterable[str]) -> None:
-    """Refuse a name that is unknown."""
-    if name not in known:
-        raise InvalidInput(f"There is no {kind} {name!r}; {suggestion(name, known)}")
-
-
-def finite_array(name: str, values: Any) -> np.ndarray:
-    """Return an array of finite numbers, or refuse it."""
-    array = np.asarray(values, dtype=float)
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{name} must hold finite numbers only.")
-    return array

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.components.component import finite
+from impactlab.components.component import finite, known_name
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput, NoExactReference
-from impactlab.reference.laws import Laws, known_name
+from impactlab.reference.laws import Laws
 from impactlab.reference.marginal import Marginal
 
 _CROSSING = ("displacement", "contact_force")

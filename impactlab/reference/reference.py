@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
+from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities
 from impactlab.reference.gaussian import GaussianLaw
-from impactlab.reference.laws import Laws, finite_array
+from impactlab.reference.laws import Laws
 from impactlab.reference.levels import Coordinate
 from impactlab.reference.linear_laws import linear_law_of
 from impactlab.results.dataset import provenance

@@ -11,7 +11,7 @@ import numpy as np
 
 from impactlab.components.contact import Contact
 from impactlab.errors import NoExactReference
-from impactlab.reference.distribution import Distribution
+from impactlab.reference.distribution import Distribution, OfDistributions
 from impactlab.reference.ground import START, about_ground, depth_of, span_of
 from impactlab.reference.marginal import Marginal
 from impactlab.reference.messages import FLOOR, PROBED, TOLERANCE, between, is_noise
@@ -35,7 +35,7 @@ _TOLERANCE = 1e-11  # of a function on a panel, relative to its size there
 _AGREEMENT = 1e-8  # of the sums over all states, as different bodies see them
 
 
-class RingLaw:
+class RingLaw(OfDistributions):
     """Stationary law of bodies of which each is connected with the next, and the last with the first.
 
     Seen from body 0, with ``u_j = x_j − x_0``, the sum over the states of all others is
@@ -81,40 +81,19 @@ class RingLaw:
         if not 0.0 < max(totals) <= (1.0 + _AGREEMENT) * min(totals):
             raise _unresolved()
 
-    def __str__(self) -> str:
-        return f"temperature {self.temperature:.6g} J, density proportional to exp(−H/T)"
-
-    def moments(self, body: str) -> tuple[float, float]:
-        """Return the mean (m) and the variance (m2) of a body's displacement."""
-        return self._law(body).moments
-
     def contact(self, contact: Contact) -> tuple[float, float, float]:
-        """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
         law, gap = self._gap(contact)
         return law.of_gaps([gap])[0]
 
-    def marginal(self, body: str, speed: float) -> Marginal:
-        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
-        return self._law(body).marginal(1.0, 0.0, speed)
-
     def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
-        """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
         law, gap = self._gap(contact)
         return law.marginal(gap.sign, -gap.clearance, speed)
-
-    def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the density of a body's displacement (m-1)."""
-        return self._law(body).density(displacement)
-
-    def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the probability that a body's displacement is smaller."""
-        return self._law(body).below(displacement)
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Refuse: it is not computed for loops."""
         raise NoExactReference(f"The joint density of {first!r} and {second!r}, which are in a loop, is not computed.")
 
-    def _law(self, body: str) -> Distribution:
+    def of_body(self, body: str) -> Distribution:
         return self._laws[self.bodies.index(body)]
 
     def _gap(self, contact: Contact) -> tuple[Distribution, Gap]:

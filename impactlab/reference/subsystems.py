@@ -11,7 +11,7 @@ from itertools import pairwise
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
-from impactlab.components.excitation import Excitation, Source
+from impactlab.components.excitation import Excitation
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -105,12 +105,9 @@ class Subsystem:
     @cached_property
     def common_noises(self) -> dict[str, list[str]]:
         """The white noises that drive several of the bodies, and which."""
-        excitations, inside = self.network.excitations.items(), set(self.bodies)
-        of_several = {
-            name: [body for body in item.on if body in inside]
-            for name, item in excitations
-            if isinstance(item, Source) and item.excitation.kind == "intensity"
-        }
+        sources, inside = self.network.sources.items(), set(self.bodies)
+        noises = {name: item.on for name, item in sources if item.excitation.kind == "intensity"}
+        of_several = {name: [body for body in on if body in inside] for name, on in noises.items()}
         return {name: bodies for name, bodies in of_several.items() if len(bodies) > 1}
 
     @cached_property
@@ -122,16 +119,8 @@ class Subsystem:
 
     def without_contacts(self) -> Composition:
         """Return the bodies with their couplings and excitations only."""
-        return Composition(
-            {name: self.network.oscillators[name] for name in self.bodies},
-            None,
-            {
-                name: item
-                for name, item in self.network.excitations.items()
-                if not set(self.bodies).isdisjoint(item.on if isinstance(item, Source) else (name,))
-            },
-            self.couplings,
-        )
+        bodies = {name: self.network.oscillators[name] for name in self.bodies}
+        return Composition(bodies, None, self.network.excitations_on(bodies.keys()), self.couplings)
 
 
 def subsystems_of(network: Composition) -> list[Subsystem]:
@@ -151,10 +140,9 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     for link in links:
         for one, other in pairwise(sides(link)):
             leader[led(one)] = led(other)
-    for source in network.excitations.values():
-        if isinstance(source, Source):
-            one, *others = map(led, source.on)
-            leader.update(dict.fromkeys(others, one))
+    for source in network.sources.values():
+        one, *others = map(led, source.on)
+        leader.update(dict.fromkeys(others, one))
     members: dict[str, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
     for name in network.oscillators:
         members.setdefault(led(name), ([], {}, {}))[0].append(name)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from impactlab.components.contact import Contact
-from impactlab.reference.distribution import Distribution
+from impactlab.reference.distribution import Distribution, OfDistributions
 from impactlab.reference.ground import outwards
 from impactlab.reference.marginal import Marginal
 from impactlab.reference.messages import FLOOR, NONE, PROBED, TOLERANCE, Messages, between, is_noise, narrow, origin_of
@@ -16,7 +16,7 @@ from impactlab.reference.piecewise import Piecewise, fine_integrals, resolve, sh
 from impactlab.reference.potential import Gap, Potential, gauss_legendre
 
 
-class TreeLaw(Messages):
+class TreeLaw(Messages, OfDistributions):
     """Stationary law of bodies in a tree.
 
     The density ``exp(−H/T)`` is a product of one function of each displacement and one of each difference of two that
@@ -37,38 +37,17 @@ class TreeLaw(Messages):
     connect all and form no loop. What cannot be normalised or integrated is refused.
     """
 
-    def __str__(self) -> str:
-        return f"temperature {self.temperature:.6g} J, density proportional to exp(−H/T)"
-
-    def moments(self, body: str) -> tuple[float, float]:
-        """Return the mean (m) and the variance (m2) of a body's displacement."""
-        return self._of_body(body).moments
-
     def contact(self, contact: Contact) -> tuple[float, float, float]:
-        """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
         walled, place, item, gap = self._gap(contact)
         of_gaps = self._of_walls(place) if walled else self._of_link(place)
         return of_gaps[item.gaps.index(gap)]
 
-    def marginal(self, body: str, speed: float) -> Marginal:
-        """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
-        return self._of_body(body).marginal(1.0, 0.0, speed)
-
     def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
-        """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
         walled, place, item, gap = self._gap(contact)
         if walled:
             return self._distribution(self._density(place)).marginal(gap.sign, -gap.clearance, speed)
         shift = float(gap.indentation(np.array(origin_of(item))))
         return Distribution(self._difference(place)).marginal(gap.sign, shift, speed)
-
-    def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the density of a body's displacement (m-1)."""
-        return self._of_body(body).density(displacement)
-
-    def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the probability that a body's displacement is smaller."""
-        return self._of_body(body).below(displacement)
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of two bodies (m-2)."""
@@ -80,7 +59,7 @@ class TreeLaw(Messages):
             result[here] = self.density(first, np.array([place])) * Distribution(given).density(y[here])
         return result
 
-    def _of_body(self, body: str) -> Distribution:
+    def of_body(self, body: str) -> Distribution:
         return self._distribution(self._density(self._places[body]))
 
     def _distribution(self, density: Piecewise) -> Distribution:

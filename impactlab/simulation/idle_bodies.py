@@ -9,7 +9,6 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
-from impactlab.components.excitation import Source
 from impactlab.components.sides import bodies_of
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
@@ -49,11 +48,7 @@ def _only(model: Model, chosen: np.ndarray) -> Composition:
     return type(network)(
         {name: body for name, body in network.oscillators.items() if name in names},
         {name: item for name, item in network.contacts.items() if not names.isdisjoint(bodies_of(item))},
-        {
-            name: item
-            for name, item in network.excitations.items()
-            if not names.isdisjoint(item.on if isinstance(item, Source) else (name,))
-        },
+        network.excitations_on(names),
         {name: item for name, item in network.couplings.items() if not names.isdisjoint(bodies_of(item))},
     )
 

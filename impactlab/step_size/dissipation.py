@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import call_each
+from impactlab.components.evaluation import call_each
 from impactlab.nonlinear.tangent_stiffness import Stiffening, of_unique
 
 OF_CONTACTS, OF_BODIES = 0.2, 0.07

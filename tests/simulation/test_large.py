@@ -8,7 +8,7 @@ from scenes import base, plan_of
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.components.component import call_each
+from impactlab.components.evaluation import call_each
 from impactlab.integrators import exact_flow
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.seed import seed_of

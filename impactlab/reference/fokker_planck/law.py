@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
-from impactlab.reference.densities import Densities
+from impactlab.reference.densities import QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator
-from impactlab.reference.fokker_planck.reading import Characteristic, Reading
+from impactlab.reference.fokker_planck.reading import Reading
 from impactlab.reference.fokker_planck.settings import coarser
-from impactlab.reference.laws import QUANTITIES, known_name
 from impactlab.results.dataset import provenance
 from impactlab.results.schema import statistics
 
@@ -120,9 +120,10 @@ class FokkerPlanckReference(Densities):
     def _reading(self) -> Reading:
         return Reading(self.propagator, self.phase_density)
 
-    def _curves(self, oscillator: str, quantity: str) -> Characteristic:
+    def _curves(self, oscillator: str, quantity: str) -> Curves:
         names = self.propagator.pair.names
         known_name("body", oscillator, names)
         known_name("quantity", quantity, QUANTITIES)
-        body = names.index(oscillator)
-        return self._reading.displacement(body) if quantity == "displacement" else self._reading.velocity(body)
+        read = self._reading.displacement if quantity == "displacement" else self._reading.velocity
+        found = read(names.index(oscillator))
+        return Curves(found.density, found.probability_below)

@@ -11,7 +11,6 @@ import numpy as np
 
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
-from impactlab.components.excitation import Source
 from impactlab.errors import NoExactReference
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
@@ -221,9 +220,8 @@ def _reasons(network: Composition) -> Iterator[str]:
             yield f"the force of contact {name!r} depends on the rate; laws of the indentation alone are allowed."
     if network.couplings:
         yield f"it has couplings, {', '.join(network.couplings)}; none are allowed."
-    for name, item in network.excitations.items():
-        if isinstance(item, Source):
-            yield f"it has the source {name!r}; each body's own noise alone is allowed."
+    for name in network.sources:
+        yield f"it has the source {name!r}; each body's own noise alone is allowed."
     for name, body in network.oscillators.items():
         if body.has_kernel("residual"):
             yield f"{name!r} has a residual force; linear bodies are allowed."

@@ -1,0 +1,308 @@
+"""Loops of a generated module over the members of a kind: their forces, and the states that their laws have."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
+from impactlab.components.evaluation import ELAPSED, UPDATE
+
+_TAKEN = frozenset({
+    "above", "after", "at", "begin", "below", "body", "clear", "clearance", "contact_force", "count", "differences",
+    "elongations", "end", "enough", "entry", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps",
+    "gather", "given", "half_step",
+    "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
+    "off", "off_after", "off_end", "parameters", "push_back", "r",
+    "range", "rate", "refined", "response", "result", "row", "rows",
+    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v",
+    "velocity", "x",
+})  # fmt: skip
+
+_SLOWING = '''
+@scalar
+def {name}_over_kick({place}, speed, response{fields}):
+    """Return the force of a kick that takes ``2 response force`` from a velocity, half up to its middle.
+
+    It acts at r of ``r + share force(r) = speed``, found by secants, bracketed if they can be; the
+    share is the response, then what the slope of the force at that r makes of it.
+    """
+    result = force = {speed}
+    share = response
+    for refined in range(2):
+        given = share * force
+        if given == 0.0:
+            break
+        nudged = share * {nudged}
+        end, off_end, r, off = speed, given, speed, given
+        after = speed - given / (1.0 + max(1000.0 * (given - nudged) / given, -0.5))
+        enough = 1e-6 * abs(given)
+        for _ in range(51):
+            off_after = after - speed + share * {after}
+            if off * off_after < 0.0 or off * off_end > 0.0:
+                end, off_end = r, off
+            else:
+                off_end *= 0.5
+            r, off = after, off_after
+            if abs(off) <= enough or abs(r - end) <= enough or off == off_end:
+                break
+            after = r - off * (r - end) / (off - off_end)
+        if refined:
+            result = (speed - r) / share
+            break
+        near = 0.001 * (speed - r)
+        if near == 0.0:
+            break
+        above = {above}
+        below = {below}
+        share = response * stretch(response * (above - below) / near)
+    return result
+'''
+
+
+class Loop(NamedTuple):
+    """A kind of members, over which loops are written."""
+
+    number: int  # of the kind, among all of the network
+    kind: Kind
+    name: str  # of its kernel in the text
+    single: bool  # whether for blocks of one lane
+    plain: bool  # whether links are pairs; else they have weights
+
+    def runs(self, *lines: str, slices: Sequence[str] = ()) -> str:
+        """Open the loops over the runs of the kind and over the members of each, and read their parameters.
+
+        `slices` name rows of arrays along a run, such as ``gaps = indentation[slot]``; `lines` begin a member.
+        """
+        kind, leading, names = self.kind, LEADING[self.kind.role], self._parameters
+        at = PLACES + HEADER * self.number
+        entries = [*leading, "count", *(["start"] if names else [])]
+        at_states, size = f"indices[at + {len(leading) + 2}]", len(leading) + 2 + bool(kind.states)
+        parts = [item.replace("= ", "= rows(").replace("[", ", ").replace("]", ", count)") for item in slices]
+        parts += [f"column_{k} = rows(parameters, start{_times('+', k)}, count)" for k in range(len(names))]
+        parts += [
+            f"{row} = remembered(parameters, {at_states}{_times('-', k)}, count, x)" for k, row in enumerate(self.rows)
+        ]
+        text = [
+            f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
+            + (f" with {', '.join(kind.parameters)}" if names else "")
+            + (f"; states {', '.join(kind.states)}" if kind.states else ""),
+            f"for run in range(indices[{at}]):",
+            f"    at = indices[{at + 1}] + {size} * run",
+            *(f"    {name} = indices[at{f' + {k}' if k else ''}]" for k, name in enumerate(entries)),
+            *(f"    {part}" for part in parts),
+            f"    for member in range({f'{slices[0].split()[0]}.shape[0]' if slices else 'count'}):",
+            *(f"        {name} = column_{k}[member]" for k, name in enumerate(names)),
+            *(f"        {line}" for line in lines),
+        ]
+        return textwrap.indent("\n".join(text), "    ") + "\n"
+
+    @property
+    def rows(self) -> list[str]:
+        """Names of the rows of the states along a run."""
+        return [f"remembered_{k}" for k in range(len(self.kind.states))]
+
+    @property
+    def _parameters(self) -> list[str]:
+        """Names of the parameters of a member inside a loop; the clearance is not a field."""
+        kind = self.kind
+        return [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
+
+    def call(self, values: Mapping[str, str]) -> str:
+        """Call the kernel of the kind."""
+        kinematic, fields = self.kind.component.arguments(self.kind.kernel)
+        return f"{self.name}({', '.join([*(values[item] for item in kinematic), *map(_local, fields)])})"
+
+    def over_kick(self, place: str, speed: str) -> str:
+        """Call the function that solves the force of the kind for the velocity that it changes."""
+        fields = self.kind.component.arguments(self.kind.kernel)[1]
+        return f"{self.name}_over_kick({', '.join([place, speed, 'response', *map(_local, fields)])})"
+
+    def at_trial(self, **values: str) -> list[str]:
+        """Find the states at a trial place, if the force reads them."""
+        return [self.update(values, ", ".join(map(_local, self.kind.states)))] if self.kind.reads_states else []
+
+    def update(self, values: Mapping[str, str], result: str) -> str:
+        """Assign the states at some place to a result."""
+        kinematic, fields = self.kind.component.arguments(UPDATE)
+        old = {state: f"{row}[member, lane]" for state, row in zip(self.kind.states, self.rows, strict=True)}
+        values = {**values, ELAPSED: "parameters[-1]"}
+        arguments = [*(values[item] for item in kinematic), *(old.get(item, _local(item)) for item in fields)]
+        return f"{result} = {name_of(self.name, self.kind, UPDATE)}({', '.join(arguments)})"
+
+
+def name_of(name: str, kind: Kind, kernel: str) -> str:
+    """Return the name of a kernel of a kind, of which one has a `name`."""
+    return name if kernel == kind.kernel else f"{name}_{kernel}"
+
+
+def _local(field: str) -> str:
+    """Name of a field's value inside a loop, where some names are taken."""
+    taken = field.rstrip("_") in _TAKEN or field.startswith(("column_", "remembered"))
+    return f"{field}_" if taken else field
+
+
+def _over_lanes(rows: str, lines: Sequence[str]) -> str:
+    """Write the loop over the lanes of a member, of which there are as many as in some rows."""
+    return f"            for lane in range({rows}.shape[1]):\n" + "".join(f"                {line}\n" for line in lines)
+
+
+def _times(sign: str, count: int) -> str:
+    return ("", f" {sign} count")[count] if count < 2 else f" {sign} {count} * count"
+
+
+def slowing(loop: Loop) -> str:
+    """Write the function that solves a force for the velocity that it changes."""
+    component, kernel = loop.kind.component, loop.kind.kernel
+    place, speed = component.kernels[kernel]
+    at = {
+        "speed": "speed",
+        "nudged": "speed - 0.001 * given",
+        "after": "after",
+        "above": "r + near",
+        "below": "r - near",
+    }
+    calls = {item: loop.call({place: place, speed: value}) for item, value in at.items()}
+    fields = "".join(f", {_local(field)}" for field in component.arguments(kernel)[1])
+    return _SLOWING.format(name=loop.name, place=place, fields=fields, **calls)
+
+
+def _ends(loop: Loop) -> tuple[str, ...]:
+    """Find the coordinates of a link: both ends, or where those with weights stand, and which are its entries."""
+    if not loop.plain:
+        link = LEADING[loop.kind.role][0]
+        return (
+            "at = indices[0]",
+            "slots = at + indices[at]",
+            f"begin, end = indices[at + 1 + {link} + member], indices[at + 2 + {link} + member]",
+        )
+    if loop.kind.role == "force":
+        return "at = indices[2] + 2 * (slot + member)", "first = indices[at]", "second = indices[at + 1]"
+    return ()
+
+
+def _difference(loop: Loop, array: str) -> str:
+    """Return the gap of a contact, or the extension of a coupling, between both ends in an array."""
+    if loop.kind.role == "force":
+        return f"{array}[first, lane] - {array}[second, lane]"
+    return f"{array}[second + member, lane] - {array}[first + member, lane]"
+
+
+def _sums(loop: Loop, **arrays: str) -> list[str]:
+    """Add the weighted numbers of a link in some arrays to sums of some names."""
+    sign = "+" if loop.kind.role == "force" else "-"
+    sums = [
+        f"    {name} {sign}= parameters[entry] * {item}[indices[slots + entry], lane]" for name, item in arrays.items()
+    ]
+    return ["for entry in range(begin, end):", *sums]
+
+
+def _contact_loop(loop: Loop) -> str:
+    """Write the loop over some contacts.
+
+    The force of an open contact is 0, but not a number where the gap is infinite, so that a law without a finite
+    value, which throws a body out of every contact, does not pass for an open one.
+    """
+    kind, distance = loop.kind, "gaps[member, lane]"
+    begin: tuple[str, ...] = ()
+    moving = kind.slows or "rate" in kind.kinematic
+    if loop.plain:
+        rate = [f"rate = {_difference(loop, 'middle')}{{own}}"]
+        if moving or not loop.single:
+            begin, distance = _ends(loop), _difference(loop, "x")
+    else:
+        rate = ["rate = 0.0{own}", *_sums(loop, rate="middle")]
+        begin = _ends(loop) if moving else ()
+    lines = [f"gap = {distance} - clearance"]
+    at_gap = loop.at_trial(indentation="gap", rate="rate")
+    if kind.slows:  # each alone: the rate without what this contact did to it in the pass before
+        begin = (*begin, "response = half_step * mobility")
+        lines += [
+            "force = gap - gap",
+            "if not gap <= 0.0:",
+            *(f"    {line}".format(own=" + response * forces_of[member, lane]") for line in rate),
+            *(f"    {line}" for line in at_gap),
+            f"    force = {loop.over_kick('gap', 'rate')}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = force",
+        ]
+    else:
+        lines += [
+            *(line.format(own="") for line in rate if at_gap and "rate" in kind.kinematic),
+            *at_gap,
+            f"force = {loop.call({'indentation': 'max(gap, 0.0)'})}",
+            "gaps[member, lane] = gap",
+            "forces_of[member, lane] = gap - gap if gap <= 0.0 else force",
+        ]
+    slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
+    return loop.runs(*begin, slices=slices) + _over_lanes("gaps", lines)
+
+
+def _combination_loop(loop: Loop) -> str:
+    """Write the loop over some couplings in a network with weights."""
+    lines = [
+        "extension = 0.0",
+        *_sums(loop, extension="x"),
+        *(["rate = 0.0", *_sums(loop, rate="middle")] if "rate" in loop.kind.kinematic else []),
+        *loop.at_trial(extension="extension", rate="rate"),
+        f"force = {loop.call({'extension': 'extension', 'rate': 'rate'})}",
+        "for entry in range(begin, end):",
+        "    total[indices[slots + entry], lane] += parameters[entry] * force",
+    ]
+    return loop.runs(*_ends(loop)) + _over_lanes("total", lines)
+
+
+def _coupling_loop(loop: Loop) -> str:
+    lines = [
+        f"extension = {_difference(loop, 'x')}",
+        *[f"rate = {_difference(loop, 'middle')}"] * ("rate" in loop.kind.kinematic),
+        *loop.at_trial(extension="extension", rate="rate"),
+        f"force = {loop.call({'extension': 'extension', 'rate': 'rate'})}",
+        "total[first + member, lane] += force",
+        "total[second + member, lane] -= force",
+    ]
+    return loop.runs() + _over_lanes("total", lines)
+
+
+def _residual_loop(loop: Loop) -> str:
+    kind, place = loop.kind, "some_x[member, lane]"
+    moving = kind.slows or "velocity" in kind.kinematic
+    slices = ["forces_on = total[body]", "some_x = x[body]", *(["some_v = v[body]"] if moving else [])]
+    trial = loop.at_trial(displacement=place, velocity="velocity" if kind.slows else "some_v[member, lane]")
+    if kind.slows:  # after all other forces
+        lines = [
+            "velocity = some_v[member, lane] + response * forces_on[member, lane]",
+            *trial,
+            f"forces_on[member, lane] -= {loop.over_kick(place, 'velocity')}",
+        ]
+    else:
+        lines = [*trial, f"forces_on[member, lane] -= {loop.call({'displacement': place})}"]
+    response = ["response = half_step * mobility"] * kind.slows
+    return loop.runs(*response, slices=slices) + _over_lanes("forces_on", lines)
+
+
+FORCE_LOOPS = {
+    "force": _contact_loop,
+    "coupling": _coupling_loop,
+    "combination": _combination_loop,
+    "residual": _residual_loop,
+}
+"""What writes the forces of each role, in their order."""
+
+
+def accept_loop(loop: Loop) -> str:
+    """Write the loop that changes the states of a kind."""
+    begin: tuple[str, ...] = ()
+    sums: list[str] = []
+    if loop.kind.role == "residual":
+        values = {"displacement": "x[body + member, lane]", "velocity": "v[body + member, lane]"}
+    else:
+        begin, extension, rate = _ends(loop), "extension", "rate"
+        if loop.plain:
+            extension, rate = (_difference(loop, item) for item in "xv")
+        else:
+            sums = ["extension, rate = 0.0, 0.0", *_sums(loop, extension="x", rate="v")]
+        values = {"extension": extension, "indentation": f"{extension} - clearance", "rate": rate}
+    new = ", ".join(f"{row}[member, lane]" for row in loop.rows)
+    return loop.runs(*begin) + _over_lanes("x", [*sums, loop.update(values, new)])

@@ -1,0 +1,90 @@
+"""Kernels evaluated in Python: what they return, at which states, and for many components at once."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+UPDATE, ELAPSED = "update", "elapsed"
+"""Kernel that returns the states of a law, and its argument of time: how long ago those that it takes were accepted."""
+
+NUMBERS = (int, float, np.number)
+"""Types of numbers; truth values are among them."""
+
+Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
+"""A kernel with the names of its kinematic arguments and of its fields."""
+
+_POINTS = 1_000_000  # numbers of Python at a time, which take much memory
+
+
+def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
+    """Evaluate a kernel of many components of any classes in Python, each on its row of arrays, (component, point).
+
+    The arrays are all kinematic arguments of the family's kernel, in order. The result is NaN where a function of
+    Python overflows or is not defined, which compiled ones do not tell.
+    """
+    result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
+    by_class: dict[Any, list[int]] = {}
+    for row, component in enumerate(components):
+        by_class.setdefault(type(component), []).append(row)
+    most = max(1, _POINTS // max(1, result.shape[1]))
+    parts = [(cls, all_[k : k + most]) for cls, all_ in by_class.items() for k in range(0, len(all_), most)]
+    for cls, rows in parts:
+        function, used, fields = cls.kernel(name)
+        values = dict(zip(cls.kernels[name], kinematic, strict=True))
+        shape = len(rows), result.shape[1]
+        columns = [np.broadcast_to(values[item], result.shape)[rows].ravel().tolist() for item in used]
+        for field in fields:
+            columns.append([value for row in rows for value in [getattr(components[row], field)] * shape[1]])
+        points = zip(*columns, strict=True) if columns else itertools.repeat((), shape[0] * shape[1])
+        try:
+            result[rows] = np.fromiter(itertools.starmap(_without_overflow(function), points), float).reshape(shape)
+        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError):
+            for row in rows:  # which says what is wrong, and where
+                components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
+            raise
+    return result
+
+
+def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:
+    def guarded(*arguments: Any) -> float:
+        try:
+            value = function(*arguments)
+        except (OverflowError, ValueError):  # as of math.sqrt
+            return math.nan
+        return value if type(value) is float else number_of(value)
+
+    return guarded
+
+
+def number_of(value: Any) -> float:
+    """Return what a kernel returned as a float."""
+    if value is None:
+        raise TypeError("it returned None; every branch must return a number")
+    if not isinstance(value, (*NUMBERS, np.bool_)):
+        raise TypeError(f"it returned {value!r}, not a number")
+    return float(value)
+
+
+def _at_new_states_of(cls: Any, name: str) -> Found:
+    """Return a kernel that reads states as `Component.kernel` does: those that hold just after a start."""
+    (own, fields), (of_update, of_states) = cls.arguments(name), cls.arguments(UPDATE)
+    kinematic = tuple(item for item in cls.kernels[name] if item in (*own, *of_update))
+    used = tuple(dict.fromkeys((*fields, *of_states)))
+    kernel, update, states = getattr(cls, name), getattr(cls, UPDATE), cls.state_names()
+
+    def at_new_states(*values: Any) -> float:
+        known = {**dict(zip((*kinematic, *used), values, strict=True)), ELAPSED: 0.0}
+        new = update(*(known[item] for item in (*of_update, *of_states)))
+        known.update(zip(states, (new,) if len(states) == 1 else new, strict=True))
+        return kernel(*(known[item] for item in (*own, *fields)))  # type: ignore[no-any-return]
+
+    return at_new_states, kinematic, used
+
+
+at_new_states: Callable[[Any, str], Found] = functools.cache(_at_new_states_of)
