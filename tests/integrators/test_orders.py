@@ -140,7 +140,7 @@ def test_order_with_a_given_force(integrator):
 
 
 @pytest.mark.parametrize("integrator", concrete())
-@pytest.mark.parametrize("hertz", [False, True], ids=["smooth", "Hertz"])
+@pytest.mark.parametrize("hertz", [False, pytest.param(True, marks=pytest.mark.campaign)], ids=["smooth", "Hertz"])
 def test_order_with_bounded_noise(integrator, hertz):
     smooth, singular, steps = EXPECTED[integrator.__name__]
     noise = il.ShinozukaNoise(0.5, band=(0.0, 2.0), components=12)

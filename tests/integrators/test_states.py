@@ -139,22 +139,22 @@ def test_blocks_lanes_and_workers_give_the_same_numbers():
     np.testing.assert_allclose(one.displacement[0], many.displacement[0], rtol=1e-9, atol=1e-12)
 
 
-def test_calls_of_any_length_go_on_where_the_last_one_ended():
+@pytest.mark.parametrize("realizations", [pytest.param(1, marks=pytest.mark.campaign), 3])
+def test_calls_of_any_length_go_on_where_the_last_one_ended(realizations):
     """So does a block that is given the numbers of another one."""
-    for realizations in (1, 3):
-        whole, parts = (block_of(everything(), 2e-3, realizations) for _ in range(2))
-        whole.advance(400, None)
-        for steps in (64, 32, 128):
-            parts.advance(steps, None)
-        other = block_of(everything(), 2e-3, realizations)
-        for kept, found in zip([*other.state[:-1], other.states], [*parts.state[:-1], parts.states], strict=True):
-            kept[:] = found
-        other.now = parts.now
-        for block in (parts, other):
-            block.advance(400 - 224, None)
-            assert np.array_equal(whole.states, block.states)
-            assert np.array_equal(whole.state.x, block.state.x)
-            assert np.array_equal(whole.state.v, block.state.v)
+    whole, parts = (block_of(everything(), 2e-3, realizations) for _ in range(2))
+    whole.advance(400, None)
+    for steps in (64, 32, 128):
+        parts.advance(steps, None)
+    other = block_of(everything(), 2e-3, realizations)
+    for kept, found in zip([*other.state[:-1], other.states], [*parts.state[:-1], parts.states], strict=True):
+        kept[:] = found
+    other.now = parts.now
+    for block in (parts, other):
+        block.advance(400 - 224, None)
+        assert np.array_equal(whole.states, block.states)
+        assert np.array_equal(whole.state.x, block.state.x)
+        assert np.array_equal(whole.state.v, block.state.v)
 
 
 @pytest.mark.campaign

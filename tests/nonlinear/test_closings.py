@@ -79,7 +79,7 @@ def test_a_second_contact_of_a_body_that_is_pressed_against_its_spring(preload):
     assert deviation(il.simulate(network, 200.0, realizations=1024, rng=1), exact, 1) < 3.5
 
 
-@pytest.mark.parametrize("damping", [60.0, 200.0])
+@pytest.mark.parametrize("damping", [pytest.param(60.0, marks=pytest.mark.campaign), 200.0])
 def test_bodies_that_friction_stops_within_a_step(damping):
     """The neighbour's force counts in their velocities as friction leaves it: 2.7 % too many at ``c h/m`` of 14."""
     body = il.LinearOscillator(stiffness=1.0, damping=damping)
@@ -134,8 +134,7 @@ def test_bodies_that_are_pressed_together(rates, clearances):
 @pytest.mark.parametrize(
     "law",
     [
-        il.PowerLawContact(10.0, exponent=0.3),
-        il.PowerLawContact(10.0, exponent=0.1),
+        *(pytest.param(il.PowerLawContact(10.0, exponent=q), marks=pytest.mark.campaign) for q in (0.3, 0.1)),
         JumpContact(2.0, stiffness=10.0),
     ],
     ids=["power 0.3", "power 0.1", "jump"],

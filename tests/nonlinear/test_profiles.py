@@ -112,9 +112,11 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
         pytest.param(
             alone(StopOscillator, 100.0, distance=2.5, stiffness=1.0), id="stop far out", marks=pytest.mark.campaign
         ),
-        pytest.param(alone(SoftOscillator, 1.0, width=0.02, stiffness=1.0), id="catch"),
+        pytest.param(alone(SoftOscillator, 1.0, width=0.02, stiffness=1.0), id="catch", marks=pytest.mark.campaign),
         pytest.param(alone(TwoWells, 4.0, wall=2.0), id="double well"),
-        pytest.param(at_wall(BilinearContact(2.0, second=1000.0, distance=1.5)), id="bilinear"),
+        pytest.param(
+            at_wall(BilinearContact(2.0, second=1000.0, distance=1.5)), id="bilinear", marks=pytest.mark.campaign
+        ),
         pytest.param(at_wall(Jump(10.0, stiffness=1.0)), id="jump"),
         pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed", marks=pytest.mark.campaign),
         pytest.param(
@@ -126,7 +128,7 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
             id="rarely met, saturating",
             marks=pytest.mark.campaign,
         ),
-        pytest.param(at_wall(il.PowerLawContact(20.0, exponent=0.1)), id="power of 0.1"),
+        pytest.param(at_wall(il.PowerLawContact(20.0, exponent=0.1)), id="power of 0.1", marks=pytest.mark.campaign),
     ],
 )
 def test_laws_of_any_shape_are_right_at_the_automatic_step(network):

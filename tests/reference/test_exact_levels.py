@@ -74,7 +74,10 @@ LAWS = [il.HertzContact(2e4), il.LinearContact(1e8), il.PowerLawContact(50.0, ex
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("clearance", "swapped"), [(0.1, False), (0.1, True), (-0.7, False)])
+@pytest.mark.parametrize(
+    ("clearance", "swapped"),
+    [(0.1, False), *(pytest.param(*item, marks=pytest.mark.campaign) for item in ((0.1, True), (-0.7, False)))],
+)
 def test_levels_by_two_laws(law, clearance, swapped):
     one, other = pair(law, clearance, swapped)
     for name, quantity, time in (
