@@ -99,7 +99,7 @@ class Plan:
     @property
     def work(self) -> float:
         """Time that the steps of all realizations take in one block on one core (s): the same on any machine."""
-        lane = lane_seconds(len(self.system.bodies), len(self.system.links))
+        lane = lane_seconds(len(self.system.bodies), len(self.system.links), len(self.forces.states))
         return self.clock.all_steps * (STEP_SECONDS + self.realizations.number * lane)
 
     def counts(self, begin: int, end: int) -> np.ndarray:

@@ -33,9 +33,13 @@ class Realizations:
         return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.number), dtype=np.uint32)
 
 
-def lane_seconds(bodies: int, links: int) -> float:
+OF_STATE = 5
+"""Bodies that take as long as a state of a law: hardly any less than 3, with Bouc and Wen's hysteresis 25."""
+
+
+def lane_seconds(bodies: int, links: int, states: int) -> float:
     """Return the time that a step takes each lane, with which lengths of calls and of measurements are planned (s)."""
-    return LANE_STEP_SECONDS * (bodies + links)
+    return LANE_STEP_SECONDS * (bodies + links + OF_STATE * states)
 
 
 def most_lanes(model: Model, realizations: int, workers: int) -> int:
@@ -52,7 +56,7 @@ def block_shape(model: Model, realizations: int, workers: int, series_bytes: int
     The series of one realization take `series_bytes` of memory.
     """
     bodies, sizes = len(model.mass), tuning()
-    of_lane = lane_seconds(bodies, len(model.links))
+    of_lane = lane_seconds(bodies, len(model.links), len(model.members.states))
     if most == 1:
         return 1, max(1, int(sizes.call_seconds / (STEP_SECONDS + of_lane)))
     blocks = -(-realizations // (most * workers)) * workers  # as many for each worker

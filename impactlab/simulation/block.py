@@ -208,11 +208,26 @@ class Block:
         arrays = state.indentation, state.contact_force, state.total
         self.evaluate(x[None], v[None], *(item[None] for item in arrays))
 
-    def evaluate(self, x: np.ndarray, v: np.ndarray, *result: np.ndarray) -> None:
-        """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`."""
-        if self.remembering:
-            self.parameters[-1] = 0.0  # just after the states were accepted
-        evaluate(self.module.forces, x, v, self.parameters, self.plan.forces.indices, *result)
+    def evaluate(
+        self, x: np.ndarray, v: np.ndarray, *result: np.ndarray, laws: np.ndarray | None = None, elapsed: float = 0.0
+    ) -> None:
+        """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`.
+
+        Laws have the states that they have now or, in each state, `laws`, (state, row, lane), accepted some time
+        before (s).
+        """
+        parameters, indices = self.parameters, self.plan.forces.indices
+        if not self.remembering or laws is None:
+            if self.remembering:
+                parameters[-1] = elapsed
+            evaluate(self.module.forces, x, v, parameters, indices, *result)
+            return
+        parameters = parameters.copy()
+        parameters[-1] = elapsed
+        for index, states in enumerate(laws):
+            self._states_in(parameters)[:] = states
+            here = (item[index : index + 1] for item in result)
+            evaluate(self.module.forces, x[index : index + 1], v[index : index + 1], parameters, indices, *here)
 
     @property
     def remembering(self) -> bool:
@@ -222,9 +237,12 @@ class Block:
     @property
     def states(self) -> np.ndarray:
         """States of the laws, which may be changed, (row, lane); see `impactlab.assembly.members.Members`."""
-        first = len(self.plan.forces.parameters)
-        rows: np.ndarray = self.parameters[first : first + len(self.plan.forces.states) * len(self.realizations)]
-        return rows.reshape(-1, len(self.realizations))
+        return self._states_in(self.parameters)
+
+    def _states_in(self, parameters: np.ndarray) -> np.ndarray:
+        first, lanes = len(self.plan.forces.parameters), len(self.realizations)
+        rows: np.ndarray = parameters[first : first + len(self.plan.forces.states) * lanes]
+        return rows.reshape(-1, lanes)
 
     def _accept(self) -> None:
         """Bring the states of laws from their start values to the start, at once."""

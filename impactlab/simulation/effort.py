@@ -68,7 +68,7 @@ class Effort:
     @classmethod
     def of(cls, plan: Plan, model: Model) -> Self:
         """Choose what a share of the work of a plan buys."""
-        clock, lane = plan.clock, lane_seconds(len(model.mass), len(model.links))
+        clock, lane = plan.clock, lane_seconds(len(model.mass), len(model.links), len(model.members.states))
         if not plan.random and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
             return cls(plan.realizations.number, clock.spin_up_steps, clock.steps, (0,), 0, (1,))
         apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
@@ -92,7 +92,7 @@ class Effort:
             begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling if damped else None)
             return cls(realizations, spin_up, steps, begins, run_up, (len(begins),))
         looks: tuple[int, ...] = (segments,)
-        if plan.steady and not plan.driving.lines and segments >= 4 * FEWEST:
+        if plan.steady and not plan.driving.lines and (segments >= 4 * FEWEST or model.remembering):
             most = segments * max(1, int(UNCLEAR_SECONDS / seconds))
             looks = (segments // 4, *range(segments, most + 1, segments))
         return cls(realizations, spin_up, steps, tuple(range(0, looks[-1] * steps, steps)), 0, looks)

@@ -31,21 +31,11 @@ Measure = Callable[..., StepError]
 
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
     """Whether nothing but a measurement tells what the step of a plan does, and it can be made."""
-    wanted = isinstance(integrator, ExactFlow) and integrator.measured and not model.remembering
+    wanted = isinstance(integrator, ExactFlow) and integrator.measured
     if not wanted or plan.noise.coarse or not model.nonlinear_bodies.any():
         return False
     beyond = 1.0 + 1e-9 if plan.clock.certified else SURELY_FINE
     return (given is None and not plan.clock.certified) or (given is not None and given > beyond * plan.clock.automatic)
-
-
-def warn_of_states(plan: Plan, model: Model, integrator: Integrator) -> None:
-    """Warn of an automatic step where laws have states: segments at another step would not begin with the same ones."""
-    if model.remembering and isinstance(integrator, ExactFlow) and integrator.measured:
-        names = {kind.component.__name__ for kind in model.members.kinds if kind.states}
-        warn(
-            f"The step of {plan.clock.step:.3g} s is not measured, since {', '.join(sorted(names))} has states; "
-            f"compare with step={0.5 * plan.clock.step:.2g}, or give a tolerance=."
-        )
 
 
 def measured(

@@ -22,6 +22,10 @@ TOGETHER = 8
 UNITS = 32
 """Least number of independent units of a measurement: so many tell a standard error to 13 %."""
 
+ORDER, OF_STATES = 2.0, 1.5
+"""Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
+of a step in which noise turns the motion back is as large as h^(3/2)."""
+
 _POWER, _LOAD, _BALANCE = "power of kicks", "load", "balance of the mean square velocity"
 """Names of what is known of units beside statistics."""
 
@@ -91,6 +95,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
+    seen = 1.0 - finer ** -(OF_STATES if model.remembering else ORDER)  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
@@ -124,7 +129,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
             difference = difference + value[:, None] * kept
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
         with np.errstate(divide="ignore", invalid="ignore"):
-            relative = difference / (1.0 - finer**-2.0) / size[:, None]  # of second order
+            relative = difference / seen / size[:, None]
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)

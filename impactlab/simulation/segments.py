@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -97,33 +98,48 @@ class _Pair:
             if begin > self.coarse.now:
                 self.coarse.now = max(self.coarse.now, begin - run_up)  # the state of one time is a start at another
                 self._run_up(begin - self.coarse.now)
-            starts.append(_state(self.coarse))
+            starts.append(_State.of(self.coarse))
             coarse.append(tuple(map(together, self.coarse.segment(steps))))
-            ends.append(_state(self.coarse))
+            ends.append(_State.of(self.coarse))
         path = self.coarse_path.at(*map(np.array, zip(*starts, *ends, strict=True)))
         (start_x, x), (start_v, v) = (np.split(item, 2) for item in path)
+        start_laws, laws = (np.array([item.laws for item in items]) for items in (starts, ends))
         ends = []
-        for begin, state in zip(begins, zip(*self.fine_path.begin(start_x, start_v), strict=True), strict=True):
-            self.fine.begin(*state, finer * (plan.clock.spin_up_steps + begin))
+        for begin, place, speed, states in zip(
+            begins, *self.fine_path.begin(start_x, start_v, start_laws), start_laws, strict=True
+        ):
+            self.fine.states[:] = states
+            self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
-            ends.append(_state(self.fine))
-        energy = self._energy(x, v, *self.fine_path.at(*map(np.array, zip(*ends, strict=True))))
+            ends.append(_State.of(self.fine))
+        energy = self._energy(x, v, *self.fine_path.at(*map(np.array, zip(*ends, strict=True))), laws)
         return Segments(coarse, fine, together(energy))
 
-    def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray) -> np.ndarray:
+    def _energy(
+        self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: np.ndarray
+    ) -> np.ndarray:
         """Return the energy of states less that of others, by connected part: conservative forces do the work."""
         plan, middle = self.coarse.plan, 0.5 * (x + from_x)
         mass, _, stiffness = (item[:, None] for item in plan.system.linear)
         pull = stiffness * middle
         for group in plan.method.groups:  # with the couplings that do not kick
             pull[:, group.slots] = group.system.stiffness @ middle[:, group.slots]
-        energy = 0.5 * mass * (v**2 - from_v**2) + pull * (x - from_x) - self.coarse_path.work(from_x, x)
+        energy = 0.5 * mass * (v**2 - from_v**2) + pull * (x - from_x) - self.coarse_path.work(from_x, x, laws)
         result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
         np.add.at(result, self.labels, energy.swapaxes(0, 1))
         return result.swapaxes(0, 1)
 
 
-def _state(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the displacements, velocities and forces of the bodies after a kick."""
-    x, v, force = (item[:-1].copy() for item in (block.state.x, block.state.v, block.state.total))
-    return x, v, force
+class _State(NamedTuple):
+    """Displacements, velocities and forces of the bodies after a kick, and the states of laws."""
+
+    x: np.ndarray
+    v: np.ndarray
+    force: np.ndarray
+    laws: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block) -> Self:
+        """Return that of a block."""
+        x, v, force = (item[:-1].copy() for item in (block.state.x, block.state.v, block.state.total))
+        return cls(x, v, force, block.states.copy())

@@ -39,7 +39,7 @@ from impactlab.results.schema import Variable, statistics
 from impactlab.results.snapshot import QUANTITIES, STATES
 from impactlab.simulation.ensemble import merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
-from impactlab.simulation.measured_step import measured, warn_of_states, worth_measuring
+from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
@@ -242,8 +242,6 @@ def _run_part(
         if affordable and worth_measuring(plan, model, request.integrator, request.step):
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
             plan, error = measured(tried, measure, plan, request.step is None, execution.above)
-        elif request.step is None and execution.above:
-            warn_of_states(plan, model, request.integrator)
         dataset = _run(plan, request, execution, configuration, file)
         if error is None:
             return dataset

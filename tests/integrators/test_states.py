@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.generate import generate
@@ -303,40 +302,13 @@ def test_what_cannot_have_states_says_so():
         il.fokker_planck(pair)
 
 
-def test_runs_make_every_step_and_say_that_theirs_is_not_measured():
+def test_runs_make_every_step():
     network = il.Network(BODY, STOP, NOISY)
     elastic = network.replace(contacts={"stop": il.Contact("a", il.WALL, il.LinearContact(10.0), clearance=2.0)})
     far = network.replace(contacts={"stop": STOP["stop"].replace(clearance=2.0)})
     request = Request(100.0, 64, 0.01, EXACT, None, None, [], Seed(1, 2))
     assert make_plan(Model.of(elastic), request).method.interval > 1
     assert make_plan(Model.of(far), request).method.interval == 1
-    with pytest.warns(
-        il.AccuracyWarning, match=r"step of .* s is not measured, since YieldingContact has states; comp"
-    ):
-        il.simulate(network, duration=20.0, realizations=64, rng=1)
-
-
-class Spring(il.CouplingLaw):
-    stiffness: float = il.parameter(units="N m-1")
-
-    def force(extension, stiffness):
-        return stiffness * extension
-
-
-def test_the_automatic_step_is_a_quarter_of_that_for_the_forces_at_the_start():
-    """And does for a Maxwell element, with the variance of the velocity of the linear system."""
-    element, body = il.MaxwellCoupling(60.0, damping=3.0), il.LinearOscillator(damping=0.2, stiffness=40.0)
-    steps = []
-    for law in (Spring(60.0), element):
-        found = il.Network({"a": body}, {}, NOISY, {"h": il.Coupling(il.WALL, "a", law)})
-        steps.append(float(found.check().dataset.recommended_step.sel(integrator="ExactFlow")))
-    assert steps[1] == pytest.approx(0.25 * steps[0], rel=1e-9)
-    matrix = np.array([[0.0, 1.0, 0.0], [-40.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
-    exact = solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0]))[1, 1]
-    result = il.simulate(found, duration=100.0, realizations=256, step=steps[1], spin_up=20.0, rng=1)
-    error = float(result.mean_square_velocity_standard_error.item())
-    assert error < 0.006 * exact  # the rules' step is 3.3 % off
-    assert abs(float(result.mean_square_velocity.item()) - exact) < 3.0 * error
 
 
 def test_large_networks_with_states_run_in_one_piece():

@@ -1,0 +1,286 @@
+"""The measured step of networks whose laws have states."""
+
+import math
+import warnings
+from functools import partial
+
+import numpy as np
+import pytest
+from laws import Cosine
+from scenes import plan_of
+from scipy.linalg import solve_continuous_lyapunov
+
+import impactlab as il
+from impactlab.assembly.model import Model
+from impactlab.results.schema import scatter_of
+from impactlab.simulation.planning import make_plan
+from impactlab.simulation.segments import step_error
+from impactlab.simulation.step_error import BIASED, size_of
+
+PLAIN = il.ExactFlow(measured=False)
+HEAT = il.WhiteNoise(1.0)
+SOFT = il.LinearOscillator(damping=0.2, stiffness=10.0)
+BODY = il.LinearOscillator(damping=1.2, stiffness=40.0)
+LIGHT = il.LinearOscillator(mass=0.5, damping=0.4, stiffness=80.0)
+
+
+class TwoSlopeContact(il.ContactLaw):
+    """Unloads on a stiffer line from the largest indentation of this time, which the rules do not see."""
+
+    loading: float = il.parameter(units="N m-1")
+    unloading: float = il.parameter(units="N m-1")
+    largest: float = il.state(0.0, units="m")
+
+    def force(indentation, loading, unloading, largest):
+        return max(loading * largest - unloading * (largest - indentation), 0.0)
+
+    def update(indentation, largest):
+        return max(indentation, largest) if indentation > 0.0 else 0.0
+
+
+class SolidContact(il.ContactLaw):
+    """Spring beside a Maxwell element, which relaxes while the contact is open, too."""
+
+    stiffness: float = il.parameter(units="N m-1")
+    more: float = il.parameter(units="N m-1")
+    relaxation: float = il.parameter(units="s")
+    flow: float = il.state(0.0, units="m")
+
+    def force(indentation, stiffness, more, flow):
+        return max(stiffness * indentation + more * (indentation - flow), 0.0)
+
+    def update(indentation, elapsed, flow, relaxation):
+        return flow + (max(indentation, 0.0) - flow) * -math.expm1(-elapsed / relaxation)
+
+
+class Slider(il.Oscillator):
+    """Body on a spring that slips at some force (Jenkins)."""
+
+    spring: float = il.parameter(units="N m-1")
+    most: float = il.parameter(units="N")
+    slip: float = il.state(0.0, units="m")
+
+    def residual(displacement, spring, slip):
+        return spring * (displacement - slip)
+
+    def update(displacement, slip, spring, most):
+        play = most / spring
+        return min(max(slip, displacement - play), displacement + play)
+
+
+class SlidingCoupling(il.CouplingLaw):
+    """Spring in series with dry friction."""
+
+    stiffness: float = il.parameter(units="N m-1")
+    most: float = il.parameter(units="N")
+    pull: float = il.state(0.0, units="N")
+    last: float = il.state(0.0, units="m")
+
+    def force(extension, pull):
+        return pull
+
+    def update(extension, pull, last, stiffness, most):
+        return max(-most, min(most, pull + stiffness * (extension - last))), extension
+
+
+class Spring(il.CouplingLaw):
+    """Plain spring, which kicks."""
+
+    stiffness: float = il.parameter(units="N m-1")
+
+    def force(extension, stiffness):
+        return stiffness * extension
+
+
+class LateSpring(il.CouplingLaw):
+    """The same after 300 steps, and half as stiff before: what begins anew is another network."""
+
+    stiffness: float = il.parameter(units="N m-1")
+    steps: float = il.state(0.0)
+
+    def force(extension, stiffness, steps):
+        return stiffness * extension * (1.0 if steps > 300.0 else 0.5)
+
+    def update(elapsed, steps):
+        return steps + (1.0 if elapsed > 0.0 else 0.0)
+
+
+def held(law, body=SOFT, excitation=HEAT):
+    return il.Network({"a": body}, {}, {"a": excitation} if excitation else {}, {"h": il.Coupling(il.WALL, "a", law)})
+
+
+def stopped(law, clearance=0.05, excitation=HEAT):
+    contacts = {"w": il.Contact("a", il.WALL, law, clearance=clearance)}
+    return il.Network({"a": BODY}, contacts, {"a": excitation} if excitation else {})
+
+
+def pair(law, coupling=None):
+    couplings = {"h": il.Coupling("a", "b", coupling)} if coupling else {}
+    noises = {"a": HEAT, "b": il.WhiteNoise(0.05)}
+    return il.Network({"a": BODY, "b": LIGHT}, {"c": il.Contact("a", "b", law, clearance=0.05)}, noises, couplings)
+
+
+def impacts(stiffness, restitution, exponent=1.5):
+    return il.LankaraniNikraveshContact(stiffness, restitution=restitution, exponent=exponent)
+
+
+def chain():
+    """Four bodies, of which the outer ones are shaken, and a wall."""
+    law = impacts(3e3, 0.5)
+    contacts = {one + two: il.Contact(one, two, law, clearance=0.05) for one, two in ("ab", "bc", "cd")}
+    contacts["w"] = il.Contact(il.WALL, "a", impacts(1e4, 0.9, 1.0), clearance=0.2)
+    return il.Network(dict.fromkeys("abcd", BODY), contacts, {"a": il.WhiteNoise(4.0), "d": il.WhiteNoise(0.5)})
+
+
+def storeys():
+    """Three bodies on hysteretic springs beside a wall."""
+    law = il.BoucWenCoupling(100.0, yield_displacement=0.05, ratio=0.2)
+    couplings = {one + two: il.Coupling(one, two, law) for one, two in ("ab", "bc")}
+    contacts = {"w": il.Contact("c", il.WALL, impacts(1e4, 0.7), clearance=0.1)}
+    return il.Network(dict.fromkeys("abc", BODY), contacts, {"a": il.WhiteNoise(3.0)}, couplings)
+
+
+HYSTERESIS = il.BoucWenCoupling(60.0, yield_displacement=0.1, ratio=0.1)
+MANY = {"realizations": 256}
+SCENES = {
+    "impacts on a stiff wall": (stopped(impacts(1e5, 0.6)), {"duration": 40.0, **MANY}),
+    "impacts on a soft wall": (stopped(impacts(300.0, 0.3), 0.1), {"duration": 100.0, **MANY}),
+    "impacts of a pair": (pair(impacts(1e4, 0.8)), {"duration": 40.0, **MANY}),
+    "impacts in a chain": (chain(), {"duration": 30.0, "realizations": 1024}),
+    "one drop": (stopped(impacts(1e4, 0.7), 0.0, None), {"duration": 3.0, "initial": {"displacement": {"a": -0.5}}}),
+    "Maxwell element": (held(il.MaxwellCoupling(60.0, damping=3.0)), {"duration": 100.0, **MANY}),
+    "slow Maxwell element": (held(il.MaxwellCoupling(60.0, damping=60.0)), {"duration": 100.0, **MANY}),
+    "Maxwell element beside a contact": (
+        pair(il.HertzContact(1e4), il.MaxwellCoupling(50.0, damping=4.0)), {"duration": 40.0, **MANY}
+    ),
+    "the same from rest": (
+        pair(il.HertzContact(1e4), il.MaxwellCoupling(50.0, damping=4.0)),
+        {"duration": 4.0, "initial": "rest", "spin_up": 0.0, **MANY},
+    ),
+    "hysteresis": (held(HYSTERESIS), {"duration": 50.0, **MANY}),
+    "hysteresis under weak noise": (held(HYSTERESIS, SOFT, il.WhiteNoise(0.01)), {"duration": 50.0, **MANY}),
+    "hysteresis under strong noise": (held(HYSTERESIS, SOFT, il.WhiteNoise(20.0)), {"duration": 25.0, **MANY}),
+    "hysteresis under a given force": (
+        held(HYSTERESIS, SOFT, Cosine(3.0, frequency=4.0)), {"duration": 60.0, "initial": {}}
+    ),
+    "hysteresis from a given start": (
+        held(HYSTERESIS, SOFT, il.WhiteNoise(0.05)),
+        {"duration": 20.0, "initial": {"displacement": {"a": 0.5}}, **MANY},
+    ),
+    "hysteretic storeys": (storeys(), {"duration": 30.0, **MANY}),
+    "body that slips": (
+        il.Network({"a": Slider(spring=50.0, most=1.0, damping=0.2, stiffness=10.0)}, {}, {"a": HEAT}),
+        {"duration": 100.0, **MANY},
+    ),
+    "dry friction beside a contact": (
+        pair(il.HertzContact(1e4), SlidingCoupling(200.0, most=0.5)), {"duration": 40.0, **MANY}
+    ),
+    "two slopes": (stopped(TwoSlopeContact(1e3, unloading=4e3)), {"duration": 50.0, **MANY}),
+    "standard solid": (stopped(SolidContact(500.0, more=2000.0, relaxation=0.05), 0.02), {"duration": 50.0, **MANY}),
+}  # fmt: skip
+
+QUICK = (
+    "impacts on a soft wall", "one drop", "Maxwell element", "hysteresis under a given force", "body that slips",
+    "two slopes",
+)  # fmt: skip
+
+
+def measured(network, **options):
+    """Return the measured bias of a step."""
+    plan_for = partial(make_plan, Model.of(network))
+    return step_error(plan_for, Model.of(network), options.get("initial"), plan_of(network, **options))
+
+
+def off(found, reference, names=BIASED):
+    """Return by how much statistics are off, as a part of them, and the standard error of that, name by name."""
+    result = {}
+    for name in (name for name in names if name in found):
+        size = size_of(name, lambda item: reference[item].values)
+        difference = found[name].values - reference[name].values
+        errors = [np.nan_to_num(scatter_of(item, name).values) for item in (found, reference)]
+        with np.errstate(invalid="ignore"):
+            result[name] = np.nan_to_num(difference / size), np.nan_to_num(np.hypot(*errors) / size)
+    return result
+
+
+@pytest.mark.parametrize(
+    "scene", [pytest.param(name, marks=() if name in QUICK else pytest.mark.campaign) for name in SCENES]
+)
+def test_the_step_is_as_fine_as_laws_with_states_need(scene):
+    """All statistics are those at a sixteenth of the step, within 0.5 % and three standard errors."""
+    network, options = SCENES[scene]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", il.AccuracyWarning)
+        result = il.simulate(network, **options, rng=1)
+    assert "mean_square_velocity_step_bias" in result
+    finer = {**options, "step": result.attrs["step"] / 16.0, "integrator": PLAIN}
+    for name, (difference, error) in off(result, il.simulate(network, **finer, rng=2)).items():
+        assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), name
+
+
+COARSE = {  # steps near those of the rules
+    "impacts on a soft wall": 0.034, "impacts on a stiff wall": 0.0034, "Maxwell element": 0.064, "two slopes": 0.0136,
+    "hysteresis": 0.05, "hysteresis under strong noise": 0.1, "body that slips": 0.1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [pytest.param(name, marks=() if name in ("two slopes", "body that slips") else pytest.mark.campaign)
+     for name in COARSE],
+)  # fmt: skip
+def test_what_is_measured_is_what_is_true(scene):
+    """Sign and size of the bias of a coarse step, within a factor of two."""
+    network, options = SCENES[scene]
+    step, names = COARSE[scene], ("mean_square_displacement", "mean_square_velocity", "mean_contact_force")
+    found = measured(network, **options, step=step)
+    sizes = (step, 1), (step / 8.0, 2)
+    runs = [il.simulate(network, **options, step=size, integrator=PLAIN, rng=rng) for size, rng in sizes]
+    for name, (true, error) in off(*runs, names).items():
+        unknown = 3.0 * np.hypot(error, found.error[name])
+        assert (np.abs(found.bias[name] - true) < unknown + 0.5 * np.abs(true)).all(), name
+        if name == "mean_square_velocity":
+            assert (np.abs(true) > 3.0 * error).all()
+
+
+def test_the_bias_of_a_linear_element_is_that_of_its_linear_system():
+    network, _ = SCENES["Maxwell element"]
+    matrix = np.array([[0.0, 1.0, 0.0], [-10.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
+    exact = solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0]))[1, 1]
+    result = il.simulate(network, 200.0, realizations=256, rng=1)
+    error = float(scatter_of(result, "mean_square_velocity").item())
+    assert abs(float(result.mean_square_velocity.item()) - exact) < 3.0 * error + 5e-3 * exact
+
+
+def test_the_fine_run_begins_with_the_states_of_the_coarse_one():
+    """A spring that knows how many steps it has made is seen as the plain spring that it has become."""
+    options = {"duration": 100.0, "realizations": 256, "step": 0.04, "spin_up": 60.0}
+    late, plain = (measured(held(law), **options) for law in (LateSpring(60.0), Spring(60.0)))
+    for name in ("mean_square_displacement", "mean_square_velocity"):
+        error = math.hypot(late.error[name][0], plain.error[name][0])
+        assert error < 0.01  # what begins anew is off by a third
+        assert abs(late.bias[name][0] - plain.bias[name][0]) < 3.5 * error
+
+
+def test_a_step_that_is_given_and_too_large_is_told():
+    network, options = SCENES["two slopes"]
+    with pytest.warns(il.AccuracyWarning, match=r"At the step of .* s .* too (large|small), as measured on this netw"):
+        il.simulate(network, **options, step=0.0136, rng=1)
+
+
+def test_the_rules_know_forces_at_the_start_and_the_measurement_the_rest():
+    """The step of the rules is that of the spring at the start; the one that is measured is smaller."""
+    steps = []
+    for law in (Spring(60.0), il.MaxwellCoupling(60.0, damping=3.0)):
+        network = held(law)
+        steps.append(float(network.check().dataset.recommended_step.sel(integrator="ExactFlow")))
+    assert steps[1] == pytest.approx(steps[0], rel=1e-9)
+    assert il.simulate(network, 100.0, realizations=256, rng=1).attrs["step"] < 0.5 * steps[0]
+
+
+def test_a_tolerance_is_reached_with_states():
+    network, _ = SCENES["Maxwell element"]
+    result = il.simulate(network, tolerance={"mean_square_velocity": 0.02}, rng=1)
+    matrix = np.array([[0.0, 1.0, 0.0], [-10.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
+    exact = solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0]))[1, 1]
+    assert float(result.mean_square_velocity.item()) == pytest.approx(exact, rel=0.02)
