@@ -32,9 +32,9 @@ from impactlab.errors import ImpactLabWarning as ImpactLabWarning
 from impactlab.errors import InvalidInput as InvalidInput
 from impactlab.errors import NoExactReference as NoExactReference
 from impactlab.integrators.base import Integrator as Integrator
-from impactlab.integrators.euler_maruyama import EulerMaruyama as EulerMaruyama
 from impactlab.integrators.exact_flow import ExactFlow as ExactFlow
-from impactlab.integrators.runge_kutta import RungeKutta4 as RungeKutta4
+from impactlab.integrators.explicit import EulerMaruyama as EulerMaruyama
+from impactlab.integrators.explicit import RungeKutta4 as RungeKutta4
 from impactlab.networks.check import NetworkCheck as NetworkCheck
 from impactlab.networks.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.networks.network import Network as Network

@@ -16,10 +16,10 @@ from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.assembly.sources import Sources
 from impactlab.components.composition import Composition
-from impactlab.components.contact import Contact
-from impactlab.components.coupling import Coupling, MatrixTerm
+from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import call_each
-from impactlab.components.excitation import KINDS
+from impactlab.components.excitation import KINDS, Excitation
 from impactlab.components.sides import is_difference, weights_of
 
 Result = TypeVar("Result")
@@ -81,6 +81,21 @@ class Model:
         """Names of the couplings."""
         return tuple(self.network.couplings)
 
+    @property
+    def contact_laws(self) -> list[ContactLaw]:
+        """Laws of the contacts."""
+        return [item.law for item in self.network.contacts.values()]
+
+    @property
+    def coupling_laws(self) -> list[CouplingLaw]:
+        """Laws of the couplings."""
+        return [item.law for item in self.network.couplings.values()]
+
+    @property
+    def excitations(self) -> list[tuple[str, Excitation]]:
+        """All excitations with their names, those of each kind one after the other."""
+        return [named for kind in self.sources.values() for named in kind.named()]
+
     @cached_property
     def white(self) -> tuple[int, ...]:
         """Slots of the bodies under white noise."""
@@ -126,7 +141,7 @@ class Model:
     @property
     def matrix_terms(self) -> np.ndarray:
         """Whether each coupling is a term of the matrices of a structure, (coupling,) of bool."""
-        return np.array([isinstance(item.law, MatrixTerm) for item in self.network.couplings.values()], dtype=bool)
+        return np.array([isinstance(law, MatrixTerm) for law in self.coupling_laws], dtype=bool)
 
     @property
     def passes(self) -> int:
@@ -150,9 +165,7 @@ class Model:
         """Whether a force that does not flow depends on velocities or states."""
         kinds = self.members.of_role("force", "residual")
         return any(kind.states or not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
-            item.law.dissipative
-            for item, flows in zip(self.network.couplings.values(), self.flowing, strict=True)
-            if not flows
+            law.dissipative and not flows for law, flows in zip(self.coupling_laws, self.flowing, strict=True)
         )
 
     @cached_property

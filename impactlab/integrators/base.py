@@ -138,7 +138,7 @@ class Integrator(Component):
         InvalidInput
             Names the body, what was given and what would work.
         """
-        for name, excitation in [pair for kind in model.sources.values() for pair in kind.named()]:
+        for name, excitation in model.excitations:
             if excitation.kind not in self.handles:
                 raise InvalidInput(
                     f"{type(self).__name__} does not handle the excitation of {name!r} "

@@ -120,6 +120,34 @@ class ExplicitIntegrator(Integrator):
         return stable_step(self.stability_polynomial, replace(model, stiffness=model.stiffness + residual), tangent)
 
 
+class RungeKutta4(ExplicitIntegrator):
+    """Classical Runge-Kutta method with a fixed step.
+
+    It is of fourth order for smooth forces; where Hertz contacts open and close, the second
+    derivative of the force is singular and about 2.5 remains. Series of cosines and given
+    forces are sampled at half steps. White noise is held constant over a step: the
+    usual approximation, of second order in the mean squares of a linear body.
+    """
+
+    order: ClassVar[float] = 4.0
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.5, 1.0)
+    weights: ClassVar[tuple[float, ...]] = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+    fraction: ClassVar[float] = 0.05
+
+
+class EulerMaruyama(ExplicitIntegrator):
+    """Euler-Maruyama method with a fixed step: first order, stable only below ``2 ζ/ω``.
+
+    It is here as the baseline that most hand-written simulations use (Maruyama, Rend. Circ. Mat.
+    Palermo 4, 1955, 48).
+    """
+
+    order: ClassVar[float] = 1.0
+    nodes: ClassVar[tuple[float, ...]] = (0.0,)
+    weights: ClassVar[tuple[float, ...]] = (1.0,)
+    fraction: ClassVar[float] = 0.02
+
+
 def _sampled_step(model: Model) -> float:
     """Largest step at which no line of a series is taken for one near the natural frequency of its body (s).
 

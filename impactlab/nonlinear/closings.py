@@ -55,9 +55,8 @@ def counts_closings(
 
 def _abrupt(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Whether the force of each contact begins too suddenly, (contact,) of bool."""
-    laws = [contact.law for contact in model.network.contacts.values()]
     depth = stiffening.penetration[:, None]
-    early, late = contact_forces(laws, depth * np.array([[SHALLOW, 1.0]])).T if laws else np.zeros((2, 0))
+    early, late = contact_forces(model.contact_laws, depth * np.array([[SHALLOW, 1.0]])).T
     return np.asarray(early > SHALLOW**LEAST_EXPONENT * np.abs(late))
 
 

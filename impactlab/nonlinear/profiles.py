@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import gamma, zeta
 
 REACH = 20.0
 """Energy in temperatures T up to which a force is looked at: what is beyond has a weight of e^(-20)."""
@@ -93,19 +94,9 @@ def of_powers(stiffness: np.ndarray, exponent: np.ndarray, length: np.ndarray) -
     """
     distances = length / 64.0 * APART[:, None]
     order = 2.0 * exponent + 2.0
-    variance = 2.0 * (stiffness * _gamma(1.0 + exponent)) ** 2 * _zeta(order) * (distances / (2.0 * math.pi)) ** order
-    room = length * _gamma(1.0 + 1.0 / (exponent + 1.0))
+    variance = 2.0 * (stiffness * gamma(1.0 + exponent)) ** 2 * zeta(order) * (distances / (2.0 * math.pi)) ** order
+    room = length * gamma(1.0 + 1.0 / (exponent + 1.0))
     return np.stack([np.full_like(room, np.nan), room, np.zeros_like(room), distances[0], *variance])
-
-
-def _gamma(x: np.ndarray) -> np.ndarray:
-    return np.array([math.gamma(item) for item in x.tolist()])
-
-
-def _zeta(x: np.ndarray) -> np.ndarray:
-    """Riemann's zeta function from 2 on, by Euler and Maclaurin's sum."""
-    head = (np.arange(1.0, 20.0)[:, None] ** -x).sum(axis=0)
-    return np.asarray(head + 20.0**-x * (20.0 / (x - 1.0) + 0.5 + x / 240.0))
 
 
 def of_force(

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.special import erfc
 
 from impactlab.assembly.model import Model
 from impactlab.components.evaluation import call_each
@@ -173,7 +174,7 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
     variance = hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = model.clearance / np.sqrt(2.0 * model.ends.squares(variance))
-    open_ = [0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()]
+    open_ = 0.5 * erfc(-np.where(np.isnan(reach), 0.0, reach))
     attempts = np.zeros(labels.max() + 1)
     np.add.at(attempts, labels[model.ends.first()], -np.log(np.maximum(open_, 1e-300)))
     return np.asarray(attempts > MOST_ATTEMPTS)
@@ -334,9 +335,6 @@ def damped_by_laws_alone(model: Model) -> np.ndarray:
 
 def _of_laws(model: Model) -> np.ndarray:
     """Return slots of bodies with a contact or a coupling whose force depends on the rate or on states."""
-    network = model.network
-    laws = [item.law for item in network.contacts.values()]
-    of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in laws]
-    of_couplings = [item.law.dissipative for item in network.couplings.values()]
-    slots: np.ndarray = model.links.first()[np.flatnonzero(of_contacts + of_couplings)]
-    return slots
+    of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in model.contact_laws]
+    of_couplings = [law.dissipative for law in model.coupling_laws]
+    return np.asarray(model.links.first()[np.flatnonzero(of_contacts + of_couplings)])

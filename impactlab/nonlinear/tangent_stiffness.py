@@ -67,11 +67,9 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     displacement, velocity = start
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
     result = np.append(energy, 0.0)
-    laws = [contact.law for contact in model.network.contacts.values()]
-    of_contacts = _work(_Contacts(laws), model.ends.gap(displacement) - model.clearance)
+    of_contacts = _work(_Contacts(model.contact_laws), model.ends.gap(displacement) - model.clearance)
     np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
-    forces = _Couplings([item.law for item in model.network.couplings.values()])
-    of_couplings = np.maximum(_work(forces, -model.coupled.gap(displacement)), 0.0)
+    of_couplings = np.maximum(_work(_Couplings(model.coupling_laws), -model.coupled.gap(displacement)), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
 
@@ -111,16 +109,14 @@ class Stiffening:
         yielding = flexibility(model)
         overlap = np.maximum(-model.clearance, 0.0)
         compliance = np.where(overlap > 0.0, model.ends.squares(yielding), 0.0)
-        laws = [contact.law for contact in model.network.contacts.values()]
         columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
-        found, places = of_unique(_penetrations, list(zip(laws, *columns, strict=True)), 3 + COLUMNS)
+        found, places = of_unique(_penetrations, list(zip(model.contact_laws, *columns, strict=True)), 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         profiles = [(Profiles.of(found[3:]), places)]
         rest = model.ends.pushes(force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
         couplings = model.coupling[0].copy()
-        nonlinear = np.flatnonzero(couplings == 0.0)
-        forces = [coupling.law for coupling in model.network.couplings.values()]
+        nonlinear, forces = np.flatnonzero(couplings == 0.0), model.coupling_laws
         heats = energy[model.coupled.first()[nonlinear]].tolist()
         rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
         found, places = of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)

@@ -70,7 +70,7 @@ def _samples(integrator: Integrator, step: float, steps: int) -> tuple[float, in
 
 def check_periods(model: Model, total: float) -> float | None:
     """Return the period of the first series that repeats; refuse one that would repeat within the time of the run."""
-    for name, excitation in [pair for kind in model.sources.values() for pair in kind.named()]:
+    for name, excitation in model.excitations:
         if total > excitation.period * (1.0 + 1e-9):
             raise InvalidInput(
                 f"The series of {name!r} repeats after {excitation.period:g} s, but the run with its spin-up takes "

@@ -137,10 +137,8 @@ class _TiledBlock(Block):
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Join the sums of all blocks along the realizations, in order."""
-    if len(results) == 1:  # without a copy
-        return results[0].bodies, results[0].contacts, results[0].products
-    return (
-        np.concatenate([result.bodies for result in results], axis=-1),
-        np.concatenate([result.contacts for result in results], axis=-1),
-        np.concatenate([result.products for result in results], axis=-1),
-    )
+    sums = [(result.bodies, result.contacts, result.products) for result in results]
+    if len(sums) == 1:  # without a copy
+        return sums[0]
+    bodies, contacts, products = (np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*sums, strict=True))
+    return bodies, contacts, products

@@ -28,11 +28,9 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
         return False
     if model.sources["intensity"].joining:
         return False
-    if any(not item.law.linear[0] for item in model.network.couplings.values()):
+    if any(not law.linear[0] for law in model.coupling_laws):
         return False
-    laws = [item.law for item in model.network.contacts.values()]
-    depths = dict(zip(zip(laws, penetration.tolist(), strict=True), range(len(laws)), strict=True))
-    for law, depth in depths:
+    for law, depth in dict.fromkeys(zip(model.contact_laws, penetration.tolist(), strict=True)):
         if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
             return False
     bodies = {body for body in model.network.oscillators.values() if body.has_kernel("residual")}

@@ -46,12 +46,11 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v Σ w²/m`` over normal velocities
     of the energy that the bodies bring, at some indentations, extensions or displacements.
     """
-    network = model.network
     inverse_mass = 1.0 / model.mass
     energy = np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
     mobility = model.ends.squares(inverse_mass)
     contacts = _rates(
-        [item.law for item in network.contacts.values()],
+        model.contact_laws,
         "force",
         np.multiply.outer(stiffening.penetration, DEPTHS),
         mobility,
@@ -60,7 +59,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     )
     extension = _deviations(energy[model.coupled.first()], stiffening.couplings)
     couplings = _rates(
-        [item.law for item in network.couplings.values()],
+        model.coupling_laws,
         "force",
         np.multiply.outer(extension, PLACES),
         model.coupled.squares(inverse_mass),
@@ -69,7 +68,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     displacement = _deviations(energy, model.stiffness + stiffening.bodies)
     bodies = np.zeros(len(model.mass))
     residual = np.flatnonzero(model.residual)
-    oscillators = list(network.oscillators.values())
+    oscillators = list(model.network.oscillators.values())
     bodies[residual] = _rates(
         [oscillators[slot] for slot in residual],
         "residual",

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import erfcx, ndtr
 
 from impactlab.assembly.links import Links, Pairs, joined
 from impactlab.assembly.model import Model
@@ -65,7 +66,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
         item[heated] for item in (stiffening.penetration, stiffening.contacts, model.clearance)
     )
     mobility, compliance, decay = mobility[heated], compliance[heated], decay[heated]
-    laws = [contact.law for contact in model.network.contacts.values()]
+    laws = model.contact_laws
     early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
     # how often the gap crosses the point of contact, by Rice's formula
     spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
@@ -80,7 +81,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
 
 def powers_of(model: Model) -> np.ndarray:
     """Return stiffness and exponent of the laws that are known to be powers, NaN of others, (2, contact)."""
-    laws = [contact.law for contact in model.network.contacts.values()]
+    laws = model.contact_laws
     known = {id(law): _power_of(law) for law in {id(law): law for law in laws}.values()}
     return np.array([known[id(law)] for law in laws]).reshape(-1, 2).T
 
@@ -222,22 +223,13 @@ def _density(
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.sqrt(temperature * compliance)
         scaled = np.where(spread < np.inf, clearance / spread, 0.0)
-        open_ = math.sqrt(2.0 * math.pi) * spread * np.array([_tail(item) for item in scaled.tolist()])
+        # the probability of an open gap, times e^(x²/2) where it is preloaded
+        tail = np.where(scaled < 0.0, 0.5 * erfcx(np.maximum(-scaled, 0.0) / math.sqrt(2.0)), ndtr(scaled))
+        open_ = math.sqrt(2.0 * math.pi) * spread * tail
     open_ = np.where(spread < np.inf, open_, wide) * np.exp(-profiles.begin)
     alone = often / (often * profiles.room + open_)
     crowd = crowd | ends.any(model.ends.numbers() > 1)
     return np.asarray(np.where(crowd, np.maximum(often / (2.0 * profiles.room + wide), alone), alone))
-
-
-def _tail(x: float) -> float:
-    """Normal law's probability below x, times e^(x²/2) where x is negative."""
-    if x >= 0.0:
-        return 0.5 * math.erfc(-x / math.sqrt(2.0))
-    return (
-        0.5 * math.exp(0.5 * x * x) * math.erfc(-x / math.sqrt(2.0))
-        if x > -10.0
-        else -1.0 / (x * math.sqrt(2.0 * math.pi))
-    )
 
 
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:

@@ -2,7 +2,6 @@
 
 from impactlab.studies.claims import VERDICTS, Check, Claim
 from impactlab.studies.folder_study import FolderStudy
-from impactlab.studies.items import Item, SweepItem
-from impactlab.studies.study import Study, StudyResult
+from impactlab.studies.study import Item, Study, StudyResult, SweepItem
 
 __all__ = ["VERDICTS", "Check", "Claim", "FolderStudy", "Item", "Study", "StudyResult", "SweepItem"]

@@ -25,8 +25,7 @@ from impactlab.errors import InvalidInput
 if TYPE_CHECKING:
     import xarray as xr
 
-    from impactlab.studies.items import Item
-    from impactlab.studies.study import Study
+    from impactlab.studies.study import Item, Study
 
 MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
 

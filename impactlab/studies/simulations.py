@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.studies.items import Item, SweepItem
 from impactlab.studies.run_folder import plain
+from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from impactlab.components.component import Component, finite
 from impactlab.errors import InvalidInput
@@ -16,7 +16,24 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from impactlab.studies.items import Item, SweepItem
+    from impactlab import Network
+
+
+class Item(NamedTuple):
+    """One simulation of a study: pure data, ``il.simulate(network, **options)``."""
+
+    key: str
+    network: Network
+    options: dict[str, Any]
+
+
+class SweepItem(NamedTuple):
+    """One sweep of a study: ``il.sweep(make_network, over, **options)``. No point may be refused."""
+
+    key: str
+    make_network: Callable[..., Network | tuple[Network, Mapping[str, Any]]]
+    over: Mapping[str, Sequence[Any]]
+    options: dict[str, Any]
 
 
 class Study(Component):

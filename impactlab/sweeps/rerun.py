@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from impactlab.errors import InvalidInput
 from impactlab.plan.seed import Seed
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.sweeps.points import Point
-from impactlab.sweeps.scheduler import Job
 from impactlab.sweeps.sweep import DONE, Sweep, run_points
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
@@ -125,11 +125,7 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
         point = Point(", ".join(f"{name}={label!r}" for name, label in labels.items()), network, {}, status)
         if status == DONE:
             point = point._replace(refusal="")
-            jobs[point.key] = _job(configuration)
+            jobs[point.key] = partial(_repeat, configuration)
         points.append(point)
     coordinates = {str(name): dataset[name].variable for name in stored.dims}
     return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, None))
-
-
-def _job(configuration: Mapping[str, Any]) -> Job:
-    return lambda pool, note: _repeat(configuration, pool, note)

@@ -12,9 +12,8 @@ from impactlab.linear.transitions import transition
 from impactlab.reference.fokker_planck import settings, solution
 from impactlab.reference.fokker_planck.march import March
 from impactlab.reference.fokker_planck.pair import Pair
-from impactlab.reference.fokker_planck.propagator import Basis, Propagator
+from impactlab.reference.fokker_planck.propagator import Basis, Propagator, Shears
 from impactlab.reference.fokker_planck.reading import Reading
-from impactlab.reference.fokker_planck.shears import Shears
 
 pytestmark = pytest.mark.campaign
 

@@ -8,7 +8,7 @@ from scenes import base, linear
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.integrators import ExactFlow
+from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.cosine_series import Cosines, sample_count
 from impactlab.linear.cosines import Lines
 from impactlab.linear.systems import LinearSystem, stationary

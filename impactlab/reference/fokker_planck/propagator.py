@@ -12,7 +12,6 @@ import numpy as np
 from impactlab.linear.transitions import transition
 from impactlab.reference.fokker_planck.grid import Grid
 from impactlab.reference.fokker_planck.pair import Pair, Well
-from impactlab.reference.fokker_planck.shears import Shears
 from impactlab.reference.fokker_planck.waves import interpolation, onto_waves, planes, symmetric, waves_of
 
 _ABSORBED, _POWER = {"center": 0.6, "velocity": 2.0}, 12
@@ -32,6 +31,32 @@ class Basis(NamedTuple):
     @property
     def unknowns(self) -> int:
         return self.gap * self.center * self.first * self.second
+
+
+class Shears(NamedTuple):
+    """The transition of a body as K(first), D(before), friction and noise, noise `spread` on x, D(after), K(last).
+
+    See `Propagator`; noises are variances.
+    """
+
+    first: float
+    before: float
+    decay: float
+    noise: float
+    spread: float
+    after: float
+    last: float
+
+    @classmethod
+    def of(cls, a: np.ndarray, q: np.ndarray, decay: float) -> Shears:
+        drift = a[0, 1]
+        last = (decay - a[1, 1]) / drift
+        back = np.array([[1.0, 0.0], [last, 1.0]])
+        before_last = back @ q @ back.T
+        noise = before_last[1, 1]
+        after = before_last[0, 1] / noise
+        spread = max(before_last[0, 0] - after**2 * noise, 0.0)
+        return cls((1.0 - a[0, 0]) / drift, drift - after * decay, decay, noise, spread, after, last)
 
 
 @dataclass(frozen=True, eq=False)
