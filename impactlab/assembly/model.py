@@ -190,11 +190,6 @@ class Model:
         return len(self.members.states) > 0
 
     @property
-    def only_touching(self) -> bool:
-        """Whether bodies act on each other in contacts only, under noise and no other excitation."""
-        return not (len(self.coupled) or self.lines or self.forced)
-
-    @property
     def time_varying(self) -> bool:
         """Whether the intensity of a white noise depends on time."""
         return any(kind.kinematic for kind in self.members.of_role("intensity"))

@@ -44,14 +44,33 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
     )
 
 
-def may_jump(model: Model, deviations: np.ndarray) -> bool:
-    """Whether nothing but contacts without states acts on bodies that move each by itself, under their own noise.
+def in_one_piece(model: Model) -> list[str]:
+    """Return what of a network wants every step of all bodies together: neither contact-free intervals nor tiles."""
+    wanted = {
+        "couplings": len(model.coupled),
+        "laws with states": model.remembering,  # which may change while a contact is open
+        "contacts of weighted bodies": not model.ends.plain,
+        "sources of noise": model.sources["intensity"].beyond_own,
+        "sums of cosines": model.lines,
+        "given forces": model.forced,
+        "noise that varies in time": model.time_varying,
+    }
+    return [name for name, there in wanted.items() if there]
 
-    States may change while a contact is open.
-    """
-    others = len(model.coupled) or model.members.of_role("residual") or model.remembering
-    alone = not (others or model.sources["intensity"].beyond_own) and 0 < len(model.ends) <= MOST_CONTACTS
-    return alone and model.ends.plain and bool((deviations > 0.0).all())
+
+def every_step_for(model: Model) -> list[str]:
+    """Return what of a network wants every step, so that contact-free intervals are not crossed at once."""
+    result = in_one_piece(model)
+    if model.members.of_role("residual"):
+        result.append("residual forces")
+    if len(model.ends) > MOST_CONTACTS:
+        result.append(f"more than {MOST_CONTACTS} contacts")
+    return result
+
+
+def may_jump(model: Model, deviations: np.ndarray) -> bool:
+    """Whether nothing but contacts acts on bodies that move each by itself, under their own noise."""
+    return len(model.ends) > 0 and not every_step_for(model) and bool((deviations > 0.0).all())
 
 
 def jump_lanes(model: Model) -> int:

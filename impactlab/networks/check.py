@@ -15,13 +15,16 @@ from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.integrators.intervals import every_step_for, in_one_piece
 from impactlab.linear.damping import damped
 from impactlab.linear.laws import hottest, linear_variances, relaxation_time
+from impactlab.machine import tuning
 from impactlab.networks.linearized import LinearizedNetwork
 from impactlab.nonlinear.force_checks import stiffening_of
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.clock import RELAXATION_TIMES
 from impactlab.step_size.automatic import choose_step
+from impactlab.step_size.certified import certified
 
 MOST_BODIES = 200
 """Bodies up to which modes are computed: the cost of a covariance grows with their cube."""
@@ -47,7 +50,7 @@ class NetworkCheck:
         linear springs. A bias is that of the response to white noise, relative, due to the
         step alone, and infinite where the method is unstable; contacts that are open most
         of the time make it smaller.
-        Attributes: ``integrator``, ``step`` (s), ``note``.
+        Attributes: ``integrator``, ``step`` (s), ``note``, and ``run``, on what `simulate` does with its step.
     """
 
     dataset: xr.Dataset
@@ -98,7 +101,13 @@ class NetworkCheck:
                 **modes,
             },
             {"oscillator": list(model.bodies), "contact": list(model.contacts), "integrator": list(rows)},
-            {"title": "Check of a network", "integrator": repr(method), "step": float(step), "note": note},
+            {
+                "title": "Check of a network",
+                "integrator": repr(method),
+                "step": float(step),
+                "note": note,
+                "run": " ".join(_of_runs(model, method, stiffening, step)),
+            },
         )
         for name, (units, long_name) in _LABELS.items():
             if name in data:
@@ -114,7 +123,8 @@ class NetworkCheck:
             if data.sizes.get(dimension):
                 lines += ["", *_table(data, dimension)]
         reasons = [str(reason) for reason in data.refusal.values if reason]
-        return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys([*reasons, data.attrs["note"]]) if note)])
+        notes = [*reasons, data.attrs["note"], data.attrs["run"]]
+        return "\n".join([*lines, *(f"\n{note}" for note in dict.fromkeys(notes) if note)])
 
 
 _LABELS = {
@@ -211,6 +221,20 @@ def _modes(
         "bias_mean_square_displacement": ("mode", biases[0]),
         "bias_mean_square_velocity": ("mode", biases[1]),
     }, note
+
+
+def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step: float) -> list[str]:
+    """Say whether a run measures its step, and what of the network wants every step of all bodies."""
+    if not isinstance(integrator, ExactFlow) or not model.nonlinear_bodies.any():
+        return []
+    result = []
+    if integrator.measured and not certified(_arranged(model, integrator, stiffening), stiffening.penetration, step):
+        result.append("The error of the step is measured before a run, which may choose another.")
+    if integrator.jumps and len(model.ends) and (reasons := every_step_for(model)):
+        result.append(f"Contact-free intervals are not crossed at once: {', '.join(reasons)}.")
+    if len(model.bodies) >= 2 * tuning().tile_bodies and (reasons := in_one_piece(model)):
+        result.append(f"The network does not run in tiles: {', '.join(reasons)}.")
+    return result
 
 
 def _of_modes(covariance: np.ndarray, shapes: np.ndarray, mass: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import WholeFlow
-from impactlab.integrators.intervals import jump_lanes
+from impactlab.integrators.intervals import in_one_piece, jump_lanes
 from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
@@ -128,9 +128,7 @@ def _may_close(model: Model, request: Request, stiffening: Stiffening) -> np.nda
 
 def _contacts_reached(model: Model, integrator: Integrator) -> int:
     """Number of contacts that a force reaches in a step; 0 where more than forces of contacts acts between bodies."""
-    own_noise = not (model.time_varying or model.sources["intensity"].beyond_own)
-    alone = model.only_touching and own_noise and not model.remembering and integrator.reach
-    return integrator.reach + model.passes if alone else 0
+    return integrator.reach + model.passes if integrator.reach and not in_one_piece(model) else 0
 
 
 def _warn(model: Model, request: Request, expected: Expected, steps: Steps, integrator: Integrator) -> None:

@@ -231,6 +231,39 @@ def test_no_bias_without_a_law(network, note):
     assert np.isnan(data.bias_mean_square_velocity).all()
 
 
+LOAD, SPRING = il.Contact("b", il.WALL, il.HertzContact(1e4)), il.Coupling("a", "b", il.LinearCoupling(1.0))
+LEVER = il.Combination({"a": 2.0, "b": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({}, ""),
+        ({"contacts": {"more": il.Contact("a", il.WALL, il.LankaraniNikraveshContact(1e4, restitution=0.5))}},
+         "The error of the step is measured before a run, which may choose another. "
+         "Contact-free intervals are not crossed at once: laws with states."),
+        ({"couplings": {"ab": SPRING}}, "Contact-free intervals are not crossed at once: couplings."),
+        ({"contacts": {"more": LOAD.replace(first=LEVER)}},
+         "Contact-free intervals are not crossed at once: contacts of weighted bodies."),
+        ({"excitations": {"ground": il.Source(il.WhiteNoise(1.0), on={"a": 1.0})}},
+         "Contact-free intervals are not crossed at once: sources of noise."),
+        ({"oscillators": {"a": il.DuffingOscillator(1.0, damping=1.0, stiffness=1.0)}},
+         "Contact-free intervals are not crossed at once: residual forces."),
+    ],
+)  # fmt: skip
+def test_it_says_what_a_run_does_with_its_step(changes, line):
+    found = pressed(**changes).check()
+    assert found.dataset.attrs["run"] == line
+    assert str(found).endswith(line)
+
+
+def test_large_networks_say_why_they_do_not_run_in_tiles():
+    body, law = il.LinearOscillator(damping=1.0, stiffness=10.0), il.LankaraniNikraveshContact(1e3, restitution=0.5)
+    line = "The network does not run in tiles: laws with states."
+    assert line in str(il.chain(8192, body, law, excitation=il.WhiteNoise(1.0)).check())
+    assert line not in str(il.chain(100, body, law, excitation=il.WhiteNoise(1.0)).check())
+
+
 def test_an_energy_that_is_not_known():
     """An undamped body under noise: a given step is taken, nothing is guessed."""
     network = pressed(oscillators={"a": il.LinearOscillator(stiffness=20.0)})
