@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +73,7 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
     speed = np.sqrt(2.0 * energy[model.ends.first()] * model.ends.squares(1.0 / model.mass))
     contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
     _check(contacts, np.linspace(0.0, 1.0, max(4, min(PLACES, VALUES // max(1, len(contacts))))), everywhere=True)
-    _check([*_couplings(model), *_residuals(model)], np.array([0.0, -1.0, 1.0]), everywhere=False)
+    _check(_others(model), np.array([0.0, -1.0, 1.0]), everywhere=False)
 
 
 def explanation(model: Model, length: np.ndarray) -> str:
@@ -83,7 +83,7 @@ def explanation(model: Model, length: np.ndarray) -> str:
     """
     grid = np.linspace(0.0, FARTHEST, FINELY)
     contacts = _contacts(model, length, np.zeros_like(length))
-    for forces, places in ((contacts, grid), ([*_couplings(model), *_residuals(model)], np.append(grid, -grid))):
+    for forces, places in ((contacts, grid), (_others(model), np.append(grid, -grid))):
         some = forces[: VALUES // FINELY]
         if not some:
             continue
@@ -145,44 +145,28 @@ def _values(forces: Sequence[_Force], place: np.ndarray, rate: np.ndarray) -> np
 
 def _contacts(model: Model, length: np.ndarray, speed: np.ndarray) -> list[_Force]:
     """Return one force for each law, length and speed that there is."""
-    contacts = model.network.contacts
+    speed = speed * np.array(["rate" in law.kernel("force")[1] for law in model.contact_laws], dtype=bool)
+    return _unique(
+        "contact", "force", "indentation", zip(model.contacts, model.contact_laws, length, speed, strict=True)
+    )
+
+
+def _others(model: Model) -> list[_Force]:
+    """Return the forces of couplings, then those of bodies, at rest."""
+    length = spread(model)[0] if len(model.coupled) or model.residual.any() else np.zeros(len(model.bodies))
+    length = np.where(np.isfinite(length), length, 1.0)  # 1 m where the deviation without contacts is not known
+    extensions = model.coupled.largest(length)
+    couplings = zip(model.couplings, model.coupling_laws, extensions, np.zeros_like(extensions), strict=True)
+    bodies = zip(*zip(*model.network.oscillators.items(), strict=True), length, np.zeros_like(length), strict=True)
+    bent = (row for row, some in zip(bodies, model.residual, strict=True) if some)
     return [
-        _Force(f"contact {name!r}", law, "force", "indentation", reach, most * ("rate" in law.kernel("force")[1]))
-        for name, law, reach, most in _unique(contacts, (item.law for item in contacts.values()), length, speed)
-    ]
+        *_unique("coupling", "force", "extension", couplings), *_unique("body", "residual", "displacement", bent)
+    ]  # fmt: skip
 
 
-def _couplings(model: Model) -> list[_Force]:
-    couplings = model.network.couplings
-    if not couplings:
-        return []
-    length = model.coupled.largest(_length(model))
-    return [
-        _Force(f"coupling {name!r}", law, "force", "extension", scale, 0.0)
-        for name, law, scale in _unique(couplings, (item.law for item in couplings.values()), length)
-    ]
-
-
-def _residuals(model: Model) -> list[_Force]:
-    if not model.residual.any():
-        return []
-    bodies = model.network.oscillators
-    return [
-        _Force(f"body {name!r}", body, "residual", "displacement", scale, 0.0)
-        for name, body, scale in _unique(bodies, bodies.values(), _length(model))
-        if body.has_kernel("residual")
-    ]
-
-
-def _unique(members: Mapping[str, Any], components: Iterable[Any], *columns: np.ndarray) -> list[tuple[Any, ...]]:
-    """Return name, component and numbers of the first of all members that are equal."""
+def _unique(what: str, kernel: str, of: str, members: Iterable[tuple[str, Any, float, float]]) -> list[_Force]:
+    """Return the forces of members, name, component, scale and rate each, but those that are equal once."""
     found: dict[tuple[Any, ...], str] = {}
-    for name, *row in zip(members, components, *(column.tolist() for column in columns), strict=True):
-        found.setdefault(tuple(row), name)
-    return [(name, *row) for row, name in found.items()]
-
-
-def _length(model: Model) -> np.ndarray:
-    """Return the deviation of each body without contacts, 1 m where it is not known (m)."""
-    length = spread(model)[0]
-    return np.where(np.isfinite(length), length, 1.0)
+    for name, component, scale, rate in members:
+        found.setdefault((component, float(scale), float(rate)), name)
+    return [_Force(f"{what} {name!r}", row[0], kernel, of, *row[1:]) for row, name in found.items()]

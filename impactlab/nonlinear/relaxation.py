@@ -316,25 +316,23 @@ def _scale(body: Oscillator, temperature: float) -> float:
 
 def undamped(model: Model) -> np.ndarray:
     """Whether white noise heats each body for ever, since nothing in its part takes energy, (body,) of bool."""
-    heated: np.ndarray = np.isinf(linear_variances(damped(model)[0])[1])
-    if not heated.any():
-        return heated
-    labels = model.connected()
-    damping = damped(model)[0].damping > 0.0
-    taking = [labels[damping], labels[_of_laws(model)]]
-    return np.asarray(heated & ~np.isin(labels, np.concatenate(taking)))
+    heated, by_laws = _without_dampers(model)
+    return np.asarray(heated & ~by_laws)
 
 
 def damped_by_laws_alone(model: Model) -> np.ndarray:
     """Whether white noise heats each body and only laws of contacts or couplings may take the energy, (body,)."""
-    heated: np.ndarray = np.isinf(linear_variances(damped(model)[0])[1])
-    labels = model.connected()
-    linear = np.isin(labels, labels[damped(model)[0].damping > 0.0])
-    return np.asarray(heated & ~linear & np.isin(labels, labels[_of_laws(model)]))
+    heated, by_laws = _without_dampers(model)
+    return np.asarray(heated & by_laws)
 
 
-def _of_laws(model: Model) -> np.ndarray:
-    """Return slots of bodies with a contact or a coupling whose force depends on the rate or on states."""
+def _without_dampers(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Whether white noise heats each body and no damper of its part takes the energy; whether laws may, (body,) each.
+
+    They may where the force of a contact or a coupling depends on the rate or on states.
+    """
+    linear, labels = damped(model)[0], model.connected()
     of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in model.contact_laws]
-    of_couplings = [law.dissipative for law in model.coupling_laws]
-    return np.asarray(model.links.first()[np.flatnonzero(of_contacts + of_couplings)])
+    of_laws = np.flatnonzero([*of_contacts, *(law.dissipative for law in model.coupling_laws)])
+    heated = np.isinf(linear_variances(linear)[1]) & ~np.isin(labels, labels[linear.damping > 0.0])
+    return heated, np.isin(labels, labels[model.links.first()[of_laws]])

@@ -69,7 +69,7 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     result = np.append(energy, 0.0)
     of_contacts = _work(_Contacts(model.contact_laws), model.ends.gap(displacement) - model.clearance)
     np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
-    of_couplings = np.maximum(_work(_Couplings(model.coupling_laws), -model.coupled.gap(displacement)), 0.0)
+    of_couplings = np.maximum(_work(_Forces(model.coupling_laws), -model.coupled.gap(displacement)), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
 
@@ -112,41 +112,27 @@ class Stiffening:
         columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
         found, places = of_unique(_penetrations, list(zip(model.contact_laws, *columns, strict=True)), 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
-        profiles = [(Profiles.of(found[3:]), places)]
+        of_contacts = Profiles.of(found[3:]), places
         rest = model.ends.pushes(force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
-        couplings = model.coupling[0].copy()
-        nonlinear, forces = np.flatnonzero(couplings == 0.0), model.coupling_laws
-        heats = energy[model.coupled.first()[nonlinear]].tolist()
-        rows = [(forces[slot], 0.0, heat) for slot, heat in zip(nonlinear, heats, strict=True)]
-        found, places = of_unique(partial(_tangents, _Couplings), rows, 1 + COLUMNS)
-        couplings[nonlinear] = found[0, places]
-        profiles.append((Profiles.of(found[1:]), _at(nonlinear, places, len(couplings))))
-        bodies = np.zeros(len(model.mass))
-        oscillators = list(model.network.oscillators.values())
-        residual = np.flatnonzero(model.residual)
-        stiff = [(oscillators[slot], oscillators[slot].stiffness, float(energy[slot])) for slot in residual]
-        found, places = of_unique(partial(_tangents, _Residuals), stiff, 1 + COLUMNS)
-        bodies[residual] = found[0, places]
-        profiles.append((Profiles.of(found[1:]), _at(residual, places, len(bodies))))
-        return cls(energy, penetration, tangent, couplings, bodies, rest, tuple(profiles))
-
-
-def _at(slots: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
-    """Return the places of some of `count` items, -1 for the others."""
-    result = np.full(count, -1)
-    result[slots] = places
-    return result
+        springs, heats = model.coupling[0], energy[model.coupled.first()]
+        none, laws, oscillators = np.zeros_like(springs), model.coupling_laws, [*model.network.oscillators.values()]
+        couplings, of_couplings = _beside_springs(_Forces, laws, springs == 0.0, none, heats)
+        bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy)
+        profiles = of_contacts, of_couplings, of_bodies
+        return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles)
 
 
 class _Forces:
-    """Forces of some members in the rows of an array of places, (member, point)."""
+    """Forces of some couplings in the rows of an array of places, (member, point)."""
+
+    kernel = "force"
 
     def __init__(self, members: Sequence[Any]) -> None:
         self.members = members
 
     def __call__(self, place: np.ndarray) -> np.ndarray:
-        return call_each(self.members, "force", place, np.zeros_like(place))
+        return call_each(self.members, self.kernel, place, np.zeros_like(place))
 
     def along(self, places: np.ndarray) -> np.ndarray:
         """Return the forces of a single member."""
@@ -157,18 +143,13 @@ class _Forces:
         return type(self)([self.members[row] for row in rows])
 
 
-class _Couplings(_Forces):
-    pass
+class _Residuals(_Forces):
+    kernel = "residual"
 
 
 class _Contacts(_Forces):
     def __call__(self, place: np.ndarray) -> np.ndarray:
         return contact_forces(self.members, place)
-
-
-class _Residuals(_Forces):
-    def __call__(self, place: np.ndarray) -> np.ndarray:
-        return call_each(self.members, "residual", place, np.zeros_like(place))
 
 
 def of_unique(
@@ -181,6 +162,18 @@ def of_unique(
     members, *columns = zip(*places, strict=True)
     found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
     return found, np.array([places[row] for row in rows])
+
+
+def _beside_springs(
+    kind: type[_Forces], members: Sequence[Any], chosen: np.ndarray, springs: np.ndarray, energy: np.ndarray
+) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:
+    """Return the stiffness of chosen members beside springs, 0 of others, and profiles as `Stiffening` has them."""
+    slots = np.flatnonzero(chosen)
+    rows = [(members[slot], float(springs[slot]), float(energy[slot])) for slot in slots.tolist()]
+    found, places = of_unique(partial(_tangents, kind), rows, 1 + COLUMNS)
+    stiffness, at = np.zeros(len(members)), np.full(len(members), -1)
+    stiffness[slots], at[slots] = found[0, places], places
+    return stiffness, (Profiles.of(found[1:]), at)
 
 
 def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:

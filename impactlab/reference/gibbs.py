@@ -87,13 +87,9 @@ class GibbsLaw:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
         gap = Gap.of(contact, self.bodies[0])
         *nodes, probabilities = self.quadrature()
-        ratio = float(probabilities[gap.indentation(*nodes) > 0.0].sum())
-        return ratio, float(self.coordinate_density(np.array([gap.corner]))[0]), self.mean_force(gap)
-
-    def mean_force(self, gap: Gap) -> float:
-        """Return the mean force of a contact (N)."""
-        *nodes, probabilities = self.quadrature()
-        return float(probabilities @ gap.law.evaluate(gap.indentation(*nodes)))
+        indentation = gap.indentation(*nodes)
+        ratio, force = probabilities[indentation > 0.0].sum(), probabilities @ gap.law.evaluate(indentation)
+        return float(ratio), float(self.coordinate_density(np.array([gap.corner]))[0]), float(force)
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""

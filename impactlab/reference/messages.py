@@ -32,7 +32,7 @@ class Messages:
         self._places = {name: place for place, name in enumerate(bodies)}
         self.own, self.links = about_ground(own, links)
         self.spans, self._reaches = spans(self.own, self.links)
-        self._known: dict[tuple[Hashable, ...], tuple[tuple[object, ...], Any]] = {}
+        self._known: dict[tuple[Hashable, ...], Any] = {}
         self._last: dict[tuple[int, int], Piecewise] = {}
         self._weights: dict[tuple[int, bytes, bytes], np.ndarray] = {}
         self._bytes = 0
@@ -51,17 +51,14 @@ class Messages:
 
     def _once(self, make: Callable[[], Any], name: str, *of: object) -> Any:
         """Make something once for each name and the objects that it is made of."""
-        key = (name, *map(id, of))
-        if key not in self._known:
-            self._known[key] = of, make()  # with the objects, so that their ids stay theirs
-        return self._known[key][1]
+        _, made = self._alike(lambda: (of, make()), name, *map(id, of))  # with the objects: their ids stay theirs
+        return made
 
-    def _alike(self, make: Callable[[], Piecewise], *of: Hashable) -> Piecewise:
+    def _alike(self, make: Callable[[], Any], *of: Hashable) -> Any:
         """Make something once for all that is equal."""
         if of not in self._known:
-            self._known[of] = (), make()
-        result: Piecewise = self._known[of][1]
-        return result
+            self._known[of] = make()
+        return self._known[of]
 
     def _logarithm(self, body: int) -> Piecewise:
         """Return the logarithm of a body's own function."""
@@ -78,7 +75,8 @@ class Messages:
             item.check_work(np.union1d(result.edges, _with_corners(item, low, high)))
             return result
 
-        return self._alike(make, "logarithm", item, low, high)
+        result: Piecewise = self._alike(make, "logarithm", item, low, high)
+        return result
 
     def _kernel(self, index: int) -> Piecewise:
         """Return the factor of a link in the density, that where each contact is closed, and it times each force."""
@@ -118,7 +116,8 @@ class Messages:
             item.check_work(np.union1d(edges + origin, _with_corners(item, *(edges[[0, -1]] + origin))))
             return Piecewise(edges, np.array([coefficients[0], *closed, *coefficients[1:]]))
 
-        return self._alike(make, "kernel", item, low, high)
+        result: Piecewise = self._alike(make, "kernel", item, low, high)
+        return result
 
     def _message(self, source: int, target: int, link: int) -> Piecewise:
         """Return the logarithm of what a body says to a neighbour, over the range of the neighbour."""

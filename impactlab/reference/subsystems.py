@@ -65,18 +65,18 @@ class Subsystem:
         return not self.contacts and not self.bent and all(map(is_linear, self.couplings.values()))
 
     @property
+    def _walled(self) -> bool:
+        return any(len(pair) == 1 for pair in self.touching)
+
+    @property
     def is_simple(self) -> bool:
         """Whether the law is that of a single coordinate."""
-        if len(self.bodies) == 1:
-            return True
-        walled = any(len(pair) == 1 for pair in self.touching)
-        return len(self.bodies) == 2 and not walled and not self.bent
+        return len(self.bodies) == 1 or (len(self.bodies) == 2 and not self._walled and not self.bent)
 
     @property
     def is_ring(self) -> bool:
         """Whether each body is connected with the next, the last with the first, and nothing else."""
-        walled = any(len(pair) == 1 for pair in self.touching)
-        return len(self.pairs) == len(self.bodies) == len(self.loop) and not walled
+        return len(self.pairs) == len(self.bodies) == len(self.loop) and not self._walled
 
     @property
     def ring(self) -> list[str]:
