@@ -9,17 +9,11 @@ from impactlab.kernels.jit import scattered
 def elongations(indices, weights, q, result):  # type: ignore[no-untyped-def]
     """Write the weighted sum of a quantity of the coordinates of every contact.
 
-    Parameters
-    ----------
-    indices : ndarray of int
-        `Members.indices`: the first entry tells where the table of the links begins. Its first entry tells how far from
-        there the coordinates are; then come the first entry of each link, and the number of all.
-    weights : ndarray
-        `Members.parameters`, which begin with the weights.
-    q : [coordinate, lane]
-        The quantity.
-    result : [contact, lane]
-        Result.
+    indices: `Members.indices`: the first entry tells where the table of the links begins. Its first entry tells how far
+        from there the coordinates are; then come the first entry of each link, and the number of all.
+    weights: `Members.parameters`, which begin with the weights.
+    q: the quantity [coordinate, lane].
+    result: [contact, lane].
     """
     begin = indices[0]
     slots = begin + indices[begin]

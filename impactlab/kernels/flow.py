@@ -13,22 +13,11 @@ COEFFICIENTS = 4
 def flow(coefficients, phase, noise, sample, normals, x, v, result):  # type: ignore[no-untyped-def]
     """Carry all bodies over one step.
 
-    Parameters
-    ----------
-    coefficients : (phase, 4 or more, body) ndarray
-        The flow.
-    phase : int
-        Which step of the method's cycle it is.
-    noise : Noise
-        Rows of noise.
-    sample : int
-        Row of ``noise.scale`` that belongs to the step.
-    normals : [row, lane]
-        Standard normals of the step.
-    x, v : [body, lane]
-        State; v is changed in place.
-    result : [body, lane]
-        Displacements after the step.
+    coefficients, phase: the flow, (phase, 4 or more, body), and which step of the method's cycle it is.
+    noise, sample: rows of noise, and the row of ``noise.scale`` that belongs to the step.
+    normals: standard normals of the step [row, lane].
+    x, v: state [body, lane]; v is changed in place.
+    result: displacements after the step [body, lane].
     """
     own, amplitude, scales = coefficients[phase], noise.amplitude[phase], noise.scale[sample]
     for run in range(noise.runs.shape[0]):

@@ -29,20 +29,11 @@ class Piece(NamedTuple):
 def draw(factors, rows, normals, column, wx, wv, size):  # type: ignore[no-untyped-def]
     """Draw the noise of an interval.
 
-    Parameters
-    ----------
-    factors : (body, 3) ndarray
-        Cholesky factors l_xx, l_vx, l_vv of its covariance.
-    rows : (body,) ndarray of int
-        Row of each body's normals, -1 for a body without noise.
-    normals : (4, row, lane) ndarray
-        Standard normals.
-    column : int
-        First of the two indices of `normals` to be used.
-    wx, wv : [body, lane]
-        Result.
-    size : [body, lane]
-        Sum of the squares of the normals.
+    factors: Cholesky factors l_xx, l_vx, l_vv of its covariance, (body, 3).
+    rows: row of each body's normals, -1 for a body without noise.
+    normals, column: standard normals, (4, row, lane), and the first of the two indices that are used.
+    wx, wv: result [body, lane].
+    size: sum of the squares of the normals [body, lane].
     """
     for body in range(rows.shape[0]):
         row = rows[body]
@@ -89,20 +80,12 @@ def bound(reach, ends, limit, x, v, size, worst):  # type: ignore[no-untyped-def
     With z = (x/s_x, v/s_v, normals) the mean path between the ends of the interval is ``b(t)·z``, so that
     ``|z| max |b(t)|`` bounds it.
 
-    Parameters
-    ----------
-    reach : (body, 3) ndarray
-        1/s_x, 1/s_v and the largest |b| (m) of each body and the wall.
-    ends : (contact, 2) ndarray of int
-        Bodies of the contacts.
-    limit : (contact,) ndarray
-        Extension of the gap that cannot be closed by what is not in the mean path (m).
-    x, v : [body, lane]
-        State at the beginning.
-    size : [body, lane]
-        What `draw` returned; overwritten by the bounds of the displacements.
-    worst : (1, lane) ndarray
-        Largest excess over `limit`; the lanes where it is positive may touch.
+    reach: 1/s_x, 1/s_v and the largest |b| (m) of each body and the wall, (body, 3).
+    ends: bodies of the contacts, (contact, 2).
+    limit: extension of the gap that cannot be closed by what is not in the mean path, (contact,) (m).
+    x, v: state at the beginning [body, lane].
+    size: what `draw` returned [body, lane]; overwritten by the bounds of the displacements.
+    worst: largest excess over `limit`, (1, lane); the lanes where it is positive may touch.
     """
     for body in range(reach.shape[0]):
         of_x, of_v, most = reach[body]
@@ -120,18 +103,11 @@ def bound(reach, ends, limit, x, v, size, worst):  # type: ignore[no-untyped-def
 
 @kernel
 def search(path, limit, ends, piece, worst):  # type: ignore[no-untyped-def]
-    """Find whether the mean path between the ends of an interval comes near a contact at any of its steps.
+    """Find whether the mean path between the ends of an interval, a `Piece`, comes near a contact at any of its steps.
 
-    Parameters
-    ----------
-    path : (step, body, 4) ndarray
-        Displacement at every step per unit x, v, w_x and w_v.
-    limit : (step, contact) ndarray
-        Largest extension of the gap from which the noise about the mean path does not close it (m).
-    ends : (contact, 2) ndarray of int
-    piece : Piece
-    worst : (1, lane) ndarray
-        Result, as in `bound`.
+    path: displacement at every step per unit x, v, w_x and w_v, (step, body, 4).
+    limit: largest extension of the gap from which the noise about the mean path does not close it, (step, contact) (m).
+    ends, worst: as in `bound`; the last is the result.
     """
     x, v, wx, wv = piece
     for lane in range(worst.shape[1]):
@@ -186,20 +162,11 @@ def add_to(block, chosen, result):  # type: ignore[no-untyped-def]
 def halve(gain, factors, transition, rows, normals, whole, half):  # type: ignore[no-untyped-def]
     """Draw the noise of the two halves of an interval, given that of the whole.
 
-    Parameters
-    ----------
-    gain : (body, 4) ndarray
-        Mean of the first half's per unit of the whole's.
-    factors : (body, 3) ndarray
-        Cholesky factors of its conditional covariance.
-    transition : (body, 4) ndarray
-        Flow over half the interval.
-    rows, normals
-        As in `draw`.
-    whole : Piece
-        Of which the noise is overwritten by that of the second half.
-    half : Piece
-        The first half; its noise is the result.
+    gain: mean of the first half's per unit of the whole's, (body, 4).
+    factors: Cholesky factors of its conditional covariance, (body, 3).
+    transition: flow over half the interval, (body, 4).
+    rows, normals: as in `draw`.
+    whole, half: the interval, of which the noise is overwritten by that of the second half, and the first half.
     """
     wx, wv, half_x, half_v = whole.wx, whole.wv, half.wx, half.wv
     for body in range(rows.shape[0]):
