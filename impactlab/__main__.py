@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(encoding="utf-8", errors="replace")
     options = _parser().parse_args(arguments)
     with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
+        warnings.showwarning = lambda message, *_, **__: _say("warning:", str(message))
         try:
             return int(options.action(options))
         except KeyboardInterrupt as stopped:
@@ -267,10 +267,6 @@ def _resumable(options: argparse.Namespace) -> str:
 
 def _say(*parts: str) -> None:
     print("impactlab:", *parts, file=sys.stderr)
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _say("warning:", str(message))
 
 
 if __name__ == "__main__":

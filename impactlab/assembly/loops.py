@@ -75,8 +75,9 @@ class Loop(NamedTuple):
 
         `slices` name rows of arrays along a run, such as ``gaps = indentation[slot]``; `lines` begin a member.
         """
-        kind, leading, names = self.kind, LEADING[self.kind.role], self._parameters
-        at = PLACES + HEADER * self.number
+        kind, leading, at = self.kind, LEADING[self.kind.role], PLACES + HEADER * self.number
+        # those of a member inside the loop; clearance and mobility are no fields
+        names = [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
         entries = [*leading, "count", *(["start"] if names else [])]
         at_states, size = f"indices[at + {len(leading) + 2}]", len(leading) + 2 + bool(kind.states)
         parts = [item.replace("= ", "= rows(").replace("[", ", ").replace("]", ", count)") for item in slices]
@@ -102,12 +103,6 @@ class Loop(NamedTuple):
     def rows(self) -> list[str]:
         """Names of the rows of the states along a run."""
         return [f"remembered_{k}" for k in range(len(self.kind.states))]
-
-    @property
-    def _parameters(self) -> list[str]:
-        """Names of the parameters of a member inside a loop; the clearance is not a field."""
-        kind = self.kind
-        return [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
 
     def call(self, values: Mapping[str, str]) -> str:
         """Call the kernel of the kind."""

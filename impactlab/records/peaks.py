@@ -224,7 +224,8 @@ def _return_level(
         distance = np.log(rate * time)
     usable = (relative <= KNOWN) & np.isfinite(force) & (np.abs(distance) <= 1.0)
     top, last = int(np.argmax(rate)), int(np.flatnonzero(usable).max(initial=-1))
-    near = np.flatnonzero(usable & (np.arange(len(rate)) >= _begin(usable, top)))
+    begin = int(np.flatnonzero(~usable[:top]).max(initial=-1)) + 1  # of the usable bins around the top
+    near = np.flatnonzero(usable & (np.arange(len(rate)) >= begin))
     if len(near) < 4 or last < top or distance[near].max() < 0.0 or distance[last] > 0.0:
         return math.nan, math.nan
     middle, half = 0.5 * (near[0] + near[-1]), 0.5 * (near[-1] - near[0])
@@ -254,9 +255,3 @@ def _return_level(
     crossed = falling[0]
     slope = (stiffness + 2.0 * bend * crossed) / abs(float(logarithm.deriv()(crossed)))
     return float(level + crossed * (stiffness + bend * crossed)), scatter(crossed) * slope
-
-
-def _begin(usable: np.ndarray, top: int) -> int:
-    """Return where the usable bins around some bin begin."""
-    missing = np.flatnonzero(~usable[:top])
-    return int(missing[-1]) + 1 if missing.size else 0

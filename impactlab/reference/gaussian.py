@@ -107,14 +107,6 @@ class GaussianLaw:
             parts.append(float(factors @ self.covariance[np.ix_(places, places)] @ factors))
         return parts[0], parts[1]
 
-    def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the density of a body's displacement (m-1)."""
-        return self.density_of(body, "displacement", displacement)
-
-    def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
-        """Return the probability that a body's displacement is smaller."""
-        return self.probability_of(body, "displacement", displacement)
-
     def density_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
         """Return the density of a displacement (m-1) or a velocity (s m-1)."""
         deviation = math.sqrt(self.variance(body, quantity))
@@ -142,7 +134,7 @@ class GaussianLaw:
             )
         deviation = math.sqrt(self.variance(body, "displacement"))
         return Marginal(
-            lambda places: self.density(body, places),
+            lambda places: self.density_of(body, "displacement", places),
             lambda level: float(ndtr(-level / deviation)),
             deviation * np.linspace(-_FAR, _FAR, 601),
             speed,

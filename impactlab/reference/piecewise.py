@@ -120,7 +120,8 @@ def resolve(function: Function, edges: np.ndarray, is_fine: Fineness, what: str)
         fine |= (middle <= pending[:, 0]) | (middle >= pending[:, 1])
         panels.append(pending[fine])
         found.append(coefficients[:, fine])
-        pending, before = _halves(pending[~fine]), np.tile(tails[:, ~fine], 2)
+        (left, right), middle = pending[~fine].T, middle[~fine]
+        pending, before = np.concatenate([[left, middle], [middle, right]], axis=1).T, np.tile(tails[:, ~fine], 2)
         if sum(map(len, panels)) + len(pending) > _MOST_PANELS:
             raise NoExactReference(f"{what}: the integral of exp(−H/T) does not converge; its potential is not smooth.")
     every, coefficients = np.concatenate(panels), np.concatenate(found, axis=1)
@@ -134,11 +135,6 @@ def _sampled(function: Function, panels: np.ndarray) -> tuple[np.ndarray, np.nda
     values = function(np.repeat(panels[:, 0], ORDER), offsets.ravel())
     values = values.reshape(len(values), -1, ORDER)
     return values, values @ TRANSFORM
-
-
-def _halves(panels: np.ndarray) -> np.ndarray:
-    middle = panels.mean(axis=1)
-    return np.concatenate([np.stack([panels[:, 0], middle], 1), np.stack([middle, panels[:, 1]], 1)])
 
 
 def resolve_with(

@@ -314,7 +314,8 @@ def _plain(value: Any) -> Any:
 
 def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:
     """Return the dataset of a finished run."""
-    known = {variable: found for variable, found in estimates.values.labelled() if _known(found.value)}
+    given = dict(estimates.values.labelled())
+    known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
     dataset = statistics(
         list(plan.system.bodies),
         list(plan.system.contacts),
@@ -374,7 +375,3 @@ def _by_realization(variables: list[Variable], estimates: Estimates) -> Variable
         for item in variables
         if item.name in estimates.by_realization
     }  # fmt: skip
-
-
-def _known(value: np.ndarray) -> bool:
-    return not (value.size and np.isnan(value).all())

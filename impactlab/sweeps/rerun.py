@@ -90,7 +90,8 @@ def _repeat(
             f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
         )
     seed, records = options["seed"], options["record"]
-    if not isinstance(seed, list) or len(seed) != 2 or not all(_is_word(word) for word in seed):
+    words = isinstance(seed, list) and len(seed) == 2 and all(type(word) is int and 0 <= word < 2**64 for word in seed)
+    if not words:
         raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
     if not isinstance(records, list):
         raise InvalidInput(f"The stored records must be a list, not {records!r}.")
@@ -103,10 +104,6 @@ def _repeat(
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
         executor=executor, progress=progress,
     )  # fmt: skip
-
-
-def _is_word(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 2**64
 
 
 def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None) -> xr.Dataset:
