@@ -83,18 +83,23 @@ def spans(own: Sequence[Potential], links: Sequence[Link]) -> tuple[np.ndarray, 
 
 def outwards(count: int, links: Sequence[Link], first: int = 0) -> list[tuple[int, int, int]]:
     """Return the links of a tree from one body on: near body, far body, index of the link."""
-    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for index, (i, j, _) in enumerate(links):
-        around[i].append((j, index))
-        around[j].append((i, index))
     result: list[tuple[int, int, int]] = []
-    reached, waiting = {first}, [first]
+    near, reached, waiting = around(count, links), {first}, [first]
     for body in waiting:
-        for other, index in around[body]:
+        for other, index in near[body]:
             if other not in reached:
                 reached.add(other)
                 waiting.append(other)
                 result.append((body, other, index))
+    return result
+
+
+def around(count: int, links: Sequence[Link]) -> list[list[tuple[int, int]]]:
+    """Return the neighbours of each body, and the indices of the links to them."""
+    result: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for index, (i, j, _) in enumerate(links):
+        result[i].append((j, index))
+        result[j].append((i, index))
     return result
 
 

@@ -11,7 +11,7 @@ from impactlab.components.component import finite, known_name
 from impactlab.components.contact import ContactLaw
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.laws import Laws
-from impactlab.reference.marginal import Marginal
+from impactlab.reference.marginal import Marginal, last_place
 
 _CROSSING = ("displacement", "contact_force")
 
@@ -68,9 +68,7 @@ class Coordinate:
             return level
         if level < 0.0:
             raise InvalidInput(f"A level of a contact force must be at least 0 N, not {level!r}.")
-        low, high = 0.0, max(float(self.law.places[-1]), 0.0)
+        high = max(float(self.law.places[-1]), 0.0)
         if self._value_of(high) <= level:
             return math.inf
-        while low < (middle := 0.5 * (low + high)) < high:
-            low, high = (middle, high) if self._value_of(middle) <= level else (low, middle)
-        return low
+        return last_place(0.0, high, lambda place: self._value_of(place) <= level)

@@ -81,9 +81,11 @@ class Marginal:
                 f"Levels that are crossed once in {time:g} s are too rare to be resolved; give a shorter time."
             )
         low, high = self.places[often[-1] : often[-1] + 2]
-        for _ in range(200):
-            middle = 0.5 * (low + high)
-            if not low < middle < high:
-                break
-            low, high = (middle, high) if self.density(np.array([middle]))[0] >= wanted else (low, middle)
-        return float(low)
+        return last_place(low, high, lambda place: bool(self.density(np.array([place]))[0] >= wanted))
+
+
+def last_place(low: float, high: float, holds: Callable[[float], bool]) -> float:
+    """Return the last place from low on where something holds, which it no longer does at high."""
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return float(low)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.reference.ground import START, Link, about_ground, outwards, spans
+from impactlab.reference.ground import START, Link, about_ground, around, outwards, spans
 from impactlab.reference.piecewise import Fineness, Piecewise, fine_integrals, resolve, resolve_with, shifted_integrals
 from impactlab.reference.potential import NODES, Potential
 
@@ -36,10 +36,7 @@ class Messages:
         self._last: dict[tuple[int, int], Piecewise] = {}
         self._weights: dict[tuple[int, bytes, bytes], np.ndarray] = {}
         self._bytes = 0
-        self._around: list[list[tuple[int, int]]] = [[] for _ in bodies]
-        for index, (i, j, _) in enumerate(self.links):
-            self._around[i].append((j, index))
-            self._around[j].append((i, index))
+        self._around = around(len(bodies), self.links)
         self._logarithms = [self._logarithm(k) for k in range(len(bodies))]
         self._kernels = [self._kernel(k) for k in range(len(links))]
         self._messages: dict[tuple[int, int], Piecewise] = {}

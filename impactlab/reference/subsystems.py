@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
+import numpy as np
+
+from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
@@ -129,27 +132,18 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     Couplings of strength 0 connect nothing and are left out.
     """
     acting = {name: item for name, item in network.couplings.items() if not is_linear(item) or any(item.law.linear)}
-    leader = {name: name for name in network.oscillators}
-
-    def led(name: str) -> str:
-        while leader[name] != name:
-            leader[name] = name = leader[leader[name]]
-        return name
-
+    slots = {name: slot for slot, name in enumerate(network.oscillators)}
     links: list[Contact | Coupling] = [*network.contacts.values(), *acting.values()]
-    for link in links:
-        for one, other in pairwise(sides(link)):
-            leader[led(one)] = led(other)
-    for source in network.sources.values():
-        one, *others = map(led, source.on)
-        leader.update(dict.fromkeys(others, one))
-    members: dict[str, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
-    for name in network.oscillators:
-        members.setdefault(led(name), ([], {}, {}))[0].append(name)
+    together = [*map(sides, links), *(tuple(source.on) for source in network.sources.values())]
+    pairs = np.array([[slots[name] for name in pair] for names in together for pair in pairwise(names)], dtype=np.int64)
+    part_of = dict(zip(slots, connected_parts(Pairs(len(slots), pairs.reshape(-1, 2))).tolist(), strict=True))
+    members: dict[int, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
+    for name, part in part_of.items():
+        members.setdefault(part, ([], {}, {}))[0].append(name)
     for name, contact in network.contacts.items():
-        members[led(sides(contact)[0])][1][name] = contact
+        members[part_of[sides(contact)[0]]][1][name] = contact
     for name, coupling in acting.items():
-        members[led(sides(coupling)[0])][2][name] = coupling
+        members[part_of[sides(coupling)[0]]][2][name] = coupling
     return [Subsystem(network, tuple(names), contacts, couplings) for names, contacts, couplings in members.values()]
 
 
