@@ -70,9 +70,11 @@ class _Means(Keeper):
             self.last = snapshots[-1:].copy()
 
     def _add(self, samples: np.ndarray, weight: float) -> None:
+        ends, clearance = self.plan.system.ends, self.plan.system.clearance
+        begins = np.searchsorted(ends.rows, np.arange(len(ends) + 1))
         _add_samples(
-            samples, weight, self.plan.system.ends.pairs, self.plan.system.clearance, self.bodies, self.contacts,
-            self.motion, self.gap, self.closed,
+            samples, weight, begins, ends.slots, ends.weights, clearance, self.bodies, self.contacts, self.motion,
+            self.gap, self.closed,
         )  # fmt: skip
 
     def result(self) -> dict[str, np.ndarray]:
@@ -95,7 +97,9 @@ class _Means(Keeper):
 
 
 @kernel
-def _add_samples(samples, weight, ends, clearance, bodies, contacts, motion, gaps, closed):  # type: ignore[no-untyped-def]
+def _add_samples(  # type: ignore[no-untyped-def]
+    samples, weight, begins, slots, weights, clearance, bodies, contacts, motion, gaps, closed
+):
     """Add samples [time, quantity, lane] to the sums of bodies and contacts, [statistic, body or contact, lane]."""
     count = bodies.shape[1]
     for time in range(samples.shape[0]):
@@ -106,16 +110,13 @@ def _add_samples(samples, weight, ends, clearance, bodies, contacts, motion, gap
                 bodies[1, body, lane] += weight * x * x
                 bodies[2, body, lane] += weight * v
                 bodies[3, body, lane] += weight * v * v
-        for contact in range(ends.shape[0]):
-            first, second = ends[contact]
+        for contact in range(contacts.shape[1]):
             for lane in range(samples.shape[2]):
                 gap, velocity = -clearance[contact], 0.0
-                if first < count:  # the wall is the last body
-                    gap += samples[time, first, lane]
-                    velocity += samples[time, count + first, lane]
-                if second < count:
-                    gap -= samples[time, second, lane]
-                    velocity -= samples[time, count + second, lane]
+                for entry in range(begins[contact], begins[contact + 1]):
+                    if slots[entry] < count:  # the wall is the last body
+                        gap += weights[entry] * samples[time, slots[entry], lane]
+                        velocity += weights[entry] * samples[time, count + slots[entry], lane]
                 change = gap - gaps[contact, lane]
                 if weight == 1.0 and change == change:  # not the first
                     motion[0, contact, lane] += velocity * velocity

@@ -114,7 +114,8 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
         given = isinstance(options.get("initial"), Mapping)
         spin_up = 0.0 if given else RELAXATIONS * relaxation_time(Model.of(network))
     spin_up *= scene.settling
-    series = any(item.kind == "lines" for item in network.excitations.values())  # each realization takes its time
+    kinds = {getattr(item, "excitation", item).kind for item in network.excitations.values()}
+    series = "lines" in kinds  # each realization takes its time
     if realizations < 256 and not (scene.transient or series):  # as much time, but samples that are surely independent
         duration, realizations = duration * realizations / 256.0, 256
         duration = max(duration, 2.0 * relaxation_time(Model.of(network)))
