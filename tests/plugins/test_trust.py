@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from impactlab_numerics import TrustStudy
 from impactlab_numerics.laws.excitations import Harmonic
+from impactlab_numerics.trust import compound
 from impactlab_numerics.trust.collect import found_of, tree_of
 from impactlab_numerics.trust.drawing import Scene
 from impactlab_numerics.trust.judge import OUTCOMES, compared, judge, outcome, reduced
@@ -34,6 +35,13 @@ def test_random_networks_are_the_same_again_and_can_be_drawn(seed):
         assert 0.01 <= body.mass <= 100.0 or class_of(seed) == "heavy bases"
     assert 0.0 < scene.fine < scene.options["duration"]
     assert scene.deterministic == all(item.kind == "force" for item in scene.network.excitations.values())
+
+
+@pytest.mark.parametrize("seed", range(2 * len(compound.CLASSES)))
+def test_compound_scenes_are_right_at_default_settings(seed):
+    found = judge(seed, compound.CLASSES, body_steps=2e7, share=0.25)
+    assert found["outcome"] in ("right", "right, few data said"), found["messages"]
+    assert found["rows"]
 
 
 def test_networks_of_a_class_have_what_it_is_about():
