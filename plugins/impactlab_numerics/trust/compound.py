@@ -46,8 +46,8 @@ def combinations(rng: np.random.Generator) -> Scene:
         law, spread = _law(sketch, weights)
         clearance = float(rng.uniform(-1.0, 2.5)) * spread
         point = il.Combination(weights)
-        sides = (point, il.WALL) if rng.random() < 0.5 else (il.WALL, point)
-        sketch.contacts[f"contact_{index}"] = il.Contact(*sides, law, clearance=clearance)
+        first, second = (point, il.WALL) if rng.random() < 0.5 else (il.WALL, point)
+        sketch.contacts[f"contact_{index}"] = il.Contact(first, second, law, clearance=clearance)
     if rng.random() < 0.4:
         weights = _weights(sketch)
         mass = 1.0 / sum(weight**2 / sketch.bodies[name].mass for name, weight in weights.items())
@@ -91,7 +91,8 @@ def _tower(sketch: Sketch, storeys: int, modal: bool) -> tuple[Any, np.ndarray, 
     if modal:
         kept = max(1, storeys - int(rng.integers(2)))
         points = {"top": tuple((shapes / root[:, None])[-1, :kept].tolist())}
-        made = il.ModalStructure(tuple(frequencies[:kept].tolist()), damping_ratios=ratio, points=points)
+        ratios = (ratio,) * kept
+        made = il.ModalStructure(tuple(frequencies[:kept].tolist()), damping_ratios=ratios, points=points)
         return made, mass, "top", flexibility
     matrix = np.diag(mass) if rng.random() < 0.5 else _consistent(mass)
     return il.LinearStructure.from_damping_ratio(matrix, stiffness, ratio), mass, str(storeys), flexibility
@@ -117,9 +118,8 @@ def structures(rng: np.random.Generator) -> Scene:
         level = sketch.temperature * 0.1 * sketch.frequency / math.pi
         floors = ["top"] if modal else list(made.names)
         if rng.random() < 0.5:
-            on = {
-                f"{name}.{floor}": -float(item) for floor, item in zip(floors, mass[::-1][: len(floors)], strict=True)
-            }
+            moved = zip(floors, mass[-len(floors) :].tolist(), strict=True)
+            on = {f"{name}.{floor}": -item for floor, item in moved}
             excitations[f"ground_{place}"] = il.Source(il.WhiteNoise(level / float(mass.mean())), on=on)
         else:
             excitations |= {f"{name}.{floor}": il.WhiteNoise(level * float(mass.mean())) for floor in floors}
@@ -129,8 +129,8 @@ def structures(rng: np.random.Generator) -> Scene:
     depth = math.sqrt(2.0 * sketch.temperature / stiffness)
     law = one_of(rng, il.LinearContact(stiffness), il.HertzContact(2.5 * sketch.temperature / depth**2.5))
     clearance = float(rng.uniform(-0.5, 1.5)) * math.sqrt(sketch.temperature * flexibility)
-    sides = tops if len(tops) == 2 else [tops[0], il.WALL]
-    network = il.Network(towers, {"top": il.Contact(*sides, law, clearance=clearance)}, excitations)
+    other = tops[1] if len(tops) == 2 else il.WALL
+    network = il.Network(towers, {"top": il.Contact(tops[0], other, law, clearance=clearance)}, excitations)
     step, settling, count = 0.5 / sketch.fastest, RELAXATIONS * sketch.slowest, len(network.oscillators)
     affordable = 6e6 * step / count
     options = {"duration": max(4.0 * sketch.slowest, affordable / 128 - settling), "realizations": 128}
