@@ -56,24 +56,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="impactlab",
-        description="Studies of networks of oscillators that collide.",
-        epilog=_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    style: dict[str, Any] = {"epilog": _CODES, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    text = "Studies of networks of oscillators that collide."
+    parser = argparse.ArgumentParser(prog="impactlab", description=text, **style)
     parser.add_argument("--version", action="version", version=f"impactlab {impactlab.__version__}")
     parser.set_defaults(verbose=False, quiet=False, out=None)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, action: Any, text: str) -> argparse.ArgumentParser:
-        added = commands.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=_CODES,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        added = commands.add_parser(name, help=text, description=text, **style)
         added.set_defaults(action=action)
         return added
 

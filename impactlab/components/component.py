@@ -215,6 +215,16 @@ class Component:
         return np.broadcast_to(result, shape)
 
 
+def take_part(owner: Component, field: str, family: type[Component], example: str) -> None:
+    """Refuse a field that is no component of a family; it may be given as data."""
+    value = getattr(owner, field)
+    if isinstance(value, Mapping):
+        value = family.from_dict(value)
+        object.__setattr__(owner, field, value)
+    if not isinstance(value, family):
+        raise InvalidInput(f"{type(owner).__name__}.{field} must be {example}, not {value!r}.")
+
+
 def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
     return cls(**fields)
 

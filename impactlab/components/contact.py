@@ -8,11 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import Component
+from impactlab.components.component import Component, take_part
 from impactlab.components.evaluation import call_each
 from impactlab.components.fields import parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
-from impactlab.errors import InvalidInput
 
 
 class ContactLaw(Component):
@@ -194,10 +193,7 @@ class Contact(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_sides(self)
-        if isinstance(self.law, Mapping):
-            object.__setattr__(self, "law", ContactLaw.from_dict(self.law))
-        if not isinstance(self.law, ContactLaw):
-            raise InvalidInput(f"Contact.law must be a contact law such as il.HertzContact(1e4), not {self.law!r}.")
+        take_part(self, "law", ContactLaw, "a contact law such as il.HertzContact(1e4)")
 
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"

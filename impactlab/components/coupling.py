@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from impactlab.components.component import Component
+from impactlab.components.component import Component, take_part
 from impactlab.components.fields import parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
-from impactlab.errors import InvalidInput
 
 
 class CouplingLaw(Component):
@@ -196,10 +195,7 @@ class Coupling(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_sides(self)
-        if isinstance(self.law, Mapping):
-            object.__setattr__(self, "law", CouplingLaw.from_dict(self.law))
-        if not isinstance(self.law, CouplingLaw):
-            raise InvalidInput(f"Coupling.law must be a coupling law such as il.LinearCoupling(1e3), not {self.law!r}.")
+        take_part(self, "law", CouplingLaw, "a coupling law such as il.LinearCoupling(1e3)")
 
     def __repr__(self) -> str:
         return f"Coupling({self.first!r}, {self.second!r}, {self.law!r})"

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from impactlab.components.component import Component, finite
+from impactlab.components.component import Component, finite, take_part
 from impactlab.components.fields import parameter
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
@@ -156,12 +156,7 @@ class Source(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.excitation, Mapping):
-            object.__setattr__(self, "excitation", Excitation.from_dict(self.excitation))
-        if not isinstance(self.excitation, Excitation):
-            raise InvalidInput(
-                f"Source.excitation must be an excitation such as il.WhiteNoise(1.0), not {self.excitation!r}."
-            )
+        take_part(self, "excitation", Excitation, "an excitation such as il.WhiteNoise(1.0)")
         on = {self.on: 1.0} if isinstance(self.on, str) else self.on
         if not isinstance(on, Mapping) or not all(isinstance(name, str) for name in on):
             raise InvalidInput(f"Source.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")

@@ -151,18 +151,13 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
 @kept
 def coupled_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return the slots and the linear system of every group of bodies that linear couplings connect."""
-    return tuple(
-        (
-            slots,
-            LinearSystem(
-                model.mass[slots],
-                np.diag(model.damping[slots]) + damping,
-                np.diag(model.stiffness[slots]) + stiffness,
-                model.intensity_matrix(slots),
-            ),
-        )
-        for slots, stiffness, damping in model.coupled_parts()
-    )
+    return tuple((slots, system_of(model, slots, *matrices)) for slots, *matrices in model.coupled_parts())
+
+
+def system_of(model: Model, slots: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> LinearSystem:
+    """Return the linear system of some bodies, from the matrices of the springs and dampers between them."""
+    damping, stiffness = np.diag(model.damping[slots]) + damping, np.diag(model.stiffness[slots]) + stiffness
+    return LinearSystem(model.mass[slots], damping, stiffness, model.intensity_matrix(slots))
 
 
 @kept

@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
-from impactlab.linear.laws import lines_of, responses
+from impactlab.linear.laws import lines_of, responses, system_of
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.subsystems import (
@@ -64,11 +64,8 @@ class LinearPart:
 
     @cached_property
     def _system(self) -> LinearSystem:
-        model = self._model
-        springs, dampers = (model.links.springs(strength) for strength in model.coupling)
-        damping, stiffness = np.diag(model.damping) + dampers, np.diag(model.stiffness) + springs
-        noise = model.intensity_matrix(np.arange(len(model.bodies)))
-        return LinearSystem(model.mass, damping, stiffness, noise)
+        springs, dampers = (self._model.links.springs(strength) for strength in self._model.coupling)
+        return system_of(self._model, np.arange(self._model.wall), springs, dampers)
 
     @cached_property
     def reasons(self) -> list[str]:
