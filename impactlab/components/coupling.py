@@ -113,7 +113,7 @@ class BoucWenCoupling(CouplingLaw):
 
     R. Bouc, 4th Conf. on Non-linear Oscillations, Prague (1967); Y.-K. Wen, J. Eng. Mech. Div. 102 (1976) 249, with
     A = 1, β = b/dⁿ, γ = (1 − b)/dⁿ and d z for his z. It depends on the extensions, not on how fast they change; z is
-    integrated over them (Runge–Kutta).
+    integrated over them, exactly for n = 1 (else Runge–Kutta).
 
     Parameters
     ----------
@@ -148,6 +148,8 @@ class BoucWenCoupling(CouplingLaw):
     @staticmethod
     def update(extension, hysteretic, last, yield_displacement, exponent, shape):  # type: ignore[no-untyped-def]
         way = min(max((extension - last) / yield_displacement, -_SATURATED), _SATURATED)
+        if exponent == 1.0:
+            return _plain_bouc_wen(hysteretic, way, shape), extension
         parts = 1 + int(4.0 * (1.0 + exponent) * abs(way))
         part, z = way / parts, hysteretic
         for _ in range(parts):
@@ -160,6 +162,19 @@ class BoucWenCoupling(CouplingLaw):
 
 _SATURATED = 40.0
 """Extension, in yield displacements, after which z no longer knows where it began."""
+
+
+def _plain_bouc_wen(z: float, way: float, shape: float) -> float:
+    """Return z at the end of a way for n = 1, where its equation is linear on either side of 0."""
+    ahead, left = math.copysign(1.0, way) * z, abs(way)
+    if ahead < 0.0:  # unloading: grows by 1 + slope ahead
+        slope = 1.0 - 2.0 * shape
+        to_zero = -math.log1p(slope * ahead) / slope if slope != 0.0 else -ahead
+        if left < to_zero:
+            share = math.expm1(slope * left) / slope if slope != 0.0 else left
+            return math.copysign(1.0, way) * (ahead + (1.0 + slope * ahead) * share)
+        ahead, left = 0.0, left - to_zero
+    return math.copysign(1.0, way) * (1.0 - (1.0 - ahead) * math.exp(-left))
 
 
 def _bouc_wen(z: float, way: float, exponent: float, shape: float) -> float:

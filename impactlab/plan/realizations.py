@@ -34,7 +34,7 @@ class Realizations:
 
 
 OF_STATE = 5
-"""Bodies that take as long as a state of a law: hardly any less than 3, with Bouc and Wen's hysteresis 25."""
+"""Bodies that take as long as a state of a law: 3 to 7; with Bouc and Wen's hysteresis 25, unless its exponent is 1."""
 
 
 def lane_seconds(bodies: int, links: int, states: int) -> float:

@@ -128,6 +128,22 @@ def test_bouc_wen_loop_dissipates_what_its_equation_says(exponent, shape):
     assert loop(law, 0.3, 4000) == pytest.approx(energies[-1] - energies[-5], rel=2e-5)
 
 
+@pytest.mark.parametrize("shape", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("way", [-0.3, 0.02, 1.5])
+def test_bouc_wen_of_exponent_one_is_exact(way, shape):
+    """A short way goes as its equation says, and two ways in a row are one: that leaves one solution."""
+    law = il.BoucWenCoupling(1.0, yield_displacement=0.1, shape=shape)
+
+    def after(start, extension):
+        return float(law.replace(hysteretic=start).evaluate(extension)) / 0.1
+
+    for start in (-0.95, -0.4, -0.01, 0.3, 1.0):
+        assert after(after(start, 0.3 * way), 0.7 * way) == pytest.approx(after(start, way), abs=1e-14)
+        full = (shape * math.copysign(1.0, way * start) + 1.0 - shape) * abs(start)
+        grown = after(start, 1e-6 * way) - start
+        assert grown == pytest.approx(1e-5 * way * (1.0 - full), rel=1e-4, abs=1e-14)
+
+
 def test_bouc_wen_saturates_from_wherever_it_began():
     law = il.BoucWenCoupling(2.0, yield_displacement=0.1, ratio=0.25, hysteretic=-1.0)
     assert law.evaluate([10.0, 1e9]).tolist() == pytest.approx([2.0 * (2.5 + 0.075), 2.0 * (0.25e9 + 0.075)], rel=1e-12)
