@@ -287,7 +287,7 @@ class Combinations(Links):
         return np.maximum(np.maximum.reduceat(values[self.slots], self.begin[:-1]), wall)
 
     def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
-        matrix = self._matrix(np.arange(self.count) if slots is None else slots)
+        matrix = self.matrix(np.arange(self.count) if slots is None else slots)
         return np.asarray((matrix.T * strength) @ matrix)
 
     def with_row_sums(self, values: np.ndarray, strength: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
@@ -302,8 +302,8 @@ class Combinations(Links):
         one, two = np.concatenate([np.zeros((2, 0), dtype=np.int64), *places], axis=1)
         return Exchanges(self.slots[one], self.slots[two], self.rows[one], 4.0 * part[one] * part[two])
 
-    def _matrix(self, slots: np.ndarray) -> np.ndarray:
-        """Weights of coordinates with some slots, in increasing order, which hold all of the links', (link, slot)."""
+    def matrix(self, slots: np.ndarray) -> np.ndarray:
+        """Return weights of some slots, in increasing order, which hold all of the links', (link, slot)."""
         matrix = np.zeros((len(self), len(slots)))
         matrix[self.rows, np.searchsorted(slots, self.slots)] = self.weights
         return matrix

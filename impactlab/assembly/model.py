@@ -189,6 +189,13 @@ class Model:
         """Whether laws of contacts or couplings, or bodies have states."""
         return len(self.members.states) > 0
 
+    @cached_property
+    def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
+        """Names of the points of structures, with the slots of the bodies of which they are sums, and their weights."""
+        slots = {name: slot for slot, name in enumerate(self.bodies)}
+        rows = self.network.points.items()
+        return tuple((name, tuple((slots[body], share) for body, share in row.items())) for name, row in rows)
+
     @property
     def time_varying(self) -> bool:
         """Whether the intensity of a white noise depends on time."""

@@ -214,6 +214,7 @@ def add_leaf(add, past, before, steps, lanes, sums):  # type: ignore[no-untyped-
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
         sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
         Closings(before, sums.closings.jitter, sums.closings.weights, sums.closings.step), sums.flux, sums.turns,
+        sums.points,
     )  # fmt: skip
     for step in range(before.shape[1] and steps):
         count_closings(past.indentation[step], past.v[step], own)

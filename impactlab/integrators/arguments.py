@@ -120,6 +120,16 @@ class Turns(NamedTuple):
     middle: np.ndarray  # [body, lane] velocity
 
 
+class PointSums(NamedTuple):
+    """Where a block adds up what it sees at points; see `impactlab.plan.points`."""
+
+    begin: np.ndarray  # (point + 1,) where the entries of each begin
+    bodies: np.ndarray  # (entry,) slots
+    weights: np.ndarray  # (phase, column, entry), see `impactlab.kernels.points`
+    sums: np.ndarray  # (phase, row, point, lane)
+    read: np.ndarray  # (4, lane) work space
+
+
 class Sums(NamedTuple):
     """Where a block adds up its statistics; see `impactlab.kernels.sums`."""
 
@@ -134,6 +144,7 @@ class Sums(NamedTuple):
     closings: Closings
     flux: Flux
     turns: Turns
+    points: PointSums
 
 
 class Account(NamedTuple):
@@ -206,6 +217,7 @@ class _Types:
             named(Closings, blocks, numbers, numbers, f8),
             named(Flux, numbers, table, blocks, block, block),
             named(Turns, numbers, block, block),
+            named(PointSums, slots, slots, cube, sums, block),
         )
         self.steps = named(Steps, f8, i8, i8, b1, b1, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)

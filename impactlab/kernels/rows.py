@@ -22,5 +22,9 @@ BEGUN, INTENSITY, TRANSIENT_ROWS = 10, 19, 20
 kicks after which the flows of a phase begin, from the row `BEGUN` on, and the sum of the intensity of the white noise
 in these flows, by that which the flow is made with. And how many rows these are."""
 
+SQUARES, POINT_TURN, POINT_ROWS = slice(0, 4), 4, 5
+"""Rows of the sums over points: the squares of displacement and velocity at the kick, and of two quantities that tell
+what lies between kicks; then the same as `TURN`. And how many rows these are. See `impactlab.plan.points`."""
+
 PAIR_ROWS = 9
 """Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""

@@ -116,11 +116,15 @@ class CompiledNetwork:
             self._forces(column[:bodies], column[bodies:])
             forces[index] = self._contacts[1][0, :, 0]
         snapshots = np.hstack([np.asarray(y).T, forces])
-        variables = Snapshot(self.model.bodies, self.model.contacts).labelled(snapshots, "time")
+        variables = Snapshot(self.model.bodies, self.model.contacts, points=self.model.points).labelled(
+            snapshots, "time"
+        )
         coordinates: dict[str, Any] = {
             "time": ("time", np.asarray(t, dtype=float), TIME),
             "oscillator": list(self.model.bodies),
         }
+        if self.model.network.points:
+            coordinates["point"] = list(self.model.network.points)
         if self.model.contacts:
             coordinates["contact"] = list(self.model.contacts)
         return xr.Dataset(variables, coordinates)

@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput, warn
+from impactlab.integrators.arguments import Group
 from impactlab.integrators.base import Integrator
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
@@ -35,6 +36,15 @@ class Driving:
 
     def __bool__(self) -> bool:
         return bool(self.lines or len(self.forced))
+
+    def closed(self, groups: tuple[Group, ...], bodies: int) -> np.ndarray:
+        """Whether nothing but white noise acts between kicks on each body, nor on the others of its group, (body,)."""
+        result = np.ones(bodies, dtype=bool)
+        result[[body for lines in self.lines for body in lines.bodies]] = False
+        result[self.forced] = False
+        for group in groups:
+            result[group.slots] = result[group.slots].all()
+        return result
 
     def rows(self, integrator: Integrator) -> list[int]:
         """Rows of samples that a method takes of each sum of cosines."""

@@ -15,6 +15,7 @@ from impactlab.plan.forces import Forces
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
+from impactlab.plan.points import Points
 from impactlab.plan.realizations import STEP_SECONDS, Realizations, lane_seconds
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains, Tile
@@ -31,6 +32,7 @@ class Plan:
     method: Method
     noise: WhiteNoises
     driving: Driving
+    points: Points
     start: Start
     clock: Clock
     realizations: Realizations
@@ -73,7 +75,7 @@ class Plan:
     def snapshot(self) -> Snapshot:
         """What a snapshot of the run holds."""
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
-        return Snapshot(bodies, contacts, self.forces.labels)
+        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""

@@ -11,7 +11,7 @@ from impactlab.components.fields import parameter
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables
-from impactlab.results.snapshot import TIME
+from impactlab.results.snapshot import AT_POINTS, TIME
 
 
 class PerRealization(Record):
@@ -89,4 +89,5 @@ def sample_count(plan: Plan) -> tuple[float, int]:
 
 def trajectory_size(plan: Plan) -> int:
     """Return the bytes that the trajectories of a plan take."""
-    return 8 * plan.realizations.number * sample_count(plan)[1] * plan.snapshot.size
+    numbers = plan.snapshot.size + len(AT_POINTS) * len(plan.snapshot.points)
+    return 8 * plan.realizations.number * sample_count(plan)[1] * numbers

@@ -86,8 +86,8 @@ class _File:
         with LOCK, self.said():
             if self.closed:
                 raise Interrupted("The simulation was stopped.")
-            for name in (item.name for item in self.plan.snapshot.quantities):
-                self.data[name][rows, times] = values[:, self.plan.snapshot.place(name)].transpose(2, 0, 1)
+            for item in self.plan.snapshot.quantities:
+                self.data[item.name][rows, times] = self.plan.snapshot.values(item, values.transpose(2, 0, 1))
 
     def close(self) -> None:
         """Write what the library has kept, and close the file."""

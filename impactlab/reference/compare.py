@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
-from impactlab.results.schema import STATISTICS, Statistic
+from impactlab.results.schema import OF_POINTS, STATISTICS, Statistic
 
 
 @runtime_checkable
@@ -53,7 +53,8 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     for dataset in (result, reference):
         if not isinstance(dataset, xr.Dataset):
             raise InvalidInput(f"compare takes the dataset of a simulation and a reference, not {dataset!r}.")
-    rows = [row for statistic in STATISTICS.values() for row in _rows(statistic, result, reference)]
+    known = (*STATISTICS.values(), *OF_POINTS.values())
+    rows = [row for statistic in known for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(
             "The result and the reference have no statistic of the same body or contact in common; "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -67,6 +68,27 @@ class Laws:
         if isinstance(law, GaussianLaw):
             return math.sqrt(law.variance(oscillator, "velocity"))
         return math.sqrt(law.temperature / self.network.oscillators[oscillator].mass)
+
+    def at_point(self, weights: Mapping[str, float]) -> tuple[float, float, float]:
+        """Return mean and variance of the displacement, and variance of the velocity, of a weighted sum of bodies.
+
+        The variance of the displacement is NaN where the sum has several bodies of one law that is not linear.
+        """
+        by_law: dict[int, dict[str, float]] = {}
+        for name, weight in weights.items():
+            by_law.setdefault(id(self.of_body[name]), {})[name] = weight
+        mean = sum(weight * self.of_body[name].moments(name)[0] for name, weight in weights.items())
+        place = speed = 0.0
+        for own in by_law.values():
+            first = next(iter(own))
+            law = self.of_body[first]
+            if isinstance(law, GaussianLaw):
+                more = law.relative_variances(own)
+            else:
+                alone = own[first] ** 2 * law.moments(first)[1] if len(own) == 1 else math.nan
+                more = alone, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
+            place, speed = place + more[0], speed + more[1]
+        return mean, place, speed
 
     def relative_speed(self, contact: str) -> float:
         """Return the standard deviation of the rate of an indentation."""

@@ -58,15 +58,17 @@ class ExactReference(Densities):
             observation, and the standard errors. The rate of contacts is
             ``sqrt(T/(2πμ)) p(δ = 0)`` with ``1/μ = 1/m_first + 1/m_second`` (Rice's
             formula; a wall has ``1/m = 0``). What is known of contacts that cannot matter is 0.
-            The attribute ``laws`` says which laws these are.
+            The attribute ``laws`` says which laws these are. Mean squares at points of structures are known where the
+            motion is linear, otherwise NaN.
         """
         oscillators, contacts = self.network.oscillators, self.network.contacts
         mean, variance = np.array([self._laws.of_body[name].moments(name) for name in oscillators]).T
         kinetic = np.array([self._laws.speed(name) for name in oscillators]) ** 2
         linear = np.array([(body.mass, body.damping, body.stiffness) for body in oscillators.values()]).T
         bodies = OfBodies.of_law(linear, mean, variance + mean**2, variance, kinetic)
-        moments = Moments(bodies, self._others(BODY, self._body) | self._others(CONTACT, self._contact), {})
-        dataset = statistics(list(oscillators), list(contacts), moments.values())
+        others = self._others(BODY, self._body) | self._others(CONTACT, self._contact)
+        moments = Moments(bodies, others, {}, self._points())
+        dataset = statistics(list(oscillators), list(contacts), moments.values(), points=list(self.network.points))
         configuration = {"network": self.network.to_dict()}
         return dataset.assign_attrs(
             provenance("exact stationary statistics", configuration), laws=self._laws.described()
@@ -338,6 +340,14 @@ class ExactReference(Densities):
     def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
         law = self._laws.law(oscillator, quantity)
         return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
+
+    def _points(self) -> OfBodies | None:
+        """Return the moments at points of structures, if there are any."""
+        if not self.network.points:
+            return None
+        mean, variance, kinetic = np.array([self._laws.at_point(row) for row in self.network.points.values()]).T
+        unknown = np.full_like(mean, np.nan)
+        return OfBodies.of_law([unknown] * 3, mean, variance + mean**2, variance, kinetic)
 
     def _others(self, dimension: str, known: Callable[[str], dict[str, float]]) -> dict[str, np.ndarray]:
         """Return the statistics of all bodies or contacts that are not formed of moments."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -11,8 +11,8 @@ import xarray as xr
 
 from impactlab.results.labels import Variables, with_error
 
-BODY, CONTACT = "oscillator", "contact"
-"""Dimensions of the variables of bodies and of contacts."""
+BODY, CONTACT, POINT = "oscillator", "contact", "point"
+"""Dimensions of the variables of bodies, of contacts, and of points of structures."""
 
 
 class OfBodies(NamedTuple):
@@ -44,20 +44,32 @@ class Moments(NamedTuple):
     bodies: OfBodies
     others: Mapping[str, np.ndarray]  # statistics that are not formed of these, as they are
     balances: Mapping[str, np.ndarray]  # by the statistic
+    points: OfBodies | None = None  # at points, without mass, damping and stiffness
 
     def values(self) -> dict[str, np.ndarray]:
         """Return the statistics that do not depend on the time of observation."""
-        return {item.name: self.of(item) for item in stationary() if item.formed or item.name in self.others}
+        known = stationary() if self.points is None else [*stationary(), *OF_POINTS.values()]
+        return {item.name: self.of(item) for item in known if item.formed or item.name in self.others}
+
+    def formed_of(self, dimension: str) -> OfBodies:
+        """Return what statistics of bodies, or of points, are formed of."""
+        if dimension != POINT:
+            return self.bodies
+        nothing = self.bodies.x[:0]
+        return OfBodies(*[nothing] * len(self.bodies)) if self.points is None else self.points
 
     def of(self, statistic: Statistic) -> np.ndarray:
         """Return a statistic of each unit or of a law."""
-        return statistic.formed(self.bodies) if statistic.formed else self.others[statistic.name]
+        if statistic.formed:
+            return statistic.formed(self.formed_of(statistic.dimension))
+        return self.others[statistic.name]
 
     def of_rows(self, dimension: str, rows: np.ndarray) -> Moments:
         """Return those of some bodies or contacts, without balances."""
         bodies = OfBodies(*(values[rows] for values in self.bodies)) if dimension == BODY else self.bodies
+        points = OfBodies(*(values[rows] for values in self.formed_of(POINT))) if dimension == POINT else None
         others = {name: item[rows] for name, item in self.others.items() if STATISTICS[name].dimension == dimension}
-        return Moments(bodies, others, {})
+        return Moments(bodies, others, {}, points)
 
     def of_units(self, units: slice) -> Moments:
         """Return those of some units, on the last axis."""
@@ -65,7 +77,8 @@ class Moments(NamedTuple):
         others, balances = (
             {name: values[:, units] for name, values in item.items()} for item in (self.others, self.balances)
         )
-        return Moments(bodies, others, balances)
+        points = OfBodies(*(values[:, units] for values in self.formed_of(POINT)))
+        return Moments(bodies, others, balances, points)
 
 
 class Estimate(NamedTuple):
@@ -95,10 +108,10 @@ class Closing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of a dataset: a number for each body or contact."""
+    """A variable of a dataset: a number for each body, contact or point."""
 
     statistic: str  # the statistic that it is, or belongs to
-    dimension: str  # `BODY` or `CONTACT`
+    dimension: str  # `BODY`, `CONTACT` or `POINT`
     units: str
     long_name: str
     prefix: str = ""  # of its name, before the statistic
@@ -182,7 +195,7 @@ class Variance(Statistic):
 
     def averaged(self, moments: Moments, average: Average) -> Estimate:
         """Estimate E[x²] − E[x]², of which each unit has the influence x² − 2 E[x] x."""
-        bodies = moments.bodies
+        bodies = moments.formed_of(self.dimension)
         mean = average(bodies.x).value
         value, error = average(bodies.xx + bodies.load - 2.0 * mean[:, None] * bodies.x)
         return Estimate(np.maximum(value + mean**2, 0.0), error)
@@ -232,9 +245,29 @@ STATISTICS: dict[str, Statistic] = {
 """The default statistics by name."""
 
 
+def _at_points(statistic: Statistic) -> Statistic:
+    """Return the statistic of points that is formed as one of bodies."""
+    return replace(
+        statistic, statistic=f"point_{statistic.statistic}", dimension=POINT, balanced=False, event=None,
+        long_name=f"{statistic.long_name} at points", square=f"point_{statistic.square}" if statistic.square else "",
+    )  # fmt: skip
+
+
+OF_POINTS: dict[str, Statistic] = {
+    statistic.name: statistic
+    for statistic in (_at_points(item) for item in STATISTICS.values() if item.dimension == BODY and item.formed)
+}
+"""The default statistics of points by name, where structures have some."""
+
+
 def stationary() -> list[Statistic]:
-    """Return the statistics that do not depend on the time of observation."""
+    """Return the statistics of bodies and contacts that do not depend on the time of observation."""
     return [statistic for statistic in STATISTICS.values() if statistic.stationary]
+
+
+def statistic_of(name: str) -> Statistic:
+    """Return the statistic of a name."""
+    return OF_POINTS[name] if name in OF_POINTS else STATISTICS[name]
 
 
 def sampled_of(dimension: str) -> list[Sampled]:
@@ -250,8 +283,8 @@ def balances() -> list[Variable]:
 
 def variables() -> dict[str, Variable]:
     """Return everything that is estimated by name: values, plain means, balances."""
-    direct = [statistic.direct for statistic in stationary()]
-    return {variable.name: variable for variable in (*STATISTICS.values(), *direct, *balances())}
+    direct = [statistic.direct for statistic in (*stationary(), *OF_POINTS.values())]
+    return {variable.name: variable for variable in (*STATISTICS.values(), *OF_POINTS.values(), *direct, *balances())}
 
 
 def statistics(
@@ -259,6 +292,7 @@ def statistics(
     contacts: list[str],
     values: Mapping[str, np.ndarray],
     errors: Mapping[str, np.ndarray] | None = None,
+    points: Sequence[str] = (),
     **attributes: Any,
 ) -> xr.Dataset:
     """Return a labelled dataset of statistics.
@@ -268,9 +302,11 @@ def statistics(
     oscillators, contacts : list of str
         Labels of the two dimensions.
     values : mapping of str to ndarray
-        Values by the name of the statistic, one per oscillator or contact.
+        Values by the name of the statistic, one per oscillator, contact or point.
     errors : mapping of str to ndarray, optional
         Standard errors by the name of the statistic.
+    points : sequence of str, optional
+        Labels of the points of structures.
     **attributes
         Further attributes of the dataset.
 
@@ -279,7 +315,7 @@ def statistics(
     xarray.Dataset
         Variables for which there are no labels (no contacts, say) are left out.
     """
-    labels = {BODY: oscillators, CONTACT: contacts}
+    labels = {BODY: oscillators, CONTACT: contacts, POINT: list(points)}
     known = variables()
     data: Variables = {}
     for name, value in values.items():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.results.labels import Variables
-from impactlab.results.schema import BODY, CONTACT, Variable
+from impactlab.results.schema import BODY, CONTACT, POINT, Variable
 
 QUANTITIES = {
     quantity.name: quantity
@@ -20,6 +20,12 @@ QUANTITIES = {
 """What a snapshot holds, in the order of `impactlab.kernels.sums.write_snapshot`."""
 
 
+AT_POINTS = {
+    quantity: Variable(f"point_{quantity}", POINT, QUANTITIES[quantity].units, f"{quantity} at points")
+    for quantity in ("displacement", "velocity")
+}
+"""What follows of points of structures, by the quantity of the bodies."""
+
 STATES = Variable("law_state", "state", "", "state of a law")
 """What else it holds where laws have states, each with units of its own."""
 
@@ -28,11 +34,15 @@ TIME = {"units": "s", "long_name": "time"}
 
 
 class Snapshot(NamedTuple):
-    """Names of the bodies, contacts and states in a snapshot, of the last with units."""
+    """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
+
+    With the names of points there are the bodies of which each is a weighted sum, and their weights.
+    """
 
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
     states: tuple[tuple[str, str], ...] = ()
+    points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
 
     @property
     def size(self) -> int:
@@ -41,8 +51,9 @@ class Snapshot(NamedTuple):
 
     @property
     def quantities(self) -> list[Variable]:
-        """Those that it has: without contacts there are no forces."""
-        return [quantity for quantity in (*QUANTITIES.values(), STATES) if self.names(quantity.name)]
+        """Those that it has, or that follow: without contacts there are no forces."""
+        every = (*QUANTITIES.values(), STATES, *AT_POINTS.values())
+        return [quantity for quantity in every if self.names(quantity.name)]
 
     @property
     def coordinates(self) -> Variables:
@@ -61,6 +72,8 @@ class Snapshot(NamedTuple):
         """Return what a quantity is known of."""
         if quantity == STATES.name:
             return tuple(name for name, _ in self.states)
+        if quantity in (item.name for item in AT_POINTS.values()):
+            return tuple(name for name, _ in self.points)
         return self.contacts if QUANTITIES[quantity].dimension == CONTACT else self.bodies
 
     def place(self, quantity: str) -> slice:
@@ -77,9 +90,20 @@ class Snapshot(NamedTuple):
         first: int = self.place(quantity).start
         return first + self.names(quantity).index(name)
 
+    def values(self, quantity: Variable, snapshots: np.ndarray) -> np.ndarray:
+        """Return a quantity from snapshots, whose rows are the last axis."""
+        if quantity.dimension != POINT:
+            return snapshots[..., self.place(quantity.name)]
+        of_bodies = snapshots[..., self.place(quantity.name.removeprefix("point_"))]
+        result = np.zeros((*of_bodies.shape[:-1], len(self.points)))
+        for column, (_, row) in enumerate(self.points):
+            for body, weight in row:
+                result[..., column] += weight * of_bodies[..., body]
+        return result
+
     def labelled(self, values: np.ndarray, *dimensions: str) -> Variables:
         """Return variables of snapshots along other dimensions, the rows of which are the last axis."""
         return self.coordinates | {
-            item.name: ((*dimensions, item.dimension), values[..., self.place(item.name)], self.attributes(item))
+            item.name: ((*dimensions, item.dimension), self.values(item, values), self.attributes(item))
             for item in self.quantities
         }

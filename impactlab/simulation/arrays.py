@@ -109,6 +109,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             force=zeros((turning, lanes)),
             middle=zeros((turning, lanes)),
         ),
+        points=plan.points.sums(lanes, zeros),
     )
     parameters = with_states(forces.parameters, forces.states, lanes, zeros)
     return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), parameters)

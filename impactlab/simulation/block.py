@@ -15,7 +15,7 @@ from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import accept
 from impactlab.kernels.random import fill_normals
-from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, TRANSIENT_ROWS, F
+from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.cosine_series import Cosines, sample_count
@@ -47,6 +47,7 @@ class BlockResult:
     bodies: np.ndarray  # (batch, phase, row, body, lane)
     contacts: np.ndarray  # (batch, row, contact, lane)
     products: np.ndarray  # (batch, row, pair, lane)
+    points: np.ndarray  # (batch, phase, row, point, lane)
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
 
 
@@ -57,6 +58,7 @@ class Edge(NamedTuple):
     contacts: np.ndarray  # (row, contact, lane)
     products: np.ndarray  # (row, pair, lane)
     samples: np.ndarray  # (row, body, lane)
+    points: np.ndarray  # (row, point, lane), those of squares
 
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
@@ -407,7 +409,8 @@ class Block:
             self.advance(end - begin, sample)
             self._collect_sums()
             self.sums.bodies[:, :F] *= plan.method.interval  # states are added once per interval
-            totals = self._with_samples(self.sums.bodies, self.sums.samples), self.sums.contacts, self.sums.products
+            bodies = self._with_samples(self.sums.bodies, self.sums.samples)
+            totals = bodies, self.sums.contacts, self.sums.products, self.sums.points.sums
             if start is not None:
                 last = self._edge()
                 totals, start = self._over_time(begin, end, start, last), last
@@ -415,8 +418,8 @@ class Block:
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
             begin = end
-        bodies, contacts, products = kept
-        return BlockResult(bodies, contacts, products, [keeper.result() for keeper in keepers])
+        bodies, contacts, products, points = kept
+        return BlockResult(bodies, contacts, products, points, [keeper.result() for keeper in keepers])
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""
@@ -439,7 +442,8 @@ class Block:
         self._clear_sums()
         self.advance(steps, lambda snapshots: None)
         self._collect_sums()
-        return self._over_time(begin, begin + steps, first, self._edge())
+        bodies, contacts, products, _ = self._over_time(begin, begin + steps, first, self._edge())
+        return bodies, contacts, products
 
     def _edge(self) -> Edge:
         """Return what the state, of which a kick has just been made, adds to the sums."""
@@ -464,7 +468,8 @@ class Block:
         if products.size:
             i, j = self.sums.pairs.T
             products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
-        return Edge(bodies, contacts, products, samples)
+        phase = (self.now - 1) % plan.method.integrator.phases
+        return Edge(bodies, contacts, products, samples, plan.points.squares(phase, x, v, f))
 
     @staticmethod
     def _with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
@@ -475,7 +480,9 @@ class Block:
         rows[0] = samples
         return np.concatenate([bodies, rows], axis=1)
 
-    def _over_time(self, begin: int, end: int, first: Edge, last: Edge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _over_time(
+        self, begin: int, end: int, first: Edge, last: Edge
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
 
         Sums over kicks are of those that end the steps, other sums of the states that begin them.
@@ -497,11 +504,19 @@ class Block:
             if plan.noise.time_varying:
                 bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
             products = np.concatenate([products, sums.products + first.products - last.products])
-        return self._with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products
+        points = sums.points.sums.copy()
+        if plan.points:
+            before = plan.clock.spin_up_steps - 1
+            between = np.stack([np.zeros_like(plan.points.closed)] * 2 + [plan.points.closed] * 2)[..., None]
+            points[0, SQUARES] += ~between * half[4]
+            points[(before + begin) % phases, SQUARES] += between * first.points
+            points[(before + end) % phases, SQUARES] -= between * last.points
+        return self._with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products, points
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))
-        for total in (self.sums.bodies, self.sums.contacts, self.sums.products, self.sums.samples):
+        sums = self.sums
+        for total in (sums.bodies, sums.contacts, sums.products, sums.samples, sums.points.sums):
             total[:] = 0.0
 
     def _collect_sums(self) -> None:

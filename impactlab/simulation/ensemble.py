@@ -135,10 +135,7 @@ class _TiledBlock(Block):
             self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
 
 
-def merged(results: list[BlockResult]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Join the sums of all blocks along the realizations, in order."""
-    sums = [(result.bodies, result.contacts, result.products) for result in results]
-    if len(sums) == 1:  # without a copy
-        return sums[0]
-    bodies, contacts, products = (np.concatenate(of_blocks, axis=-1) for of_blocks in zip(*sums, strict=True))
-    return bodies, contacts, products
+def merged(results: list[BlockResult]) -> tuple[np.ndarray, ...]:
+    """Join the sums of all blocks over bodies, contacts, pairs and points along the realizations, in order."""
+    sums = [(result.bodies, result.contacts, result.products, result.points) for result in results]
+    return sums[0] if len(sums) == 1 else tuple(np.concatenate(kind, axis=-1) for kind in zip(*sums, strict=True))

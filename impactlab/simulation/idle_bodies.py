@@ -36,6 +36,7 @@ def split(
         labels[np.isin(labels, labels[slots])] = labels[slots[0]]
     idle = ~np.isin(labels, labels[busy])
     alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, dict)
+    alone = alone and not model.network.points  # whose structures would be torn apart
     if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
         return None
     return _only(model, ~idle), _only(model, idle)

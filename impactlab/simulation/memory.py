@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from impactlab.errors import InvalidInput
-from impactlab.kernels.rows import FLUX, PAIR_ROWS, TRANSIENT_ROWS
+from impactlab.kernels.rows import FLUX, PAIR_ROWS, POINT_ROWS, TRANSIENT_ROWS
 from impactlab.machine import available
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
@@ -29,6 +29,7 @@ def sizes(plan: Plan) -> tuple[int, int]:
     rows = (TRANSIENT_ROWS if whole else plan.rows) + len(sampled_of(BODY))
     of_sums = 8 * plan.method.integrator.phases * rows * bodies
     of_sums += 8 * (FLUX + 1 + len(sampled_of(CONTACT))) * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
+    of_sums += 8 * plan.method.integrator.phases * POINT_ROWS * len(plan.points)
     counted = Counted()
     allocate(plan, 1, counted)
     for tile in plan.subdomains.tiles:

@@ -20,6 +20,7 @@ from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import WINDOW, Observed
 from impactlab.plan.plan import Plan
+from impactlab.plan.points import Points
 from impactlab.plan.realizations import Realizations, block_shape, most_lanes
 from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains
@@ -56,14 +57,18 @@ def make_plan(model: Model, request: Request) -> Plan:
     series = driving.nbytes(integrator, clock.step, clock.all_steps)
     realizations = _realizations(model, request, clock, steps.jumping, series, grid)
     single = realizations.lanes == 1 and not steps.jumping  # one realization a block: loops over its bodies
+    method = Method.of(model, integrator, steps.step, steps.jumps(model, start, window, request.seed))
     return Plan(
         system=System.of(model),
         forces=Forces.of(
             model, _may_close(model, request, stiffening), single=single, kick=steps.step if integrator.kicks else None
         ),
-        method=Method.of(model, integrator, steps.step, steps.jumps(model, start, window, request.seed)),
+        method=method,
         noise=WhiteNoises.of(model, integrator, steps.step, request.seed, request.coarse),
         driving=driving,
+        points=Points.of(
+            model, method.flows, integrator.phases, driving.closed(method.groups, len(model.bodies)), steps.step
+        ),
         start=start,
         clock=clock,
         realizations=realizations,

@@ -36,7 +36,7 @@ from impactlab.records.trajectory_file import written
 from impactlab.results.dataset import opened, path_of, provenance, replacing, told, write
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, statistics
-from impactlab.results.snapshot import QUANTITIES, STATES
+from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.simulation.ensemble import merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.measured_step import measured, worth_measuring
@@ -220,7 +220,7 @@ def _simulate(network: Network, request: Request, execution: Execution, compared
         streamed = any(isinstance(item, Trajectory) for item in request.records)
         with told(str(out), temporary):
             write(dataset, temporary, append=streamed)
-    return opened(path_of(out), lazy=(*QUANTITIES, STATES.name))
+    return opened(path_of(out), lazy=(*QUANTITIES, STATES.name, *(item.name for item in AT_POINTS.values())))
 
 
 def _run_part(
@@ -321,6 +321,7 @@ def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuratio
         list(plan.system.contacts),
         {variable.name: found.value for variable, found in known.items()},
         {variable.name: found.error for variable, found in known.items()},
+        plan.points.names,
         **_attributes(plan, estimates, configuration),
     )
     variables = _of_contacts(plan, estimates) if plan.system.contacts else {}

@@ -15,7 +15,7 @@ import numpy as np
 from impactlab.errors import warn
 from impactlab.plan.clock import BATCH_TIMES, BATCHES, batches_wanted
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, STATISTICS
+from impactlab.results.schema import BODY, CONTACT, OF_POINTS, POINT, STATISTICS
 from impactlab.statistics.drift import drift_of
 from impactlab.statistics.ergodicity import Memory, memory_of
 from impactlab.statistics.heating import Heating, heating_of
@@ -41,13 +41,15 @@ class Estimates:
     remembered: str  # says that realizations settle into different motions; empty if they do not
 
 
-def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Estimates:
+def estimate(
+    plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
+) -> Estimates:
     """Estimate all default statistics from sums over the steps of each batch.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
-    products of pairs, (batch, row, pair, realization).
+    products of pairs, (batch, row, pair, realization), and of points, (batch, phase, row, point, realization).
     """
-    units = Units.of(plan, bodies, contacts, products)
+    units = Units.of(plan, bodies, contacts, products, points)
     random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
         _warn_of_few(plan)
@@ -77,17 +79,18 @@ def estimate(plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.
 
 def _by_realization(units: Units) -> dict[str, np.ndarray]:
     """Return statistics and balances of the realizations."""
-    statistics = {item.name: units.whole.of(item) for item in STATISTICS.values()}
+    known = (*STATISTICS.values(), *(OF_POINTS.values() if units.whole.points is not None else ()))
+    statistics = {item.name: units.whole.of(item) for item in known}
     balances = {STATISTICS[name].balance.name: item for name, item in units.whole.balances.items()}
     return {name: item.T for name, item in (statistics | balances).items()}
 
 
 def _forget(plan: Plan, values: Values) -> None:
     """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
-    of_bodies = ~plan.noise.random
-    of_contacts = ~plan.system.ends.any(plan.noise.random)
+    random = plan.noise.random
+    stills = {BODY: ~random, CONTACT: ~plan.system.ends.any(random), POINT: ~plan.points.shares.any(random)}
     for variable, (value, error) in values.labelled():
-        still = of_contacts if variable.dimension == CONTACT else of_bodies
+        still = stills[variable.dimension]
         error[still] = np.where(value[still] != 0.0, np.nan, 0.0)
 
 
@@ -101,9 +104,10 @@ def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Val
         same = np.ptp(moments.of(statistic), axis=-1) == 0.0
         error[same | (events.closings == 0.0)] = np.nan  # what was the same in all units is not known exactly
     widening = memory.widening(len(units.weights))
-    of_ends = plan.system.ends.largest(widening, 1.0)
+    ends, shares = plan.system.ends, plan.points.shares
+    widenings = {BODY: widening, CONTACT: ends.largest(widening, 1.0), POINT: shares.largest(widening, 1.0)}
     for variable, (_, error) in values.labelled():
-        error *= of_ends if variable.dimension == CONTACT else widening
+        error *= widenings[variable.dimension]
 
 
 def _warn_of_few(plan: Plan) -> None:

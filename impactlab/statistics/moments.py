@@ -6,10 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.integrators.arguments import Group
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV, XV, XX, F, V, X
-from impactlab.plan.driving import Driving
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_of
 from impactlab.statistics.balances import balances_of
@@ -67,7 +65,7 @@ def _of_bodies(
         means[..., ~complete] = np.nan
     mass, damping, stiffness = plan.system.linear
     chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
-    closed = _closed_flow(plan.method.groups, plan.driving, len(plan.system.bodies))
+    closed = plan.driving.closed(plan.method.groups, len(plan.system.bodies))
     steady = closed & ~np.isin(np.arange(len(closed)), plan.noise.white if plan.noise.time_varying else ())
     response, intensity = chain.response(), np.zeros(len(closed))
     intensity[plan.noise.white] = plan.noise.intensity
@@ -232,14 +230,4 @@ def _sawtooth(chain: Chain, s: np.ndarray) -> np.ndarray:
     )
     ff, fx = (s[:, row, slow].mean(axis=0) for row in (FF, FX))
     result[slow] = (of_squares * ff + of_places * chain.stiffness[slow, None] * fx) / chain.damping[slow, None] ** 2
-    return result
-
-
-def _closed_flow(groups: tuple[Group, ...], driving: Driving, bodies: int) -> np.ndarray:
-    """Bodies between whose kicks there is nothing but white noise, nor for the others of a group."""
-    result = np.ones(bodies, dtype=bool)
-    result[[body for lines in driving.lines for body in lines.bodies]] = False
-    result[driving.forced] = False
-    for group in groups:
-        result[group.slots] = result[group.slots].all()
     return result

@@ -12,6 +12,7 @@ from impactlab.plan.clock import BATCHES
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import CONTACT, Moments, sampled_of
 from impactlab.statistics.moments import moments_of
+from impactlab.statistics.point_moments import with_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,26 +27,36 @@ class Units:
     pushes: np.ndarray  # (body, unit) mean square of the forces of kicks; without rows if the method does not kick
 
     @classmethod
-    def of(cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Units:
+    def of(
+        cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
+    ) -> Units:
         """Return those of a run, from the sums of its batches; see `impactlab.statistics.estimate.estimate`."""
         ends, realizations = (0, *plan.clock.boundaries), bodies.shape[-1]
         steps = np.diff(ends).astype(float)
         counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
         total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
-        whole = [item.sum(axis=0) for item in (bodies, contacts, products)]
+        sums = bodies, contacts, products, points
+        whole = [item.sum(axis=0) for item in sums]
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
                 whole[1][row] = contacts[:, row].max(axis=0)
         alone = realizations >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
         if alone:
-            moments = moments_of(plan, whole[0], total, *whole[1:])
+            moments = _moments(plan, total, *whole)
             return cls(moments, moments, np.ones(realizations), steps, alone, pushes)
         counts = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
-        of_bodies, *others = map(_joined, whole, (bodies, contacts, products))
-        moments = moments_of(plan, of_bodies, counts, *others)
+        moments = _moments(plan, counts, *map(_joined, whole, sums))
         units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))
         return cls(units, of_whole, np.repeat(steps, realizations), steps, alone, pushes)
+
+
+def _moments(
+    plan: Plan, counts: np.ndarray, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
+) -> Moments:
+    """Return the moments of bodies, contacts and points, if there are any."""
+    moments = moments_of(plan, bodies, counts, contacts, products)
+    return with_points(plan, moments, bodies, counts, points) if plan.points else moments
 
 
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:

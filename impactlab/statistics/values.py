@@ -8,8 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import STATISTICS, Estimate, Moments, Statistic, Variable, stationary
-from impactlab.statistics.controls import controlled, neighbours, touching, unbalanced
+from impactlab.results.schema import (
+    OF_POINTS,
+    STATISTICS,
+    Estimate,
+    Moments,
+    Statistic,
+    Variable,
+    stationary,
+    statistic_of,
+)
+from impactlab.statistics.controls import controlled, moving, neighbours, touching, unbalanced
 from impactlab.statistics.regression import Mean
 
 
@@ -30,14 +39,16 @@ class Values:
         """
         balances = {name: mean(item) for name, item in moments.balances.items()}
         off = unbalanced(balances, plan.system.bodies, plan.noise.random)
-        combined, direct = {item.name: item.averaged(moments, mean) for item in stationary()}, {}
+        known = [*stationary(), *(OF_POINTS.values() if plan.points else ())]
+        combined, direct = {item.name: item.averaged(moments, mean) for item in known}, {}
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
         if usable.any() and mean.trusted and plan.clock.settled and not off:
             bodies = neighbours(plan.system.links.pairs, _kicked(plan))
             contacts = touching(plan.system.ends)
             direct, combined = combined, {}
-            for near in (bodies, contacts):
+            points = [moving(plan.points.shares, moments, bodies)] if plan.points else []
+            for near in (bodies, contacts, *points):
                 combined |= controlled(near, moments, mean, usable)
         of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
         for statistic in STATISTICS.values():
@@ -47,10 +58,11 @@ class Values:
 
     def labelled(self) -> Iterator[tuple[Variable, Estimate]]:
         """Give all with what they are called in a dataset."""
-        for statistic in STATISTICS.values():
-            yield statistic, self.combined[statistic.name]
+        for statistic in (*STATISTICS.values(), *OF_POINTS.values()):
+            if statistic.name in self.combined:
+                yield statistic, self.combined[statistic.name]
         for name, estimate in self.direct.items():
-            yield STATISTICS[name].direct, estimate
+            yield statistic_of(name).direct, estimate
         for name, estimate in self.balances.items():
             yield STATISTICS[name].balance, estimate
 
@@ -58,8 +70,8 @@ class Values:
         """Give values and plain means of bodies or of contacts."""
         for estimates in (self.combined, self.direct):
             for name, estimate in estimates.items():
-                if STATISTICS[name].dimension == dimension:
-                    yield STATISTICS[name], estimate
+                if statistic_of(name).dimension == dimension:
+                    yield statistic_of(name), estimate
 
 
 def _kicked(plan: Plan) -> np.ndarray:

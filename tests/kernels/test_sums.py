@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from impactlab.assembly.incidence import differences, gathering
-from impactlab.integrators.arguments import Closings, Flux, History, Sums, Turns
+from impactlab.integrators.arguments import Closings, Flux, History, PointSums, Sums, Turns
 from impactlab.integrators.driver import all_samples
 from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.kernels.rows import FF, FLUX, FV, FX, VV, XV, XX, F, V, X
 from impactlab.kernels.samples import adding
-from impactlab.kernels.sums import SLOTS, add_history, close_slot, empty_slots, write_snapshot
+from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
 
 BODIES, LANES, STEPS = 3, 11, SLOTS
 ENDS = np.array([[0, 1], [2, 3]])  # the second contact with the wall
@@ -26,7 +26,7 @@ def states():
     return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def empty_sums(phases, rows, half_kick=(), jitter=None):
+def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),)):
     bodies, contacts, products = (
         np.zeros((phases, rows, BODIES, LANES)),
         np.zeros((4, 2, LANES)),
@@ -39,10 +39,26 @@ def empty_sums(phases, rows, half_kick=(), jitter=None):
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
     jitters = np.zeros(0) if jitter is None else np.array(jitter)
     counting = Closings(before, jitters, np.zeros(0), 0.1)
-    turns = Turns(np.zeros(BODIES), *[np.zeros((0, LANES))] * 2)
+    turning = BODIES * bool(any(points))
+    turns = Turns(0.1 * np.arange(1.0, BODIES + 1.0), np.zeros((turning, LANES)), np.zeros((turning, LANES)))
+    slots = np.array([slot for row in points for slot in row], dtype=np.int64)
+    begin = np.cumsum([0, *map(len, points)]) if any(points) else np.zeros(1, dtype=np.int64)
+    weights = np.random.default_rng(3).normal(size=(phases, 9, len(slots)))
+    reading = PointSums(begin, slots, weights, np.zeros((phases, 5, len(begin) - 1, LANES)), np.zeros((4, LANES)))
     flux = Flux(WINDOW, half_kicks, *work)
     return Sums(
-        bodies, contacts, 3, np.zeros((0, BODIES, LANES)), products, ENDS, PAIRS, indices, counting, flux, turns
+        bodies,
+        contacts,
+        3,
+        np.zeros((0, BODIES, LANES)),
+        products,
+        ENDS,
+        PAIRS,
+        indices,
+        counting,
+        flux,
+        turns,
+        reading,
     )
 
 
@@ -79,6 +95,40 @@ def test_products_of_pairs(states, used):
     closed(states, used.stop - 1, True, sums)
     products = [left[used, PAIRS[:, 0]] * right[used, PAIRS[:, 1]] for left in quantities for right in quantities]
     np.testing.assert_allclose(sums.products, np.sum(products, axis=1), rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("phases", [1, 2])
+def test_squares_at_points(states, phases):
+    """Of four weighted sums of displacements, velocities and forces, whose weights depend on the phase."""
+    used, points = slice(1, 7), ((0, 2), (1,))
+    sums = empty_sums(phases, 9, points=points)
+    x, v, force = (item.copy() for item in states[:3])
+    empty_slots(states, 0, used.start)
+    closed(states, used.stop - 1, True, sums)
+    begin = sums.points.begin
+    for point, slots in enumerate(points):
+        for phase in range(phases):
+            steps = [step for step in range(used.start, used.stop) if step % phases == phase]
+            w = sums.points.weights[phase, :, begin[point] : begin[point + 1], None]
+            at, speed, push = (item[steps][:, list(slots)] for item in (x, v, force))
+            read = [w[0] * at, w[1] * speed + w[2] * push]
+            read += [w[k] * at + w[k + 1] * speed + w[k + 2] * push for k in (3, 6)]
+            expected = [(item.sum(axis=1) ** 2).sum(axis=0) for item in read]
+            np.testing.assert_allclose(sums.points.sums[phase, :4, point], expected, rtol=1e-12)
+
+
+def test_turns_at_points(states):
+    """The mean of two kicks times what the flow gives between them, of weighted sums."""
+    sums = empty_sums(1, 10, points=((0, 2),))
+    w, half = sums.points.weights[0, 0][:, None], sums.turns.half[[0, 2], None]
+    expected = np.zeros(LANES)
+    for now in range(4):
+        add_turns(states.force[now], states.v[now], now > 0, 0, sums)
+        if now:
+            kick = half * (states.force[now - 1] + states.force[now])[[0, 2]]
+            change = (states.v[now] - states.v[now - 1])[[0, 2]]
+            expected += (w * kick).sum(axis=0) * (w * (change - kick)).sum(axis=0)
+    np.testing.assert_allclose(sums.points.sums[0, 4, 0], expected, rtol=1e-12)
 
 
 def test_sums_wait_for_the_last_slot(states):
