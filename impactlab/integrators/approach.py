@@ -110,7 +110,7 @@ def of_lanes(noise, realizations):  # type: ignore[no-untyped-def]
     """Return the noise of some realizations."""
     return Noise(
         noise.bodies, noise.runs, noise.seconds, noise.amplitude, noise.streams, realizations, noise.scale,
-        noise.coarse, noise.normals,
+        noise.coarse, noise.normals, noise.which, noise.distinct,
     )  # fmt: skip
 
 

@@ -19,11 +19,13 @@ class Noise(NamedTuple):
     runs: np.ndarray  # (run, 3) bodies that follow each other: the first, its row or -1, number
     seconds: int  # first of the second rows
     amplitude: np.ndarray  # (phase, 2, row) of displacement and velocity, or nothing and force
-    streams: np.ndarray  # (3, row) addresses of the streams
+    streams: np.ndarray  # (3, stream) addresses of the streams, one for each row or, where rows share some, for those
     realizations: np.ndarray  # (lane,) indices
     scale: np.ndarray  # (1 or step, row) factor of the amplitude
     coarse: bool  # whether a step takes the noise of two steps of half the length
     normals: np.ndarray  # (4, row, lane) of four steps, single precision
+    which: np.ndarray  # (row,) number of the stream of each row, nothing where each row has its own
+    distinct: np.ndarray  # (4, stream, lane) normals of the streams, nothing where each row has its own
 
 
 class Series(NamedTuple):
@@ -195,11 +197,14 @@ class _Types:
     def __init__(self, single: bool) -> None:
         lane = 0 if single else 1
         numbers, table, cube, slots, pairs = array(1), array(2), array(3), array(1, i8), array(2, i8)
+        normals = array(2 + lane, f4)
         block, blocks, sums = array(1 + lane), array(2 + lane), array(3 + lane)
         self.forces = FORCES_OF_ONE if single else FORCES
         cross = named(Cross, pairs, table, table, table, pairs)
         self.tables = named(Tables, numbers, slots, cube, cross, table)
-        self.noise = named(Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, array(2 + lane, f4))
+        self.noise = named(
+            Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, normals, slots, normals
+        )
         self.series = named(Series, slots, cube, blocks)
         self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
         self.state = named(State, *[block] * 8, blocks)

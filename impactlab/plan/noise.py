@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -80,6 +81,14 @@ class WhiteNoises:
             common=common,
             coarse=coarse,
         )
+
+    @cached_property
+    def distinct(self) -> tuple[np.ndarray, np.ndarray]:
+        """Addresses of the streams that differ, (3, stream), and which of them each row has, nothing if all differ."""
+        if not self.common.any():
+            return self.streams, np.zeros(0, dtype=np.int64)
+        streams, which = np.unique(self.streams, axis=1, return_inverse=True)
+        return np.ascontiguousarray(streams), which.reshape(-1).astype(np.int64)
 
     def restricted(self, tile: Tile) -> WhiteNoises:
         """Return the noise on the bodies of a tile; the density belongs to the network, it is constant there."""

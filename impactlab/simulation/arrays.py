@@ -27,6 +27,7 @@ class Arrays(NamedTuple):
     history: History
     sums: Sums
     normals: np.ndarray  # (4, row, lane) of the noise, single precision
+    distinct: np.ndarray  # (4, stream, lane) the same of streams, where rows share some
     parameters: np.ndarray  # of the forces, with the states of laws at their start
 
 
@@ -112,4 +113,6 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         points=plan.points.sums(lanes, zeros),
     )
     parameters = with_states(forces.parameters, forces.states, lanes, zeros)
-    return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), parameters)
+    streams, which = plan.noise.distinct
+    of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
+    return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), of_streams, parameters)

@@ -81,7 +81,7 @@ class Block:
         lanes = len(self.realizations)
         # of each phase, by that of the plan
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
-        self.state, self.history, self.sums, self.normals, self.parameters = allocate(plan, lanes)
+        self.state, self.history, self.sums, self.normals, self.distinct, self.parameters = allocate(plan, lanes)
         self.sums.closings.before[:] = np.nan
         self.tables = plan.method.tables(self.parameters, plan.forces.indices)
         self.scale = np.ones((1, len(plan.noise.rows)))
@@ -308,16 +308,19 @@ class Block:
             of_phases = [mean[(phase - self.now) % phases :: phases].sum(axis=0) for phase in range(phases)]
             self.intensity += plan.noise.shares.added(np.array(of_phases))
             scale = np.ascontiguousarray(np.sqrt(mean)[:, plan.noise.noises])
+        streams, which = plan.noise.distinct
         return Noise(
             plan.noise.rows,
             plan.noise.runs,
             self.seconds,
             plan.noise.amplitude,
-            plan.noise.streams,
+            streams,
             self.realizations,
             scale,
             plan.noise.coarse,
             self.normals,
+            which,
+            self.distinct,
         )
 
     def _forced(self, count: int) -> Forced:

@@ -306,6 +306,27 @@ def test_every_bit_of_the_counter_counts():
     assert len(np.unique(normals_of(SEED, "body", "noise", lanes, 0, 1)[0])) == len(lanes)
 
 
+NONE = np.zeros(0, np.int64), np.zeros((4, 0, 5), np.float32)
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_rows_of_one_stream_have_its_normals(coarse):
+    """As if each row had drawn them for itself."""
+    streams = np.array([stream(SEED, name, "noise") for name in ("a", "b")], dtype=np.uint64).T.copy()
+    which, lanes = np.array([1, 0, 1]), np.arange(5, dtype=np.uint32)
+    rows, others = np.arange(3), (np.zeros((1, 2, 3)),)
+    found, expected = np.empty((2, 4, 3, 5), dtype=np.float32)
+    for normals, addresses, shared in (
+        (found, streams, (which, np.empty((4, 2, 5), np.float32))),
+        (expected, streams[:, which].copy(), NONE),
+    ):
+        runs = np.array([[0, 0, 3]])
+        fill_steps(
+            Noise(rows, runs, 3, *others, addresses, lanes, np.ones((1, 3)), coarse, normals, *shared), 7, normals
+        )
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_a_coarse_step_has_the_noise_of_two():
     """Sums of two steps each, over √2, in their order; and the same blocks where the noise is not coarse."""
     streams = np.array([stream(SEED, name, "noise") for name in ("a", "b")], dtype=np.uint64)
@@ -314,7 +335,9 @@ def test_a_coarse_step_has_the_noise_of_two():
     fine = np.stack([normals_of(SEED, name, "noise", lanes, 6, 2) for name in ("a", "b")])
     for coarse in (False, True):
         normals = np.empty((4, 2, 5), dtype=np.float32)
-        noise = Noise(np.arange(2), runs, 2, np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse, normals)
+        noise = Noise(
+            np.arange(2), runs, 2, np.zeros((1, 2, 2)), streams, lanes, np.ones((1, 2)), coarse, normals, *NONE
+        )
         fill_steps(noise, 3 if coarse else 6, normals)
         expected = (fine[:, 0::2] + fine[:, 1::2]) / math.sqrt(2.0) if coarse else fine[:, :4]
         np.testing.assert_allclose(normals.swapaxes(0, 1), expected, rtol=1e-6, atol=1e-7)
