@@ -142,6 +142,11 @@ class Composition:
         return MappingProxyType(self._expanded.contacts)
 
     @property
+    def named_contacts(self) -> Mapping[str, Contact]:
+        """The contacts by name as they were given, with the names of points."""
+        return MappingProxyType(self._contacts)
+
+    @property
     def excitations(self) -> Mapping[str, Any]:
         """The excitations by the name of the body that they act on, and the sources by their own.
 

@@ -126,7 +126,7 @@ def _notes(network: impactlab.Network, row: list[str], drawn: dict[str, Contact]
     else:
         hidden = [
             f"{name} ({contact.first}, {contact.second})"
-            for name, contact in network.contacts.items()
+            for name, contact in network.named_contacts.items()
             if name not in drawn
         ]
         if hidden:

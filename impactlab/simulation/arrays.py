@@ -82,7 +82,6 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     slots = 0 if plan.subdomains.tiles else SLOTS
     history = History(*[zeros((slots, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2])
     sampled = sampled_of(CONTACT)
-    turning = observed.bodies * (plan.rows > TURN)
     sums = Sums(
         bodies=zeros((method.integrator.phases, plan.rows, observed.bodies, lanes)),
         contacts=zeros((FLUX + 1 + len(sampled), observed.contacts, lanes)),
@@ -105,14 +104,17 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             push=zeros(((bodies + 1) * single * bool(len(forces.half_kick)), lanes)),
             kick=zeros((contacts * single, lanes)),
         ),
-        turns=Turns(
-            half=0.5 * plan.clock.step / system.linear[0],
-            force=zeros((turning, lanes)),
-            middle=zeros((turning, lanes)),
-        ),
+        turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
     )
     parameters = with_states(forces.parameters, forces.states, lanes, zeros)
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), of_streams, parameters)
+
+
+def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:
+    """Return the last kick, where what flows add to velocities is summed."""
+    turning = plan.observed.bodies * (plan.rows > TURN)
+    half = 0.5 * plan.clock.step / plan.system.linear[0]
+    return Turns(half=half, force=zeros((turning, lanes)), middle=zeros((turning, lanes)))

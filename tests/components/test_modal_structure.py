@@ -9,6 +9,7 @@ from scipy.linalg import eigh
 
 import impactlab as il
 from impactlab.assembly.model import Model
+from impactlab.plotting.drawing import draw_network
 
 LAW = il.HertzContact(1e4)
 BEAM = il.ModalStructure([10.0, 60.0, 170.0], 0.02, points={"tip": [2.0, -2.0, 2.0], "mid": [0.7, 1.4, 0.0]})
@@ -59,6 +60,13 @@ def test_modes_and_their_data():
         "beam.tip": {"beam.1": 2.0, "beam.2": -2.0, "beam.3": 2.0},
         "beam.mid": {"beam.1": 0.7, "beam.2": 1.4},
     }
+
+
+def test_drawing():
+    network = il.Network(
+        {"beam": BEAM}, {"stop": il.Contact("beam.tip", il.WALL, LAW)}, {"beam.tip": il.WhiteNoise(1.0)}
+    )
+    assert "Not drawn: stop (beam.tip, WALL)" in [text.get_text() for text in draw_network(network).axes[0].texts]
 
 
 def test_points_are_weighted_sums_of_modes():
