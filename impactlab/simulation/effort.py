@@ -94,7 +94,8 @@ class Effort:
         looks: tuple[int, ...] = (segments,)
         if plan.steady and not plan.driving.lines and (segments >= 4 * FEWEST or model.remembering):
             most = segments * max(1, int(UNCLEAR_SECONDS / seconds))
-            looks = (segments // 4, *range(segments, most + 1, segments))
+            looks = tuple(range(segments, most + 1, segments))
+            looks = (segments // 4, *looks) if segments >= 4 else looks
         return cls(realizations, spin_up, steps, tuple(range(0, looks[-1] * steps, steps)), 0, looks)
 
 
