@@ -209,21 +209,12 @@ class _Types:
         self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)
-        self.sums = named(
-            Sums,
-            sums,
-            blocks,
-            i8,
-            blocks,
-            blocks,
-            pairs,
-            pairs,
-            slots,
+        closings, points = (
             named(Closings, blocks, numbers, numbers, f8),
-            named(Flux, numbers, table, blocks, block, block),
-            named(Turns, numbers, block, block),
             named(PointSums, slots, slots, cube, sums, block),
         )
+        flux, turns = named(Flux, numbers, table, blocks, block, block), named(Turns, numbers, block, block)
+        self.sums = named(Sums, sums, blocks, i8, blocks, blocks, pairs, pairs, slots, closings, flux, turns, points)
         self.steps = named(Steps, f8, i8, i8, b1, b1, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
         self.functions = named(Functions, self.forces, i8, i8, i8, i8)

@@ -199,16 +199,11 @@ class GaussianLaw:
 
     def _amplitudes(self, body: str, quantity: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the frequencies and the amplitudes of the cosines in a displacement or a velocity."""
-        index = self.bodies.index(body)
-        return [
-            (
-                item.frequencies,
-                item.amplitudes
-                * np.abs(item.receptance[:, index])
-                * (item.frequencies if quantity == "velocity" else 1.0),
-            )
-            for item in self.cosines
-        ]
+        index, result = self.bodies.index(body), []
+        for item in self.cosines:
+            amplitudes = item.amplitudes * np.abs(item.receptance[:, index])
+            result.append((item.frequencies, amplitudes * item.frequencies if quantity == "velocity" else amplitudes))
+        return result
 
     def _characteristic(self, body: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the nodes t, in units of 1/σ, and the weights of ``p(z) = Σ weight cos(t z)``.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -61,13 +62,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     bodies, contacts, rows, single = len(system.bodies), len(system.ends), len(plan.noise.rows), plan.single
 
     plain = system.ends.plain
-
-    def of_bodies() -> np.ndarray:
-        return zeros((bodies + 1, lanes))
-
-    def of_contacts() -> np.ndarray:
-        return zeros((contacts, lanes))
-
+    of_bodies, of_contacts = partial(zeros, (bodies + 1, lanes)), partial(zeros, (contacts, lanes))
     state = State(
         x=of_bodies(),
         v=of_bodies(),

@@ -293,10 +293,9 @@ class Block:
         )
 
     def _noise(self, count: int) -> Noise:
-        plan = self.plan
-        scale = self.scale
-        if plan.noise.time_varying:
-            mean, _, least = self._over_steps(count, self.module.intensity, plan.noise.shares.noises)
+        plan, noise, scale = self.plan, self.plan.noise, self.scale
+        if noise.time_varying:
+            mean, _, least = self._over_steps(count, self.module.intensity, noise.shares.noises)
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
                 time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
@@ -306,22 +305,11 @@ class Block:
                 )
             phases = plan.method.integrator.phases
             of_phases = [mean[(phase - self.now) % phases :: phases].sum(axis=0) for phase in range(phases)]
-            self.intensity += plan.noise.shares.added(np.array(of_phases))
-            scale = np.ascontiguousarray(np.sqrt(mean)[:, plan.noise.noises])
-        streams, which = plan.noise.distinct
-        return Noise(
-            plan.noise.rows,
-            plan.noise.runs,
-            self.seconds,
-            plan.noise.amplitude,
-            streams,
-            self.realizations,
-            scale,
-            plan.noise.coarse,
-            self.normals,
-            which,
-            self.distinct,
-        )
+            self.intensity += noise.shares.added(np.array(of_phases))
+            scale = np.ascontiguousarray(np.sqrt(mean)[:, noise.noises])
+        streams, which = noise.distinct
+        numbers = noise.amplitude, streams, self.realizations, scale, noise.coarse, self.normals
+        return Noise(noise.rows, noise.runs, self.seconds, *numbers, which, self.distinct)
 
     def _forced(self, count: int) -> Forced:
         plan = self.plan

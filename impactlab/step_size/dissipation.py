@@ -46,42 +46,24 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     They are means (of contacts) and root mean squares (of what always acts) of ``∂F/∂v Σ w²/m`` over normal velocities
     of the energy that the bodies bring, at some indentations, extensions or displacements.
     """
-    inverse_mass = 1.0 / model.mass
-    energy = np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
-    mobility = model.ends.squares(inverse_mass)
-    contacts = _rates(
-        model.contact_laws,
-        "force",
-        np.multiply.outer(stiffening.penetration, DEPTHS),
-        mobility,
-        energy[model.ends.first()],
-        1.0,
-    )
-    extension = _deviations(energy[model.coupled.first()], stiffening.couplings)
-    couplings = _rates(
-        model.coupling_laws,
-        "force",
-        np.multiply.outer(extension, PLACES),
-        model.coupled.squares(inverse_mass),
-        energy[model.coupled.first()],
-    )
-    displacement = _deviations(energy, model.stiffness + stiffening.bodies)
-    bodies = np.zeros(len(model.mass))
-    residual = np.flatnonzero(model.residual)
+    mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
+    depths, of_contacts = np.multiply.outer(stiffening.penetration, DEPTHS), energy[model.ends.first()]
+    contacts = _rates(model.contact_laws, "force", depths, model.ends.squares(mobility), of_contacts, 1.0)
+    of_couplings = energy[model.coupled.first()]
+    extensions = _places(of_couplings, stiffening.couplings)
+    couplings = _rates(model.coupling_laws, "force", extensions, model.coupled.squares(mobility), of_couplings)
+    bodies, residual = np.zeros(len(model.mass)), np.flatnonzero(model.residual)
     oscillators = list(model.network.oscillators.values())
-    bodies[residual] = _rates(
-        [oscillators[slot] for slot in residual],
-        "residual",
-        np.multiply.outer(displacement[residual], PLACES),
-        inverse_mass[residual],
-        energy[residual],
-    )
+    bent = [oscillators[slot] for slot in residual]
+    displacements = _places(energy, model.stiffness + stiffening.bodies)[residual]
+    bodies[residual] = _rates(bent, "residual", displacements, mobility[residual], energy[residual])
     return contacts, couplings, bodies
 
 
-def _deviations(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Standard deviations of springs at some energies, 0 where there is none."""
-    return np.asarray(np.sqrt(np.divide(energy, stiffness, out=np.zeros_like(energy), where=stiffness > 0.0)))
+def _places(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Return `PLACES` in standard deviations of springs at some energies, 0 where there is none, (spring, place)."""
+    deviation = np.sqrt(np.divide(energy, stiffness, out=np.zeros_like(energy), where=stiffness > 0.0))
+    return np.asarray(np.multiply.outer(deviation, PLACES))
 
 
 def _rates(
