@@ -179,10 +179,7 @@ SCENES = {
     "standard solid": (stopped(SolidContact(500.0, more=2000.0, relaxation=0.05), 0.02), {"duration": 50.0, **MANY}),
 }  # fmt: skip
 
-QUICK = (
-    "impacts on a soft wall", "one drop", "Maxwell element", "hysteresis under a given force", "body that slips",
-    "two slopes",
-)  # fmt: skip
+QUICK = "one drop", "Maxwell element", "two slopes"
 
 
 def measured(network, **options):
@@ -225,10 +222,8 @@ COARSE = {  # steps near those of the rules
 
 
 @pytest.mark.parametrize(
-    "scene",
-    [pytest.param(name, marks=() if name in ("two slopes", "body that slips") else pytest.mark.campaign)
-     for name in COARSE],
-)  # fmt: skip
+    "scene", [pytest.param(name, marks=() if name in QUICK else pytest.mark.campaign) for name in COARSE]
+)
 def test_what_is_measured_is_what_is_true(scene):
     """Sign and size of the bias of a coarse step, within a factor of two."""
     network, options = SCENES[scene]
