@@ -143,7 +143,7 @@ class Source(Component):
     excitation : Excitation
         What all of them feel.
     on : mapping of str to float, or str
-        Weight of the force on each body, by the body's name. A name alone has the weight 1.
+        Weight of the force on each body, or point of a structure, by its name. A name alone has the weight 1.
 
     Raises
     ------

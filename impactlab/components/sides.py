@@ -36,7 +36,7 @@ class Combination:
     Parameters
     ----------
     weights : mapping of str to float
-        Weight of each body by its name.
+        Weight of each body, or point of a structure, by its name.
 
     Raises
     ------

@@ -62,7 +62,7 @@ AT_POINTS = ["point_mean_displacement", "point_variance_displacement"]
 
 @pytest.mark.parametrize(
     ("count", "duration", "realizations"),
-    [(4, 50.0, 64), pytest.param(10, 400.0, 256, marks=pytest.mark.campaign)],
+    [(4, 50.0, 64), pytest.param(6, 200.0, 128, marks=pytest.mark.campaign)],
 )
 def test_modes_against_elements(count, duration, realizations):
     modal, discrete = (
