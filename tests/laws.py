@@ -113,3 +113,18 @@ class Interval(il.Excitation):
     @staticmethod
     def intensity(time, level, begin, end):
         return level if begin < time < end else 1e-6 * level
+
+
+class Slider(il.Oscillator):
+    """Body on a spring that slips at some force (Jenkins)."""
+
+    spring: float = il.parameter(units="N m-1")
+    most: float = il.parameter(units="N")
+    slip: float = il.state(0.0, units="m")
+
+    def residual(displacement, spring, slip):
+        return spring * (displacement - slip)
+
+    def update(displacement, slip, spring, most):
+        play = most / spring
+        return min(max(slip, displacement - play), displacement + play)

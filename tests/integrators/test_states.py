@@ -2,9 +2,11 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import Slider
 
 import impactlab as il
 from impactlab.assembly.generate import generate
@@ -42,21 +44,6 @@ def test_a_law_of_a_few_lines_rebounds_as_theory_says():
         options = {"integrator": method, "initial": {"velocity": {"a": 1.0}}, "record": il.Trajectory(0.2)}
         result = il.simulate(network, 0.2, step=1e-5, **options)
         assert float(result.velocity.isel(time=-1).squeeze()) == pytest.approx(-0.5, abs=2e-5)
-
-
-class Slider(il.Oscillator):
-    """Body on a spring that slips at some force (Jenkins)."""
-
-    spring: float = il.parameter(units="N m-1")
-    most: float = il.parameter(units="N")
-    slip: float = il.state(0.0, units="m")
-
-    def residual(displacement, spring, slip):
-        return spring * (displacement - slip)
-
-    def update(displacement, slip, spring, most):
-        play = most / spring
-        return min(max(slip, displacement - play), displacement + play)
 
 
 class Counting(il.CouplingLaw):
@@ -161,7 +148,7 @@ def test_plain_python_gives_the_same_numbers(run_python, tmp_path):
     text = """
 import sys
 import numpy as np
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1:]
 from test_states import block_of, everything
 for realizations in (1, 2):
     block = block_of(everything(), 2e-3, realizations)
@@ -169,8 +156,8 @@ for realizations in (1, 2):
     print(*block.states.ravel())
 """
     (tmp_path / "run.py").write_text(text, encoding="utf-8")
-    here = __file__.rpartition("/")[0] or "."
-    printed = run_python(tmp_path / "run.py", here, NUMBA_DISABLE_JIT="1").splitlines()
+    here = Path(__file__).parent
+    printed = run_python(tmp_path / "run.py", here, here.parent, NUMBA_DISABLE_JIT="1").splitlines()
     for realizations, line in zip((1, 2), printed, strict=True):
         block = block_of(everything(), 2e-3, realizations)
         block.advance(40, None)

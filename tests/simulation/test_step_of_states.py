@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from laws import Cosine
+from laws import Cosine, Slider
 from scenes import plan_of
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -51,21 +51,6 @@ class SolidContact(il.ContactLaw):
 
     def update(indentation, elapsed, flow, relaxation):
         return flow + (max(indentation, 0.0) - flow) * -math.expm1(-elapsed / relaxation)
-
-
-class Slider(il.Oscillator):
-    """Body on a spring that slips at some force (Jenkins)."""
-
-    spring: float = il.parameter(units="N m-1")
-    most: float = il.parameter(units="N")
-    slip: float = il.state(0.0, units="m")
-
-    def residual(displacement, spring, slip):
-        return spring * (displacement - slip)
-
-    def update(displacement, slip, spring, most):
-        play = most / spring
-        return min(max(slip, displacement - play), displacement + play)
 
 
 class SlidingCoupling(il.CouplingLaw):
