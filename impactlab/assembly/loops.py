@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
-from impactlab.components.evaluation import ELAPSED, UPDATE
+from impactlab.components.evaluation import ELAPSED, TIME, UPDATE
 
 _TAKEN = frozenset({
     "above", "after", "at", "begin", "below", "body", "clear", "clearance", "contact_force", "count", "differences",
@@ -16,8 +16,8 @@ _TAKEN = frozenset({
     "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
     "off", "off_after", "off_end", "parameters", "push_back", "r",
     "range", "rate", "refined", "response", "result", "row", "rows",
-    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "times", "total", "v",
-    "velocity", "x",
+    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "time", "times",
+    "total", "v", "velocity", "x",
 })  # fmt: skip
 
 _SLOWING = '''
@@ -89,6 +89,7 @@ class Loop(NamedTuple):
             f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
             + (f" with {', '.join(kind.parameters)}" if names else "")
             + (f"; states {', '.join(kind.states)}" if kind.states else ""),
+            *([f"{TIME} = parameters[-2] + parameters[-1]"] if kind.timed else []),
             f"for run in range(indices[{at}]):",
             f"    at = indices[{at + 1}] + {size} * run",
             *(f"    {name} = indices[at{f' + {k}' if k else ''}]" for k, name in enumerate(entries)),
@@ -107,12 +108,18 @@ class Loop(NamedTuple):
     def call(self, values: Mapping[str, str]) -> str:
         """Call the kernel of the kind."""
         kinematic, fields = self.kind.component.arguments(self.kind.kernel)
+        values = {TIME: TIME, **values}
         return f"{self.name}({', '.join([*(values[item] for item in kinematic), *map(_local, fields)])})"
 
     def over_kick(self, place: str, speed: str) -> str:
         """Call the function that solves the force of the kind for the velocity that it changes."""
-        fields = self.kind.component.arguments(self.kind.kernel)[1]
-        return f"{self.name}_over_kick({', '.join([place, speed, 'response', *map(_local, fields)])})"
+        return f"{self.name}_over_kick({', '.join([place, speed, 'response', *self.over_kick_takes])})"
+
+    @property
+    def over_kick_takes(self) -> list[str]:
+        """What that function takes besides: the time, if the kernel takes it, and its fields."""
+        kinematic, fields = self.kind.component.arguments(self.kind.kernel)
+        return [*([TIME] if TIME in kinematic else []), *map(_local, fields)]
 
     def at_trial(self, **values: str) -> list[str]:
         """Find the states at a trial place, if the force reads them."""
@@ -122,7 +129,7 @@ class Loop(NamedTuple):
         """Assign the states at some place to a result."""
         kinematic, fields = self.kind.component.arguments(UPDATE)
         old = {state: f"{row}[member, lane]" for state, row in zip(self.kind.states, self.rows, strict=True)}
-        values = {**values, ELAPSED: "parameters[-1]"}
+        values = {**values, ELAPSED: "parameters[-1]", TIME: TIME}
         arguments = [*(values[item] for item in kinematic), *(old.get(item, _local(item)) for item in fields)]
         return f"{result} = {name_of(self.name, self.kind, UPDATE)}({', '.join(arguments)})"
 
@@ -150,7 +157,7 @@ def _times(sign: str, count: int) -> str:
 def slowing(loop: Loop) -> str:
     """Write the function that solves a force for the velocity that it changes."""
     component, kernel = loop.kind.component, loop.kind.kernel
-    place, speed = component.kernels[kernel]
+    place, speed, *_ = component.kernels[kernel]
     at = {
         "speed": "speed",
         "nudged": "speed - 0.001 * given",
@@ -159,7 +166,7 @@ def slowing(loop: Loop) -> str:
         "below": "r - near",
     }
     calls = {item: loop.call({place: place, speed: value}) for item, value in at.items()}
-    fields = "".join(f", {_local(field)}" for field in component.arguments(kernel)[1])
+    fields = "".join(f", {item}" for item in loop.over_kick_takes)
     return _SLOWING.format(name=loop.name, place=place, fields=fields, **calls)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, joined
 from impactlab.components.component import Component, finite
-from impactlab.components.evaluation import UPDATE
+from impactlab.components.evaluation import TIME, UPDATE
 
 PLACES, HEADER = 3, 2
 """Entries of `Members.indices` before those of the kinds, and for each kind."""
@@ -65,6 +65,12 @@ class Kind:
     def kernels(self) -> tuple[str, ...]:
         """Names of the kernels that loops over the members call."""
         return (self.kernel, UPDATE) if self.states else (self.kernel,)
+
+    @property
+    def timed(self) -> bool:
+        """Whether a law takes the time."""
+        taken = {item for name in self.kernels for item in self.component.arguments(name)[0]}
+        return TIME in taken and self.role in LAWS
 
     @property
     def fields(self) -> tuple[str, ...]:

@@ -190,6 +190,21 @@ class Model:
         return len(self.members.states) > 0
 
     @cached_property
+    def timed(self) -> np.ndarray:
+        """Whether a law that depends on time acts on each body, (body,) of bool."""
+        result = np.zeros(len(self.bodies) + 1, dtype=bool)
+        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
+            if not kind.timed:
+                continue
+            if kind.role == "force":
+                result[self.ends.chosen(leading[:, 0]).slots] = True
+            elif kind.role == "combination":
+                result[self.links.chosen(leading[:, 0]).slots] = True
+            else:
+                result[leading] = True
+        return result[:-1]
+
+    @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
         """Names of the points of structures, with the slots of the bodies of which they are sums, and their weights."""
         slots = {name: slot for slot, name in enumerate(self.bodies)}

@@ -23,11 +23,12 @@ from typing import Any, ClassVar, Self, dataclass_transform
 import numpy as np
 
 import impactlab
-from impactlab.components.evaluation import NUMBERS, UPDATE, Found, at_new_states, number_of
+from impactlab.components.evaluation import NUMBERS, TIME, UPDATE, Found, at_new_states, by_name, number_of
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.errors import InvalidInput
 
-_POTENTIALS = "potential", "residual_potential"
+_POTENTIALS = {"potential": "force", "residual_potential": "residual"}
+"""Kernels of potentials, and of the forces that they are integrals of."""
 
 _LIMITS = {
     "minimum": ("at least", operator.lt),
@@ -64,6 +65,7 @@ class Component:
             if name in cls.__dict__:
                 _make_kernel(cls, name, kinematic)
         _check_states(cls)
+        _check_potentials(cls)
         _REGISTRY.setdefault(cls.__name__, {})[cls.__module__] = cls
 
     def __new__(cls, /, *values: Any, **fields: Any) -> Self:
@@ -186,14 +188,14 @@ class Component:
         name : str
             Name of the kernel.
         *kinematic : array_like
-            All kinematic arguments of the family's kernel, in order.
+            All kinematic arguments of the family's kernel, in order; the time may be left out, and is 0 then.
 
         Returns
         -------
         ndarray of float
         """
         function, used, fields = self.kernel(name)
-        values = dict(zip(self.kernels[name], kinematic, strict=True))
+        values = by_name(self.kernels[name], kinematic)
         filled = [getattr(self, field) for field in fields]
         shape = np.broadcast_shapes(*(np.shape(value) for value in kinematic))
         arguments = [np.asarray(values[item], dtype=float) for item in used]
@@ -310,6 +312,15 @@ def _check_states(cls: type[Component]) -> None:
         if getattr(cls, potential, None) is not None:
             raise InvalidInput(
                 f"{cls.__name__} has states ({some}), so that its force depends on the past: it has no {potential}."
+            )
+
+
+def _check_potentials(cls: type[Component]) -> None:
+    """Refuse potentials of forces that change in time."""
+    for potential, force in _POTENTIALS.items():
+        if getattr(cls, potential, None) is not None and cls.has_kernel(force) and TIME in cls.arguments(force)[0]:
+            raise InvalidInput(
+                f"{cls.__name__}.{force} depends on time, so that it has no {potential}: write {potential} = None."
             )
 
 

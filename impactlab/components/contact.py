@@ -23,17 +23,18 @@ class ContactLaw(Component):
     stationary laws possible. A law with fields that are a `impactlab.state` defines
     ``update(indentation, rate, elapsed, ...)``, which returns their values at an
     indentation (negative where the contact is open), `elapsed` seconds after they had
-    those that it is given; ``force`` is given what ``update`` returns.
+    those that it is given; ``force`` is given what ``update`` returns. Either may take the
+    `time` since the beginning of the measurement (s) as well.
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "force": ("indentation", "rate"),
+        "force": ("indentation", "rate", "time"),
         "potential": ("indentation",),
-        "update": ("indentation", "rate", "elapsed"),
+        "update": ("indentation", "rate", "elapsed", "time"),
     }
     required: ClassVar[tuple[str, ...]] = ("force",)
 
-    def evaluate(self, indentation: Any, rate: Any = 0.0) -> np.ndarray:
+    def evaluate(self, indentation: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
         """Return the contact force for arrays of indentations and their rates, from the start values of states.
 
         Parameters
@@ -42,6 +43,8 @@ class ContactLaw(Component):
             Indentation (m); the contact is open where it is not positive.
         rate : array_like
             Rate of the indentation (m s-1).
+        time : array_like
+            Time since the beginning of the measurement (s).
 
         Returns
         -------
@@ -49,13 +52,16 @@ class ContactLaw(Component):
             Force (N), 0 where the contact is open.
         """
         indentation = np.asarray(indentation, dtype=float)
-        force = self.call("force", np.maximum(indentation, 0.0), rate)
+        force = self.call("force", np.maximum(indentation, 0.0), rate, time)
         return np.where(indentation > 0.0, force, 0.0)
 
 
-def contact_forces(laws: Sequence[ContactLaw], indentation: np.ndarray) -> np.ndarray:
+_BEGIN = np.zeros((1, 1))
+
+
+def contact_forces(laws: Sequence[ContactLaw], indentation: np.ndarray, time: np.ndarray = _BEGIN) -> np.ndarray:
     """Return what `ContactLaw.evaluate` gives for many laws, each at its row of indentations, (law, point)."""
-    force = call_each(laws, "force", np.maximum(indentation, 0.0), np.zeros_like(indentation))
+    force = call_each(laws, "force", np.maximum(indentation, 0.0), np.zeros_like(indentation), time)
     return np.where(indentation > 0.0, force, 0.0)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from impactlab.components.component import Component, take_part
 from impactlab.components.fields import parameter, state
 from impactlab.components.sides import Side, check_sides, plain_sides
+from impactlab.errors import InvalidInput
 
 
 class CouplingLaw(Component):
@@ -20,12 +21,12 @@ class CouplingLaw(Component):
     the bodies together). A law with fields that are a `impactlab.state` defines
     ``update(extension, rate, elapsed, ...)``, which returns their values at an extension,
     `elapsed` seconds after they had those that it is given; ``force`` is given what ``update``
-    returns.
+    returns. Either may take the `time` since the beginning of the measurement (s) as well.
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "force": ("extension", "rate"),
-        "update": ("extension", "rate", "elapsed"),
+        "force": ("extension", "rate", "time"),
+        "update": ("extension", "rate", "elapsed", "time"),
     }
     required: ClassVar[tuple[str, ...]] = ("force",)
 
@@ -39,9 +40,9 @@ class CouplingLaw(Component):
         """Whether the force depends on the rate, or on the past."""
         return "rate" in self.kernel("force")[1] or bool(self.state_names())
 
-    def evaluate(self, extension: Any, rate: Any = 0.0) -> np.ndarray:
-        """Return the force (N) for arrays of extensions (m) and rates (m s-1), from the start values of states."""
-        return self.call("force", extension, rate)
+    def evaluate(self, extension: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
+        """Return the force (N) for arrays of extensions (m), rates (m s-1) and times (s), from the start of states."""
+        return self.call("force", extension, rate, time)
 
 
 class LinearCoupling(CouplingLaw):
@@ -57,6 +58,11 @@ class LinearCoupling(CouplingLaw):
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     damping: float = parameter(0.0, units="N s m-1", minimum=0.0)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        if "force" in cls.__dict__:
+            raise InvalidInput(f"{cls.__name__} would be taken for linear: derive it from il.CouplingLaw.")
+        super().__init_subclass__(**options)
 
     @property
     def linear(self) -> tuple[float, float]:

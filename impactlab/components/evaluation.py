@@ -13,6 +13,9 @@ import numpy as np
 UPDATE, ELAPSED = "update", "elapsed"
 """Kernel that returns the states of a law, and its argument of time: how long ago those that it takes were accepted."""
 
+TIME = "time"
+"""Argument of a kernel that is the time since the beginning of the measurement (s), the last of the kinematic ones."""
+
 NUMBERS = (int, float, np.number)
 """Types of numbers; truth values are among them."""
 
@@ -22,11 +25,17 @@ Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 
 
+def by_name(names: Sequence[str], kinematic: Sequence[Any]) -> dict[str, Any]:
+    """Return kinematic arguments by their names; the time is 0 where it is left out."""
+    left_out = names[len(kinematic) :] == (TIME,)
+    return dict(zip(names, (*kinematic, np.zeros(())) if left_out else kinematic, strict=True))
+
+
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
     """Evaluate a kernel of many components of any classes in Python, each on its row of arrays, (component, point).
 
-    The arrays are all kinematic arguments of the family's kernel, in order. The result is NaN where a function of
-    Python overflows or is not defined, which compiled ones do not tell.
+    The arrays are all kinematic arguments of the family's kernel, in order; see `by_name`. The result is NaN where a
+    function of Python overflows or is not defined, which compiled ones do not tell.
     """
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     by_class: dict[Any, list[int]] = {}
@@ -36,7 +45,7 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     parts = [(cls, all_[k : k + most]) for cls, all_ in by_class.items() for k in range(0, len(all_), most)]
     for cls, rows in parts:
         function, used, fields = cls.kernel(name)
-        values = dict(zip(cls.kernels[name], kinematic, strict=True))
+        values = by_name(cls.kernels[name], kinematic)
         shape = len(rows), result.shape[1]
         columns = [np.broadcast_to(values[item], result.shape)[rows].ravel().tolist() for item in used]
         for field in fields:

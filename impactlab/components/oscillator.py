@@ -19,7 +19,8 @@ class Oscillator(Component):
     ``residual_potential(displacement, ...)``, its integral if it has one (J, 0 at 0).
     Subclasses with fields that are a `impactlab.state` define ``update(displacement, velocity,
     elapsed, ...)``, which returns their values at a displacement, `elapsed` seconds after they had
-    those that it is given; ``residual`` is given what ``update`` returns.
+    those that it is given; ``residual`` is given what ``update`` returns. Either may take the `time`
+    since the beginning of the measurement (s) as well.
 
     Parameters
     ----------
@@ -32,9 +33,9 @@ class Oscillator(Component):
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "residual": ("displacement", "velocity"),
+        "residual": ("displacement", "velocity", "time"),
         "residual_potential": ("displacement",),
-        "update": ("displacement", "velocity", "elapsed"),
+        "update": ("displacement", "velocity", "elapsed", "time"),
     }
 
     _: KW_ONLY

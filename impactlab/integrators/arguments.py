@@ -174,6 +174,8 @@ class Steps(NamedTuple):
     passes: int  # how often the forces of a kick are evaluated with the velocities that they give, 0: with none
     summing: bool  # whether every step adds to the sums
     remembering: bool  # whether laws have states
+    clocked: bool  # whether they have some or depend on time
+    spin_up: int  # index of the step that begins at time 0
     first: int  # index of the first step
     number: int
     every: int  # steps between snapshots, 0 for none
@@ -215,7 +217,7 @@ class _Types:
         )
         flux, turns = named(Flux, numbers, table, blocks, block, block), named(Turns, numbers, block, block)
         self.sums = named(Sums, sums, blocks, i8, blocks, blocks, pairs, pairs, slots, closings, flux, turns, points)
-        self.steps = named(Steps, f8, i8, i8, b1, b1, i8, i8, i8, i8)
+        self.steps = named(Steps, f8, i8, i8, b1, b1, b1, i8, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
         self.functions = named(Functions, self.forces, i8, i8, i8, i8)
         self.loop = void(

@@ -14,7 +14,7 @@ from numba import i8, void
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
-from impactlab.kernels.memory import Accepted, set_elapsed, write_states
+from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
@@ -43,6 +43,7 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.fill, own_noise, now // 4)
         if series.bodies.shape[0] and (index == 0 or sample == 0):
             call(functions.near, own_series, steps.samples * now - sample)
+        set_accepted(tables, steps, now)
         set_elapsed(tables, steps, steps.step)
         step(functions.forces, tables, driven, state, history, steps, index)
         if steps.remembering:  # the step is accepted: states of laws change now, and never at a trial

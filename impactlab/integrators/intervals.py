@@ -39,7 +39,7 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
     return (
         isinstance(integrator, ExactFlow)
         and integrator.jumps
-        and not (model.lines or model.forced or model.time_varying)
+        and not (model.lines or model.forced or model.time_varying or model.timed.any())
         and not every_step
     )
 
@@ -49,6 +49,7 @@ def in_one_piece(model: Model) -> list[str]:
     wanted = {
         "couplings": len(model.coupled),
         "laws with states": model.remembering,  # which may change while a contact is open
+        "laws that depend on time": model.timed.any(),
         "contacts of weighted bodies": not model.ends.plain,
         "points of structures": len(model.points),
         "sources of noise": model.sources["intensity"].beyond_own,

@@ -1,7 +1,7 @@
 """The states of laws in a block: behind the parameters of the forces, lane by lane, with the time since they held.
 
-A block whose laws have states has a copy of the parameters of its own. Behind them stand the states, a row of lanes
-each, and last of all the time that has passed since they were accepted.
+A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand the
+states, a row of lanes each, then the time at which the last step was accepted, and last of all what has passed since.
 """
 
 from __future__ import annotations
@@ -52,14 +52,16 @@ def _accept(function, x, v, parameters, indices):  # type: ignore[no-untyped-def
     call(function, address_of(borrow(Accepted(x, v, parameters, indices))), 0)
 
 
+TIMES = 2
+"""Numbers behind the states: the time of the last accepted step, and what has passed since (s)."""
+
+
 def with_states(parameters: np.ndarray, states: np.ndarray, lanes: int, zeros: Callable[..., np.ndarray]) -> np.ndarray:
-    """Return parameters with the states of some lanes at their start values, or the same array where there are none."""
-    if not len(states):
-        return parameters
-    numbers = zeros((len(parameters) + len(states) * lanes + 1,))
+    """Return parameters with the states of some lanes at their start values, and the times behind them."""
+    numbers = zeros((len(parameters) + len(states) * lanes + TIMES,))
     if numbers.flags.writeable:  # else memory is only counted
         numbers[: len(parameters)] = parameters
-        numbers[len(parameters) : -1] = np.repeat(states, lanes)
+        numbers[len(parameters) : -TIMES] = np.repeat(states, lanes)
     return numbers
 
 
@@ -67,12 +69,12 @@ def with_states(parameters: np.ndarray, states: np.ndarray, lanes: int, zeros: C
 def remembered(parameters, place, count, block):  # type: ignore[no-untyped-def]
     """Return a state of members in a row, [member, lane]; `place` counts rows from the end, `block` has the lanes."""
     lanes = block.shape[1]
-    return rows_of_lanes(parameters, parameters.shape[0] - 1 - place * lanes, count, lanes)
+    return rows_of_lanes(parameters, parameters.shape[0] - TIMES - place * lanes, count, lanes)
 
 
 @instead_of(remembered)
 def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-untyped-def]
-    return rows(parameters, parameters.shape[0] - 1 - place, count)
+    return rows(parameters, parameters.shape[0] - TIMES - place, count)
 
 
 @kernel
@@ -87,7 +89,14 @@ def write_states(parameters, sums, snapshots, index):  # type: ignore[no-untyped
 
 
 @scalar
+def set_accepted(tables, steps, now):  # type: ignore[no-untyped-def]
+    """Tell laws that the last accepted step is that before some step."""
+    if steps.clocked:
+        tables.parameters[tables.parameters.shape[0] - 2] = (now - steps.spin_up) * steps.step
+
+
+@scalar
 def set_elapsed(tables, steps, time):  # type: ignore[no-untyped-def]
-    """Tell the laws that have states how long ago these were accepted (s)."""
-    if steps.remembering:
+    """Tell laws how long ago the last step was accepted (s)."""
+    if steps.clocked:
         tables.parameters[tables.parameters.shape[0] - 1] = time

@@ -1,13 +1,21 @@
-"""Given functions of time, forces and intensities: what they are like, looked at on irregular times."""
+"""Given functions of time, forces and intensities: what they are like, looked at on irregular times.
+
+Laws that depend on time are such functions as well, at places where they are looked at.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.components.component import Component
+from impactlab.components.evaluation import TIME
 from impactlab.components.excitation import Excitation, Source
+from impactlab.components.sides import weights_of
 from impactlab.errors import InvalidInput
 from impactlab.linear.transitions import response_to_force, transition
 
@@ -31,6 +39,9 @@ FINEST = 1e-9
 
 SHORTER = 0.7
 """Factor between steps that are tried."""
+
+_PLACES_OF_LAWS = 0.0, 1.0
+"""Where laws that depend on time are looked at: at rest, and where most of them act (m)."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -79,14 +90,42 @@ def joined(mean: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return mean.mean(axis=-1), (3.0 * mean * middle + slope / PANELS).mean(axis=-1)
 
 
-def kinds_of(model: Model) -> dict[Excitation, str]:
-    """Return the excitations that are functions of time, and the names of their kernels."""
-    result = {}
+@dataclass(frozen=True)
+class LawInTime:
+    """Force of a law at some place and at rest: a function of time as a given force is."""
+
+    law: Component
+    place: float  # (m)
+
+    def call(self, kind: str, times: np.ndarray) -> np.ndarray:
+        """Return the force at some times, 0 where the law is not made for the place (N)."""
+        try:
+            return self.law.call(kind, self.place, 0.0, times)
+        except (InvalidInput, OverflowError):
+            return np.zeros_like(times)
+
+
+def laws_in_time(model: Model) -> Iterator[tuple[Component, str, dict[str, float]]]:
+    """Give the laws that depend on time, their kernels, and what a unit of their force is on bodies, by name."""
+    network = model.network
+    for links, sign in ((network.contacts, -1.0), (network.couplings, 1.0)):
+        for link in links.values() if model.timed.any() else ():
+            if TIME in link.law.kernel("force")[1]:
+                yield link.law, "force", {name: sign * weight for name, weight in weights_of(link).items()}
+    for name, body in network.oscillators.items():
+        if body.has_kernel("residual") and TIME in body.kernel("residual")[1]:
+            yield body, "residual", {name: -1.0}
+
+
+def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
+    """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
+    result: dict[Excitation | LawInTime, str] = {}
     for item in model.network.excitations.values():
         excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
             result[excitation] = kind
+    result |= {LawInTime(law, place): kernel for law, kernel, _ in laws_in_time(model) for place in _PLACES_OF_LAWS}
     return result
 
 
@@ -97,13 +136,15 @@ def irregular_times(begin: float, end: float, count: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def look_at(excitation: Excitation, kind: str, begin: float, end: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+def look_at(
+    excitation: Excitation | LawInTime, kind: str, begin: float, end: float, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return irregular times and the values of an excitation there."""
     times = irregular_times(begin, end, count)
     return times, np.asarray(excitation.call(kind, times), dtype=float)
 
 
-def look(model: Model, excitation: Excitation, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+def look(model: Model, excitation: Excitation | LawInTime, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return irregular times, fewer where a network has many functions, and the values of an excitation there."""
     of_time = kinds_of(model)
     return look_at(excitation, of_time[excitation], begin, end, max(LOOKS // len(of_time), 4 * SPOTS))
@@ -114,22 +155,24 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
 
     Around times that are drawn in proportion to the square of a function, it is compared with the linear function of
     time by which a step would know it; the relative difference must be below `UNSEEN` at the share `MOST` of them. So
-    what matters is where the function is large, however short that is, and how fast it varies there, not any period. A
-    function that varies at any step is refused.
+    what matters is where the function is large, however short that is, and how fast it varies there, not any period; of
+    laws it is what differs from their mean. A function that varies at any step is refused.
     """
     step, of_time = longest, kinds_of(model)
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
     for excitation, kind in of_time.items():
         times, values = look(model, excitation, begin, end)
-        if not (np.isfinite(values).all() and values.any()):
+        mean_of_law = values.mean() if isinstance(excitation, LawInTime) else 0.0
+        if not (np.isfinite(values).all() and (values != mean_of_law).any()):
             continue
+        values = values - mean_of_law
         chosen = _drawn(values, spots)
         at, value = times[chosen], values[chosen]
         place = (np.sqrt(2.0) * np.arange(1, spots + 1)) % 1.0  # of the time within the step
         step = min(step, end - begin)
         while True:
             first = np.clip(at - place * step, begin, end - step)
-            mean, slope = mean_and_slope(np.asarray(excitation.call(kind, first[:, None] + step * NODES)))
+            mean, slope = mean_and_slope(excitation.call(kind, first[:, None] + step * NODES) - mean_of_law)
             unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
             if np.quantile(unseen, MOST) <= UNSEEN:
                 break
@@ -140,19 +183,23 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
 
 
 def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
-    """Return the largest energy that given forces bring to a body without contacts and couplings (J).
+    """Return the largest energy that given forces, and laws at rest, bring to a body alone (J).
 
     The body starts at rest. Where the force varies faster than it is looked at, it acts like noise of its
     size, which brings more; where it is large it is looked at more closely, since it may be short.
     """
-    excitations = model.sources["force"].on(slot)
+    excitations: list[tuple[Excitation | LawInTime, float]] = [*model.sources["force"].on(slot)]
+    for law, _, bodies in laws_in_time(model):
+        if weight := bodies.get(model.bodies[slot]):
+            excitations.append((LawInTime(law, 0.0), weight))
+    kinds = kinds_of(model)
     looks = [look(model, excitation, begin, end) for excitation, _ in excitations]
     times = looks[0][0]
     force = np.sum([weight * values for (_, weight), (_, values) in zip(excitations, looks, strict=True)], axis=0)
     interval = (end - begin) / len(times)
     places = np.unique(_drawn(force, SPOTS)) if force.any() else np.zeros(0, dtype=int)
     inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
-    force[places] = sum(weight * item.call("force", inside).mean(axis=1) for item, weight in excitations)
+    force[places] = sum(weight * item.call(kinds[item], inside).mean(axis=1) for item, weight in excitations)
     m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]
     (a_xx, a_xv), (a_vx, a_vv) = transition(m, c, k, np.zeros(1), interval)[0][0].tolist()
     of_x, of_v = response_to_force(m, c, k, interval)[0, :2].tolist()

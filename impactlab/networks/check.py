@@ -80,7 +80,7 @@ class NetworkCheck:
         energy = energies(model, "stationary", until)
         growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
         energy = np.where(growing, np.inf, energy)
-        stiffening = stiffening_of(model, energy)
+        stiffening = stiffening_of(model, energy, end=until)
         known = np.isfinite(energy) | ~model.nonlinear_bodies
         methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
         rows = {name: _steps(model, item, stiffening, until) for name, item in sorted(methods.items())}
@@ -171,7 +171,7 @@ def _arranged(model: Model, integrator: Integrator, stiffening: Stiffening) -> M
 
 def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[str, Any]:
     """Return the variables of the contacts; NaN where the energy of a body is not known."""
-    static = Stiffening.of(model, np.zeros_like(stiffening.energy)).penetration
+    static = Stiffening.of(model, np.zeros_like(stiffening.energy), stiffening.times).penetration
     unknown = ~model.ends.all(known)
     inverse = model.ends.squares(1.0 / model.mass)
     tangent = np.where(unknown, np.nan, stiffening.contacts)
@@ -202,6 +202,8 @@ def _modes(
         note = "No bias is predicted: no body is under white noise."
     elif model.remembering:
         note = "No bias is predicted: laws have states."
+    elif model.timed.any():
+        note = "No bias is predicted: laws depend on time."
     elif model.sources["intensity"].joining:
         note = "No bias is predicted: one white noise drives several bodies."
     elif exact is None:

@@ -14,6 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import evaluate
+from impactlab.kernels.memory import TIMES, with_states
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
 
@@ -42,6 +43,8 @@ class CompiledNetwork:
                 f"A network is no function of displacements and velocities alone where laws have states: {some}."
             )
         self._module = build(generate(self.model))
+        members = self.model.members
+        self._parameters = with_states(members.parameters, members.states, 1, np.zeros)
         bodies, contacts = len(self.model.bodies), len(self.model.contacts)
         self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))
         self._contacts = np.zeros((1, contacts, 1)), np.zeros((1, contacts, 1))
@@ -52,23 +55,22 @@ class CompiledNetwork:
         model = self.model
         bodies = len(model.bodies)
         x, v = y[:bodies], y[bodies:]
-        force = self._forces(x, v) - model.stiffness * x - model.damping * v
+        force = self._forces(t, x, v) - model.stiffness * x - model.damping * v
         if model.forced:
             self._module.forcing(np.array([float(t)]), model.members.parameters, model.members.indices, self._given)
             number, body, weight = model.sources["force"].drives
             np.add.at(force, body, weight * self._given[0, number])
         return np.concatenate([v, force / model.mass])
 
-    def _forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _forces(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the non-linear forces on the bodies; the contacts' are kept."""
-        self._x[0, :-1, 0], self._v[0, :-1, 0] = x, v
-        model = self.model
+        self._x[0, :-1, 0], self._v[0, :-1, 0], self._parameters[-TIMES] = x, v, t
         evaluate(
             self._module.forces,
             self._x,
             self._v,
-            model.members.parameters,
-            model.members.indices,
+            self._parameters,
+            self.model.members.indices,
             *self._contacts,
             self._total,
         )
@@ -112,8 +114,8 @@ class CompiledNetwork:
         """
         bodies = len(self.model.bodies)
         forces = np.empty((len(t), len(self.model.contacts)))
-        for index, column in enumerate(np.asarray(y).T):
-            self._forces(column[:bodies], column[bodies:])
+        for index, (time, column) in enumerate(zip(t, np.asarray(y).T, strict=True)):
+            self._forces(time, column[:bodies], column[bodies:])
             forces[index] = self._contacts[1][0, :, 0]
         snapshots = np.hstack([np.asarray(y).T, forces])
         variables = Snapshot(self.model.bodies, self.model.contacts, points=self.model.points).labelled(

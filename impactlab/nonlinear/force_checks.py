@@ -12,7 +12,7 @@ from impactlab.components.component import Component
 from impactlab.components.evaluation import call_each
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import spread
-from impactlab.nonlinear.tangent_stiffness import Stiffening
+from impactlab.nonlinear.tangent_stiffness import Stiffening, moments
 
 LARGEST = 1e100
 """Size (m, m s-1, N) from which a number counts as infinite: its square and a sum of those must be finite."""
@@ -49,16 +49,20 @@ _ARTICLES = {"indentation": "an", "extension": "an", "displacement": "a"}
 _RATES = {"indentation": "rate", "extension": "rate", "displacement": "velocity"}
 
 
-def stiffening_of(model: Model, energy: np.ndarray) -> Stiffening:
-    """Return what forces add to the stiffness at some energies of the bodies; refuse forces as `check_forces` does."""
-    return _stiffening(model, np.asarray(energy, dtype=float).tobytes())
+def stiffening_of(model: Model, energy: np.ndarray, begin: float = 0.0, end: float = 0.0) -> Stiffening:
+    """Return what forces add to the stiffness at some energies of the bodies, between two times (s).
+
+    Refuse forces as `check_forces` does.
+    """
+    times = moments(model, begin, end)
+    return _stiffening(model, np.asarray(energy, dtype=float).tobytes(), times.tobytes())
 
 
 @kept
-def _stiffening(model: Model, energies: bytes) -> Stiffening:
+def _stiffening(model: Model, energies: bytes, times: bytes) -> Stiffening:
     energy = np.frombuffer(energies)
     with np.errstate(over="ignore", invalid="ignore"):  # of forces that are not finite, which is said in words
-        stiffening = Stiffening.of(model, energy)
+        stiffening = Stiffening.of(model, energy, np.frombuffer(times))
     check_forces(model, stiffening.penetration, energy)
     return stiffening
 

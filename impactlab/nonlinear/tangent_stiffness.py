@@ -11,10 +11,10 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
-from impactlab.components.evaluation import call_each
+from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
-from impactlab.linear.given_functions import kinds_of, largest_energy, look
+from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look
 from impactlab.linear.laws import flexibility, hottest, line_variances, spread, white_variances
 from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
 
@@ -23,6 +23,11 @@ PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
 
 SCATTER = 1.5
 """Factor between energies that a short pilot finds and those that the step is made for."""
+
+MOMENTS = 12
+"""Times of a run at which laws that depend on time are looked at."""
+
+_BEGIN = np.zeros(1)
 
 LARGER = 1.1
 """Factor from which on another stiffness of a law takes the place of the tangent at the thermal energy."""
@@ -45,9 +50,14 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     heat += model.mass * line_variances(model)[1]
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, _energy_of(model, start))
-    for slot in model.forced:
+    for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()}):
         heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
     return hottest(model, heat)
+
+
+def moments(model: Model, begin: float, end: float) -> np.ndarray:
+    """Return times between two others at which laws that depend on time are looked at, 0 where there are none (s)."""
+    return irregular_times(begin, end, MOMENTS) if model.timed.any() and end > begin else _BEGIN
 
 
 def measured_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
@@ -67,9 +77,11 @@ def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     displacement, velocity = start
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
     result = np.append(energy, 0.0)
-    of_contacts = _work(_Contacts(model.contact_laws), model.ends.gap(displacement) - model.clearance)
+    contacts = _Contacts(model.contact_laws, np.zeros(len(model.ends)))
+    couplings = _Forces(model.coupling_laws, np.zeros(len(model.coupled)))
+    of_contacts = _work(contacts, model.ends.gap(displacement) - model.clearance)
     np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
-    of_couplings = np.maximum(_work(_Forces(model.coupling_laws), -model.coupled.gap(displacement)), 0.0)
+    of_couplings = np.maximum(_work(couplings, -model.coupled.gap(displacement)), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
 
@@ -88,6 +100,8 @@ class Stiffening:
     """Forces of contacts, couplings and bodies over all energies, NaN where they are known to be powers, and the row of
     each item, -1 where it has none.
     """
+    times: np.ndarray
+    """Times at which laws that depend on time were looked at (s); what is known of a law is of when it is stiffest."""
 
     @property
     def plain(self) -> bool:
@@ -100,8 +114,8 @@ class Stiffening:
         return np.concatenate([self.contacts, self.couplings])
 
     @classmethod
-    def of(cls, model: Model, energy: np.ndarray) -> Stiffening:
-        """Evaluate a scene at some energies of its bodies.
+    def of(cls, model: Model, energy: np.ndarray, times: np.ndarray = _BEGIN) -> Stiffening:
+        """Evaluate a scene at some energies of its bodies, and laws that depend on time at some times (s).
 
         The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
         ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
@@ -110,29 +124,30 @@ class Stiffening:
         overlap = np.maximum(-model.clearance, 0.0)
         compliance = np.where(overlap > 0.0, model.ends.squares(yielding), 0.0)
         columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
-        found, places = of_unique(_penetrations, list(zip(model.contact_laws, *columns, strict=True)), 3 + COLUMNS)
+        rows = list(zip(model.contact_laws, *columns, strict=True))
+        found, places = _at_stiffest(_penetrations, rows, "force", times, 1, 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         of_contacts = Profiles.of(found[3:]), places
         rest = model.ends.pushes(force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
         springs, heats = model.coupling[0], energy[model.coupled.first()]
         none, laws, oscillators = np.zeros_like(springs), model.coupling_laws, [*model.network.oscillators.values()]
-        couplings, of_couplings = _beside_springs(_Forces, laws, springs == 0.0, none, heats)
-        bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy)
+        couplings, of_couplings = _beside_springs(_Forces, laws, springs == 0.0, none, heats, times)
+        bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy, times)
         profiles = of_contacts, of_couplings, of_bodies
-        return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles)
+        return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles, times)
 
 
 class _Forces:
-    """Forces of some couplings in the rows of an array of places, (member, point)."""
+    """Forces of some couplings at a time each, in the rows of an array of places, (member, point)."""
 
     kernel = "force"
 
-    def __init__(self, members: Sequence[Any]) -> None:
-        self.members = members
+    def __init__(self, members: Sequence[Any], times: np.ndarray) -> None:
+        self.members, self.times = members, times
 
     def __call__(self, place: np.ndarray) -> np.ndarray:
-        return call_each(self.members, self.kernel, place, np.zeros_like(place))
+        return call_each(self.members, self.kernel, place, np.zeros_like(place), self.times[:, None])
 
     def along(self, places: np.ndarray) -> np.ndarray:
         """Return the forces of a single member."""
@@ -140,7 +155,7 @@ class _Forces:
 
     def of(self, rows: np.ndarray) -> Self:
         """Return those of some of the members."""
-        return type(self)([self.members[row] for row in rows])
+        return type(self)([self.members[row] for row in rows], self.times[rows])
 
 
 class _Residuals(_Forces):
@@ -149,7 +164,7 @@ class _Residuals(_Forces):
 
 class _Contacts(_Forces):
     def __call__(self, place: np.ndarray) -> np.ndarray:
-        return contact_forces(self.members, place)
+        return contact_forces(self.members, place, self.times[:, None])
 
 
 def of_unique(
@@ -164,25 +179,48 @@ def of_unique(
     return found, np.array([places[row] for row in rows])
 
 
+def _at_stiffest(
+    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], kernel: str, times: np.ndarray, row: int,
+    count: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return what `of_unique` does of a function that takes members, times and numbers, at one of some times.
+
+    It is that at which a row of results is largest; laws that do not depend on time have no time but 0.
+    """
+    timed = [TIME in member.kernel(kernel)[1] for member, *_ in rows]
+    moments = times.tolist() if any(timed) else [0.0]
+    expanded = [
+        (item[0], moment if depends else 0.0, *item[1:])
+        for item, depends in zip(rows, timed, strict=True)
+        for moment in moments
+    ]
+    found, places = of_unique(function, expanded, count)
+    places = places.reshape(len(rows), len(moments))
+    return found, places[np.arange(len(rows)), found[row, places].argmax(axis=1)]
+
+
 def _beside_springs(
-    kind: type[_Forces], members: Sequence[Any], chosen: np.ndarray, springs: np.ndarray, energy: np.ndarray
-) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:
+    kind: type[_Forces], members: Sequence[Any], chosen: np.ndarray, springs: np.ndarray, energy: np.ndarray,
+    times: np.ndarray,
+) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:  # fmt: skip
     """Return the stiffness of chosen members beside springs, 0 of others, and profiles as `Stiffening` has them."""
     slots = np.flatnonzero(chosen)
     rows = [(members[slot], float(springs[slot]), float(energy[slot])) for slot in slots.tolist()]
-    found, places = of_unique(partial(_tangents, kind), rows, 1 + COLUMNS)
+    found, places = _at_stiffest(partial(_tangents, kind), rows, kind.kernel, times, 0, 1 + COLUMNS)
     stiffness, at = np.zeros(len(members)), np.full(len(members), -1)
     stiffness[slots], at[slots] = found[0, places], places
     return stiffness, (Profiles.of(found[1:]), at)
 
 
-def _tangents(kind: type[_Forces], members: Sequence[Any], stiffness: np.ndarray, energy: np.ndarray) -> np.ndarray:
+def _tangents(
+    kind: type[_Forces], members: Sequence[Any], times: np.ndarray, stiffness: np.ndarray, energy: np.ndarray
+) -> np.ndarray:
     """Stiffness of forces that act on both sides, beside a spring, and their profiles, (1 + COLUMNS, row).
 
     It is the largest tangent within the amplitudes where they and the spring have stored the energy, or that
     of the profile.
     """
-    forces = kind(members)
+    forces = kind(members, times)
 
     def stored(sign: float, amplitude: np.ndarray, rows: np.ndarray) -> np.ndarray:
         force, spring = forces.of(rows), stiffness[rows, None]
@@ -261,10 +299,10 @@ def _work(force: Callable[[np.ndarray], np.ndarray], length: np.ndarray) -> np.n
 
 
 def _penetrations(
-    laws: Sequence[ContactLaw], energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
+    laws: Sequence[ContactLaw], times: np.ndarray, energy: np.ndarray, overlap: np.ndarray, compliance: np.ndarray
 ) -> np.ndarray:
     """Penetrations, stiffnesses, static forces and profiles of contacts, (3 + COLUMNS, contact)."""
-    forces = _Contacts(laws)
+    forces = _Contacts(laws, times)
 
     def stored(depth: np.ndarray, rows: np.ndarray) -> np.ndarray:
         return _work(forces.of(rows), depth)

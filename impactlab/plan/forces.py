@@ -22,6 +22,7 @@ class Forces:
     indices: np.ndarray
     states: np.ndarray  # of laws at the start; see `impactlab.assembly.members.Members`
     labels: tuple[tuple[str, str], ...]  # names of the states, and their units
+    timed: np.ndarray  # (body,) whether a law that depends on time acts on it
     passes: int  # how often a kick evaluates forces that depend on velocities, 0 where there are none
     likely: np.ndarray  # (contact,) whether each may close in the run
     kicked: np.ndarray  # (body,) whether these, couplings that do not flow or a residual force act on it
@@ -31,6 +32,11 @@ class Forces:
     step, what those in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
     """
 
+    @property
+    def clocked(self) -> bool:
+        """Whether laws have states or depend on time."""
+        return bool(len(self.states) or self.timed.any())
+
     @classmethod
     def of(cls, model: Model, likely: np.ndarray, *, single: bool, kick: float | None) -> Forces:
         """Return the forces of a model for a method that kicks at a step (s), or None, in blocks of one lane or many.
@@ -39,7 +45,7 @@ class Forces:
         """
         return cls(
             generate(model, single), model.members.parameters, model.members.indices, model.members.states,
-            model.states, model.passes, likely, _kicked(model, likely),
+            model.states, model.timed, model.passes, likely, _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 
@@ -47,8 +53,8 @@ class Forces:
         """Return the forces in a tile."""
         with_wall = np.append(tile.bodies, len(self.kicked))
         return replace(
-            self, parameters=tile.parameters, indices=tile.indices, likely=self.likely[tile.contacts],
-            kicked=self.kicked[tile.bodies], half_kick=self.half_kick[:, with_wall],
+            self, parameters=tile.parameters, indices=tile.indices, timed=self.timed[tile.bodies],
+            likely=self.likely[tile.contacts], kicked=self.kicked[tile.bodies], half_kick=self.half_kick[:, with_wall],
         )  # fmt: skip
 
 

@@ -47,8 +47,13 @@ class Plan:
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
-        transient = self.start.given or self.noise.time_varying or len(self.driving.forced)
+        transient = self.start.given or self.noise.time_varying or self.led
         return not transient and bool(len(self.noise.white) or self.driving.lines)
+
+    @property
+    def led(self) -> bool:
+        """Whether given forces, or laws that depend on time, lead bodies to their motion."""
+        return bool(len(self.driving.forced) or self.forces.timed.any())
 
     @property
     def random(self) -> bool:

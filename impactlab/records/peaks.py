@@ -14,7 +14,7 @@ from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.kernels.histogram import add_crossings
 from impactlab.linear.laws import extent
-from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
+from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, moments
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
@@ -88,10 +88,12 @@ class PeakForces(Record):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
         heat = energies(model, "stationary", 1.0)
-        if len(model.coupled) and not model.forced:  # what couplings carry is not as hot as a heavy base
+        led = model.forced or model.timed.any()
+        if len(model.coupled) and not led:  # what couplings carry is not as hot as a heavy base
             warm = model.mass * extent(model)[1] ** 2
             heat = np.where(warm > 0.0, np.minimum(heat, warm), heat)
-        depths = dict(zip(known, Stiffening.of(model, REACH * heat).penetration.tolist(), strict=True))
+        stiffening = Stiffening.of(model, REACH * heat, moments(model, 0.0, 1.0))
+        depths = dict(zip(known, stiffening.penetration.tolist(), strict=True))
         limits = []
         for name in names:
             depth = depths[name] if given.get(name) is None else finite(f"PeakForces.limits of {name!r}", given[name])

@@ -9,6 +9,7 @@ from impactlab.components.component import Component
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
+from impactlab.components.evaluation import TIME
 from impactlab.components.sides import is_difference
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
@@ -34,6 +35,7 @@ _WEIGHTED = (
     "acts on a combination with weights; with contacts the law is computed for differences of two bodies, or of a body "
     "and a wall."
 )
+_TIMED = "depends on time, so that no law is stationary."
 _FORCED = "a contact or a coupling that pushes it would."
 
 
@@ -96,6 +98,8 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
         kind = type(oscillator).__name__
         if oscillator.state_names():
             yield _with_states(f"the residual force of {name!r}", oscillator)
+        elif TIME in oscillator.arguments("residual")[0]:
+            yield f"the residual force of {name!r} {_TIMED}"
         elif "velocity" in oscillator.kernel("residual")[1]:
             yield (
                 f"the residual force of {name!r} depends on the velocity: it has no potential; one that depends on "
@@ -112,6 +116,8 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
     kind = type(contact.law).__name__
     if contact.law.state_names():
         yield _with_states(f"the force of contact {name!r}", contact.law)
+    elif TIME in contact.law.arguments("force")[0]:
+        yield f"the force of contact {name!r} {_TIMED}"
     elif "rate" in contact.law.kernel("force")[1]:
         yield (
             f"the force of contact {name!r} depends on the rate: it has no potential; a law of the indentation alone, "
@@ -129,6 +135,8 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
 def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
     if coupling.law.state_names():
         yield _with_states(f"the force of coupling {name!r}", coupling.law)
+    elif TIME in coupling.law.arguments("force")[0]:
+        yield f"the force of coupling {name!r} {_TIMED}"
     elif not is_linear(coupling):
         yield f"the law of coupling {name!r} is not an il.LinearCoupling, the only one that is treated."
     elif coupling.law.linear[1]:

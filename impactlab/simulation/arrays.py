@@ -102,7 +102,9 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
     )
-    parameters = with_states(forces.parameters, forces.states, lanes, zeros)
+    parameters = forces.parameters
+    if forces.clocked:
+        parameters = with_states(parameters, forces.states, lanes, zeros)
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     return Arrays(state, history, sums, zeros((4, rows, lanes), np.float32), of_streams, parameters)

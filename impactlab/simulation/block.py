@@ -13,7 +13,7 @@ from impactlab.assembly.build import build
 from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.kernels.jit import evaluate, evaluator
-from impactlab.kernels.memory import accept
+from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
@@ -24,6 +24,7 @@ from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
+from impactlab.simulation.smooth_path import Laws
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
@@ -211,22 +212,21 @@ class Block:
         self.evaluate(x[None], v[None], *(item[None] for item in arrays))
 
     def evaluate(
-        self, x: np.ndarray, v: np.ndarray, *result: np.ndarray, laws: np.ndarray | None = None, elapsed: float = 0.0
+        self, x: np.ndarray, v: np.ndarray, *result: np.ndarray, laws: Laws | None = None, elapsed: float = 0.0
     ) -> None:
         """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`.
 
-        Laws have the states that they have now or, in each state, `laws`, (state, row, lane), accepted some time
-        before (s).
+        Laws have the states that they have now or others, in each state, accepted some time before (s).
         """
         parameters, indices = self.parameters, self.plan.forces.indices
-        if not self.remembering or laws is None:
-            if self.remembering:
-                parameters[-1] = elapsed
+        if not self.plan.forces.clocked or laws is None:
+            if self.plan.forces.clocked:
+                parameters[-TIMES:] = self.time, elapsed
             evaluate(self.module.forces, x, v, parameters, indices, *result)
             return
         parameters = parameters.copy()
-        parameters[-1] = elapsed
-        for index, states in enumerate(laws):
+        for index, (states, time) in enumerate(zip(*laws, strict=True)):
+            parameters[-TIMES:] = time, elapsed
             self._states_in(parameters)[:] = states
             here = (item[index : index + 1] for item in result)
             evaluate(self.module.forces, x[index : index + 1], v[index : index + 1], parameters, indices, *here)
@@ -235,6 +235,11 @@ class Block:
     def remembering(self) -> bool:
         """Whether laws have states."""
         return len(self.plan.forces.states) > 0
+
+    @property
+    def time(self) -> float:
+        """Time since the beginning of the measurement (s)."""
+        return (self.now - self.plan.clock.spin_up_steps) * self.plan.clock.step
 
     @property
     def states(self) -> np.ndarray:
@@ -250,7 +255,7 @@ class Block:
         """Bring the states of laws from their start values to the start, at once."""
         kicks, state = self.plan.method.integrator.kicks, self.state
         place = (state.reading, state.velocity) if kicks else (state.x, state.v)
-        self.parameters[-1] = 0.0
+        self.parameters[-TIMES:] = self.time, 0.0
         accept(self.module.accept, self.plan.single, *place, self.parameters, self.plan.forces.indices)
 
     # run
@@ -283,8 +288,8 @@ class Block:
         """Call the compiled loop."""
         plan, integrator = self.plan, self.plan.method.integrator
         steps = Steps(
-            plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.remembering, self.now,
-            count, every, phase,
+            plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.remembering,
+            plan.forces.clocked, plan.clock.spin_up_steps, self.now, count, every, phase,
         )  # fmt: skip
         driven = Driven(self._noise(count), self.series, self._forced(count))
         accepting = self.module.accept[1] if self.remembering else 0

@@ -74,7 +74,7 @@ class Effort:
         apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
         seconds = min(max(UNCLEAR_SECONDS if apart else LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
         wanted = SEGMENTS * (settling + 3 * SEGMENT) if apart else 3 * FEWEST * SEGMENT
-        led = len(plan.driving.forced) > 0 and not plan.random  # to a motion that may depend on how it began
+        led = plan.led and not plan.random  # to a motion that may depend on how it began
         spin_up = clock.spin_up_steps if led else min(clock.spin_up_steps, settling)
         for realizations in _numbers(plan, model):
             of_all = STEP_SECONDS * (1 + len(model.mass) // 10) if realizations > 1 else STEP_SECONDS
@@ -101,7 +101,7 @@ class Effort:
 
 def _apart(plan: Plan) -> bool:
     """Whether what comes late in a run differs from how it begins, and can be reached without all that lies between."""
-    return not plan.steady and not plan.driving.lines and (plan.random or len(plan.driving.forced) > 0)
+    return not plan.steady and not plan.driving.lines and (plan.random or plan.led)
 
 
 def _numbers(plan: Plan, model: Model) -> list[int]:
@@ -116,7 +116,7 @@ def _numbers(plan: Plan, model: Model) -> list[int]:
 def _segment(plan: Plan, model: Model, left: int) -> int:
     """Return the steps of a segment where so many can be measured."""
     steps, memory = SEGMENT, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)
-    if not len(model.ends) or len(plan.driving.forced):  # paths do not part: as long as they remember
+    if not len(model.ends) or plan.led:  # paths do not part: as long as they remember
         steps = max(steps, min(left // FEWEST, memory) // SLOTS * SLOTS)
     if not plan.steady or plan.driving.lines:
         steps = min(steps, left)

@@ -36,10 +36,11 @@ class Expected:
         start, spin_up = start_of(request.initial, model), request.spin_up
         linear = relaxation_time(damped(model)[1])
         # a free motion or one from a given state is a transient, of which all counts
-        automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations)
+        automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations or model.timed.any())
         if spin_up is None:
             spin_up = RELAXATION_TIMES * linear if automatic else 0.0
-        stiffening = stiffening_of(model, energies(model, start, request.duration, spin_up))
+        energy = energies(model, start, request.duration, spin_up)
+        stiffening = stiffening_of(model, energy, -spin_up, request.duration)
         relaxed = Relaxation.of(model, stiffening)
         if automatic:
             spin_up = spin_up_of(relaxed, spin_up, request.duration)
@@ -48,7 +49,7 @@ class Expected:
         if request.mean_square_velocity is not None:
             energy = measured_energies(model, request.mean_square_velocity)
             # estimates take each body for as hot as the hottest in its connected part: the smaller one is closer
-            measured = Stiffening.of(model, np.minimum(stiffening.energy, energy))
+            measured = Stiffening.of(model, np.minimum(stiffening.energy, energy), stiffening.times)
         return cls(start, spin_up, stiffening, measured, relaxed, max(linear, relaxed.settling))
 
     @property

@@ -140,9 +140,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     velocity = of_coarse["mean_square_velocity"]
     labels_of = {BODY: model.bodies, CONTACT: model.contacts}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
-    varying = (
-        coarse.noise.time_varying or len(coarse.driving.forced) or not (coarse.noise.random & (damping > 0.0)).all()
-    )
+    varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
     return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached)
 

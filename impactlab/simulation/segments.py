@@ -24,7 +24,7 @@ from impactlab.simulation.block import Block
 from impactlab.simulation.effort import FINER, FINEST, Effort
 from impactlab.simulation.request import Request
 from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, together
-from impactlab.simulation.smooth_path import SmoothPath
+from impactlab.simulation.smooth_path import Laws, SmoothPath
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
 
 SEED = 7, 2023
@@ -101,23 +101,21 @@ class _Pair:
             starts.append(_State.of(self.coarse))
             coarse.append(tuple(map(together, self.coarse.segment(steps))))
             ends.append(_State.of(self.coarse))
-        path = self.coarse_path.at(*map(np.array, zip(*starts, *ends, strict=True)))
+        path = self.coarse_path.at(*_joined([*starts, *ends]))
         (start_x, x), (start_v, v) = (np.split(item, 2) for item in path)
-        start_laws, laws = (np.array([item.laws for item in items]) for items in (starts, ends))
+        (*_, start_laws), (*_, laws) = (_joined(items) for items in (starts, ends))
         ends = []
         for begin, place, speed, states in zip(
-            begins, *self.fine_path.begin(start_x, start_v, start_laws), start_laws, strict=True
+            begins, *self.fine_path.begin(start_x, start_v, start_laws), start_laws.states, strict=True
         ):
             self.fine.states[:] = states
             self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_State.of(self.fine))
-        energy = self._energy(x, v, *self.fine_path.at(*map(np.array, zip(*ends, strict=True))), laws)
+        energy = self._energy(x, v, *self.fine_path.at(*_joined(ends)), laws)
         return Segments(coarse, fine, together(energy))
 
-    def _energy(
-        self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: np.ndarray
-    ) -> np.ndarray:
+    def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: Laws) -> np.ndarray:
         """Return the energy of states less that of others, by connected part: conservative forces do the work."""
         plan, middle = self.coarse.plan, 0.5 * (x + from_x)
         mass, _, stiffness = (item[:, None] for item in plan.system.linear)
@@ -137,9 +135,16 @@ class _State(NamedTuple):
     v: np.ndarray
     force: np.ndarray
     laws: np.ndarray
+    time: float  # since the beginning of the measurement (s)
 
     @classmethod
     def of(cls, block: Block) -> Self:
         """Return that of a block."""
         x, v, force = (item[:-1].copy() for item in (block.state.x, block.state.v, block.state.total))
-        return cls(x, v, force, block.states.copy())
+        return cls(x, v, force, block.states.copy(), block.time)
+
+
+def _joined(states: list[_State]) -> tuple[np.ndarray, np.ndarray, np.ndarray, Laws]:
+    """Return the arrays of some states, (state, …) each."""
+    x, v, force, laws, times = map(np.array, zip(*states, strict=True))
+    return x, v, force, Laws(laws, times)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,13 @@ SHORT = 0.125
 """Part of a step over which forces of laws with states show how they change."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+class Laws(NamedTuple):
+    """What laws know of some states, beside places and velocities."""
+
+    states: np.ndarray  # of the laws, (state, row, lane)
+    times: np.ndarray  # (state,) since the beginning of the measurement (s)
 
 
 class SmoothPath:
@@ -40,41 +48,38 @@ class SmoothPath:
         ratio = np.where(there, lag / np.maximum(friction, LITTLE), 1.0 / 12.0)
         self.ahead, self.lag = 0.5 * self.step**2 * (1.0 / 12.0 + ratio), self.step * lag
 
-    def at(self, x: np.ndarray, v: np.ndarray, force: np.ndarray, laws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the place and velocity on the path, from states after a kick of some force, (state, body, lane).
-
-        `laws` are the states of laws there, (state, row, lane).
-        """
+    def at(self, x: np.ndarray, v: np.ndarray, force: np.ndarray, laws: Laws) -> tuple[np.ndarray, np.ndarray]:
+        """Return the place and velocity on the path, from states after a kick of some force, (state, body, lane)."""
         v = v - 0.5 * self.step * force / self.mass
         a, change = self._acceleration(x, v, laws)
         return x + self.ahead * a, v - self.lag * a - self.step**2 / 12.0 * change
 
-    def begin(self, x: np.ndarray, v: np.ndarray, laws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def begin(self, x: np.ndarray, v: np.ndarray, laws: Laws) -> tuple[np.ndarray, np.ndarray]:
         """Return states before the first kick for places and velocities on the path, (state, body, lane)."""
         a, change = self._acceleration(x, v, laws)
         return x - self.ahead * a, v + self.lag * a + self.step**2 / 12.0 * change
 
-    def work(self, start: np.ndarray, end: np.ndarray, laws: np.ndarray) -> np.ndarray:
+    def work(self, start: np.ndarray, end: np.ndarray, laws: Laws) -> np.ndarray:
         """Return the work that the forces of kicks do on bodies that go straight and slowly, (state, body, lane)."""
         way = end - start
         forces = (self._forces(start + 0.5 * (node + 1.0) * way, laws) for node in _NODES)
         work: np.ndarray = way * sum(0.5 * weight * force for weight, force in zip(_WEIGHTS, forces, strict=True))
         return work
 
-    def _acceleration(self, x: np.ndarray, v: np.ndarray, laws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _acceleration(self, x: np.ndarray, v: np.ndarray, laws: Laws) -> tuple[np.ndarray, np.ndarray]:
         """Return ``a = F/m`` of the forces of kicks, and its change in time.
 
         Laws with states know one direction of time only.
         """
-        if laws.shape[1]:
+        if laws.states.shape[1]:
             time = SHORT * self.step
             here, soon, later = (self._forces(x + n * time * v, laws, n * time, v) for n in (0.0, 1.0, 2.0))
             return self._forces(x, laws) / self.mass, (4.0 * soon - 3.0 * here - later) / (2.0 * time * self.mass)
         time = 0.25 * self.step
-        before, here, after = (self._forces(x + shift * time * v, laws) for shift in (-1.0, 0.0, 1.0))
+        before, here, after = (self._forces(x + shift * time * v, laws, shift * time) for shift in (-1.0, 0.0, 1.0))
         return here / self.mass, (after - before) / (2.0 * time * self.mass)
 
-    def _forces(self, x: np.ndarray, laws: np.ndarray, elapsed: float = 0.0, v: np.ndarray | float = 0.0) -> np.ndarray:
+    def _forces(self, x: np.ndarray, laws: Laws, elapsed: float = 0.0, v: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the forces of kicks on bodies, by default at rest, some time after laws had their states (s)."""
         states, bodies, lanes = x.shape
         place, speed, total = np.zeros((3, states, bodies + 1, lanes))

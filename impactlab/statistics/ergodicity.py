@@ -1,8 +1,8 @@
 """Whether realizations of a driven network forget how they began, as their own series tell at no cost.
 
-Given forces may keep several motions up. Each realization then settles into one of them, and the mean over realizations
-counts how many began near each. What realizations remember shows: their means over time differ by more than parts
-of one. Where nothing is random, a few more runs begin elsewhere.
+Given forces, and laws that depend on time, may keep several motions up. Each realization then settles into one of them,
+and the mean over realizations counts how many began near each. What realizations remember shows: their means over time
+differ by more than parts of one. Where nothing is random, a few more runs begin elsewhere.
 """
 
 from __future__ import annotations
@@ -120,9 +120,9 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
 
 
 def _settles(plan: Plan) -> bool:
-    """Whether given forces lead to motions, of which linear ones have forgotten their start."""
+    """Whether functions of time lead to motions, of which linear ones have forgotten their start."""
     begun = not plan.start.given and plan.clock.spin_up_steps > 0
-    return bool(len(plan.driving.forced) and begun and plan.clock.settled and plan.clock.relaxation > 0.0)
+    return bool(plan.led and begun and plan.clock.settled and plan.clock.relaxation > 0.0)
 
 
 def _means(plan: Plan, bodies: np.ndarray) -> np.ndarray:

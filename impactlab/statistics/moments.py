@@ -67,6 +67,7 @@ def _of_bodies(
     chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
     closed = plan.driving.closed(plan.method.groups, len(plan.system.bodies))
     steady = closed & ~np.isin(np.arange(len(closed)), plan.noise.white if plan.noise.time_varying else ())
+    steady &= ~plan.forces.timed
     response, intensity = chain.response(), np.zeros(len(closed))
     intensity[plan.noise.white] = plan.noise.intensity
     balances, mixed = balances_of(chain, intensity, means, steady, response[1])

@@ -37,6 +37,12 @@ def choose_step(
             f"No step can be chosen: the energy that {model.bodies[int(unknown.argmax())]!r} brings into collisions "
             "is not known, since an excited body has no damping. Give step= (s)."
         )
+    moved = model.timed & (stiffening.energy == 0.0)
+    if given is None and moved.any():
+        raise InvalidInput(
+            f"No step can be chosen: the energy of {model.bodies[int(moved.argmax())]!r} is not known, which nothing "
+            "but a law that depends on time moves. Give step= (s)."
+        )
     stiffness = stiffening.links, stiffening.bodies
     largest = integrator.largest_step(model, *stiffness)
     if largest <= 0.0:
@@ -73,7 +79,7 @@ def highest_step(
     """
     step = integrator.recommended_step(model, stiffening.links, stiffening.bodies)
     if stiffening.plain:
-        hot = Stiffening.of(model, STABLE_REACH * stiffening.energy)
+        hot = Stiffening.of(model, STABLE_REACH * stiffening.energy, stiffening.times)
         stable = integrator.largest_step(model, hot.links, hot.bodies)
         step = min(max(step, stable), FURTHER * step)
     step = min(step, FURTHER * damping_step(model, stiffening), series_step(model))

@@ -50,7 +50,7 @@ class Counting(il.CouplingLaw):
     """Counts the accepted steps, and notes how long they were, where and how fast it was then."""
 
     steps: float = il.state(0.0)
-    time: float = il.state(0.0, units="s")
+    span: float = il.state(0.0, units="s")
     place: float = il.state(0.0, units="m")
     speed: float = il.state(0.0, units="m s-1")
     force_: float = il.parameter(1.0, units="N")
@@ -58,8 +58,8 @@ class Counting(il.CouplingLaw):
     def force(extension, steps, force_):
         return force_ + 0.0 * steps
 
-    def update(extension, rate, elapsed, steps, time, place, speed):
-        return steps + (1.0 if elapsed > 0.0 else 0.0), time + elapsed, extension, rate
+    def update(extension, rate, elapsed, steps, span, place, speed):
+        return steps + (1.0 if elapsed > 0.0 else 0.0), span + elapsed, extension, rate
 
 
 def block_of(network, step, realizations=1, **options):
@@ -84,9 +84,9 @@ def test_states_change_once_in_a_step(method, realizations):
     assert (block.states == np.array([[0.0], [0.0], [0.5], [0.0]] * 2)).all()
     block.advance(100, None)
     block.advance(150, None)
-    steps, time, place, speed = block.states.reshape(2, 4, -1).swapaxes(0, 1)
+    steps, span, place, speed = block.states.reshape(2, 4, -1).swapaxes(0, 1)
     assert (steps == 250.0).all()
-    np.testing.assert_allclose(time, 0.25, rtol=1e-12)
+    np.testing.assert_allclose(span, 0.25, rtol=1e-12)
     x, v = block.state.x, block.state.v
     of_kick = 1e-3 if isinstance(method, il.ExactFlow) else 0.0
     np.testing.assert_allclose(place, [x[1] - x[0], x[1]], atol=of_kick**2)
@@ -190,7 +190,7 @@ def test_trajectories_have_the_states_at_their_times(method, realizations, tmp_p
         "rng": 1,
     }
     found = il.simulate(network, 0.1, initial="rest", spin_up=0.005, **options)
-    assert found.state.values.tolist()[:4] == ["one.steps", "one.time", "one.place", "one.speed"]
+    assert found.state.values.tolist()[:4] == ["one.steps", "one.span", "one.place", "one.speed"]
     assert found.law_state.attrs["comment"] == "units: steps 1, time s, place m, speed m s-1"
     steps = found.law_state.sel(state="two.steps")
     assert (steps == 5.0 + 10.0 * np.arange(11)).all()

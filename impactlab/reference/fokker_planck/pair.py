@@ -216,6 +216,8 @@ def _reasons(network: Composition) -> Iterator[str]:
     for name, contact in network.contacts.items():
         if contact.law.state_names():
             yield f"the force of contact {name!r} depends on the past; laws without states are allowed."
+        elif "time" in contact.law.kernel("force")[1]:
+            yield f"the force of contact {name!r} depends on time; laws of the indentation alone are allowed."
         elif "rate" in contact.law.kernel("force")[1]:
             yield f"the force of contact {name!r} depends on the rate; laws of the indentation alone are allowed."
     if network.couplings:
