@@ -191,7 +191,7 @@ def test_trajectories_have_the_states_at_their_times(method, realizations, tmp_p
     }
     found = il.simulate(network, 0.1, initial="rest", spin_up=0.005, **options)
     assert found.state.values.tolist()[:4] == ["one.steps", "one.span", "one.place", "one.speed"]
-    assert found.law_state.attrs["comment"] == "units: steps 1, time s, place m, speed m s-1"
+    assert found.law_state.attrs["comment"] == "units: steps 1, span s, place m, speed m s-1"
     steps = found.law_state.sel(state="two.steps")
     assert (steps == 5.0 + 10.0 * np.arange(11)).all()
     x = found.displacement
@@ -234,7 +234,7 @@ def update(indentation, worn):
         (il.ContactLaw, {"force": force, "worn": il.state()},
          r"state Law.worn has no start value: write worn: float = il.state\(0.0"),
         (il.ContactLaw, {"force": force, "worn": il.state(0.0)},
-         r"Law has states \(worn\), but no update\(indentation, rate, elapsed, then states and other fields by name\)"),
+         r"Law has states \(worn\), but no update\(indentation, rate, elapsed, time, then states and other fields by "),
         (il.ContactLaw, {"force": lambda indentation: 0.0, "update": lambda indentation: 0.0},
          r"Law defines update, but no state: declare name: float = il.state\(0.0\)"),
         (il.ContactLaw, {"force": force, "update": update, "worn": il.state(0.0), "potential": lambda indentation: 0.0},
