@@ -5,13 +5,12 @@ Laws that depend on time are such functions as well, at places where they are lo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME
 from impactlab.components.excitation import Excitation, Source
@@ -33,6 +32,9 @@ UNSEEN, MOST = 0.03, 0.95
 step, fifty steps in the period of a square wave. What is left out has no mean and no slope over the step, so that
 motions hardly feel it; but they themselves vary as fast, and are read once in a step only. In a square wave, the error
 of the integral over the steps with a jump counts: at half as many steps a resonance with it is 4 % off."""
+
+FAINT = 1e-6
+"""Part of a law up to which what varies of it is rounding."""
 
 FINEST = 1e-9
 """Part of a run below which no step is looked for."""
@@ -105,18 +107,26 @@ class LawInTime:
             return np.zeros_like(times)
 
 
-def laws_in_time(model: Model) -> Iterator[tuple[Component, str, dict[str, float]]]:
-    """Give the laws that depend on time, their kernels, and what a unit of their force is on bodies, by name."""
+@kept
+def laws_in_time(model: Model) -> dict[str, list[tuple[Component, str, float]]]:
+    """Return the laws that depend on time by body: with the names of their kernels, and what pushes it at a unit force.
+
+    Each is there once for each of its bodies.
+    """
     network = model.network
+    result: dict[str, list[tuple[Component, str, float]]] = {name: [] for name in model.bodies}
     for links, sign in ((network.contacts, -1.0), (network.couplings, 1.0)):
         for link in links.values() if model.timed.any() else ():
             if TIME in link.law.kernel("force")[1]:
-                yield link.law, "force", {name: sign * weight for name, weight in weights_of(link).items()}
+                for name, weight in weights_of(link).items():
+                    result[name].append((link.law, "force", sign * weight))
     for name, body in network.oscillators.items():
         if body.has_kernel("residual") and TIME in body.kernel("residual")[1]:
-            yield body, "residual", {name: -1.0}
+            result[name].append((body, "residual", -1.0))
+    return result
 
 
+@kept
 def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
     """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
     result: dict[Excitation | LawInTime, str] = {}
@@ -125,7 +135,8 @@ def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
             result[excitation] = kind
-    result |= {LawInTime(law, place): kernel for law, kernel, _ in laws_in_time(model) for place in _PLACES_OF_LAWS}
+    laws = [item for of_body in laws_in_time(model).values() for item in of_body] if model.timed.any() else []
+    result |= {LawInTime(law, place): kernel for law, kernel, _ in laws for place in _PLACES_OF_LAWS}
     return result
 
 
@@ -163,7 +174,8 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     for excitation, kind in of_time.items():
         times, values = look(model, excitation, begin, end)
         mean_of_law = values.mean() if isinstance(excitation, LawInTime) else 0.0
-        if not (np.isfinite(values).all() and (values != mean_of_law).any()):
+        varying = np.abs(values - mean_of_law) > (FAINT * np.abs(values).max() if mean_of_law else 0.0)
+        if not (np.isfinite(values).all() and varying.any()):
             continue
         values = values - mean_of_law
         chosen = _drawn(values, spots)
@@ -189,15 +201,15 @@ def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     size, which brings more; where it is large it is looked at more closely, since it may be short.
     """
     excitations: list[tuple[Excitation | LawInTime, float]] = [*model.sources["force"].on(slot)]
-    for law, _, bodies in laws_in_time(model):
-        if weight := bodies.get(model.bodies[slot]):
-            excitations.append((LawInTime(law, 0.0), weight))
+    excitations += [(LawInTime(law, 0.0), weight) for law, _, weight in laws_in_time(model)[model.bodies[slot]]]
     kinds = kinds_of(model)
     looks = [look(model, excitation, begin, end) for excitation, _ in excitations]
     times = looks[0][0]
     force = np.sum([weight * values for (_, weight), (_, values) in zip(excitations, looks, strict=True)], axis=0)
+    if not force.any():
+        return 0.0
     interval = (end - begin) / len(times)
-    places = np.unique(_drawn(force, SPOTS)) if force.any() else np.zeros(0, dtype=int)
+    places = np.unique(_drawn(force, SPOTS))
     inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
     force[places] = sum(weight * item.call(kinds[item], inside).mean(axis=1) for item, weight in excitations)
     m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]

@@ -124,7 +124,7 @@ class Stiffening:
         overlap = np.maximum(-model.clearance, 0.0)
         compliance = np.where(overlap > 0.0, model.ends.squares(yielding), 0.0)
         columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
-        rows = list(zip(model.contact_laws, *columns, strict=True))
+        rows = list(zip(model.contact_laws, np.zeros(len(model.ends)).tolist(), *columns, strict=True))
         found, places = _at_stiffest(_penetrations, rows, "force", times, 1, 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         of_contacts = Profiles.of(found[3:]), places
@@ -183,19 +183,17 @@ def _at_stiffest(
     function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], kernel: str, times: np.ndarray, row: int,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return what `of_unique` does of a function that takes members, times and numbers, at one of some times.
+    """Return what `of_unique` does of a function of members, times (0 in the rows) and numbers, at one of some times.
 
-    It is that at which a row of results is largest; laws that do not depend on time have no time but 0.
+    It is that at which a row of results is largest; to laws that do not depend on time all are alike.
     """
-    timed = [TIME in member.kernel(kernel)[1] for member, *_ in rows]
-    moments = times.tolist() if any(timed) else [0.0]
-    expanded = [
-        (item[0], moment if depends else 0.0, *item[1:])
-        for item, depends in zip(rows, timed, strict=True)
-        for moment in moments
-    ]
+    timed = {kind for kind in {type(item[0]) for item in rows} if TIME in kind.kernel(kernel)[1]}
+    if not timed:
+        return of_unique(function, rows, count)
+    moments = [(item, times.tolist() if type(item[0]) in timed else [0.0] * len(times)) for item in rows]
+    expanded = [(item[0], moment, *item[2:]) for item, of_item in moments for moment in of_item]
     found, places = of_unique(function, expanded, count)
-    places = places.reshape(len(rows), len(moments))
+    places = places.reshape(len(rows), len(times))
     return found, places[np.arange(len(rows)), found[row, places].argmax(axis=1)]
 
 
@@ -205,7 +203,7 @@ def _beside_springs(
 ) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:  # fmt: skip
     """Return the stiffness of chosen members beside springs, 0 of others, and profiles as `Stiffening` has them."""
     slots = np.flatnonzero(chosen)
-    rows = [(members[slot], float(springs[slot]), float(energy[slot])) for slot in slots.tolist()]
+    rows = [(members[slot], 0.0, float(springs[slot]), float(energy[slot])) for slot in slots.tolist()]
     found, places = _at_stiffest(partial(_tangents, kind), rows, kind.kernel, times, 0, 1 + COLUMNS)
     stiffness, at = np.zeros(len(members)), np.full(len(members), -1)
     stiffness[slots], at[slots] = found[0, places], places

@@ -188,6 +188,19 @@ def test_a_compiled_network_takes_the_time():
     np.testing.assert_allclose(found, 10.0 * (2.0 - 0.2 * (1.0 + np.sin(3.0 * times))))
 
 
+@pytest.mark.parametrize("realizations", [1, 3])
+@by_name
+def test_forces_of_a_trajectory_belong_to_its_times(method, realizations):
+    """Also before the measurement, and from a block of one lane or many; a stop tells the time by its force."""
+    network = everything().replace(excitations={"a": il.WhiteNoise(0.5)})
+    options = {"realizations": realizations, "step": 0.01, "integrator": method, "record": il.Trajectory(0.1), "rng": 1}
+    with pytest.warns(il.AccuracyWarning, match="Too few"):
+        path = il.simulate(network, 1.0, initial="rest", spin_up=0.5, **options).transpose("realization", "time", ...)
+    b, law = path.displacement.sel(oscillator="b").values, network.contacts["stop"].law
+    expected = law.evaluate(b + 2.0, time=path.time.values)
+    np.testing.assert_allclose(path.contact_force.sel(contact="stop").values, expected, rtol=1e-12)
+
+
 @by_name
 def test_blocks_of_one_lane_and_of_many_make_the_same_paths(method):
     options = {"integrator": method, "initial": STARTED}

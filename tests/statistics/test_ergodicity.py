@@ -73,7 +73,7 @@ def sums(motion, batches, rng):
 PLAN = SimpleNamespace(
     start=SimpleNamespace(given=False),
     clock=SimpleNamespace(spin_up_steps=100, settled=True, relaxation=1.0, step=0.05),
-    driving=SimpleNamespace(forced=np.array([0])),
+    led=True,
     realizations=SimpleNamespace(trusted=True),
     noise=SimpleNamespace(random=np.array([True])),
     system=SimpleNamespace(bodies=("a",)),
