@@ -14,6 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.plan.seed import Seed
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
+from impactlab.simulation.smooth_path import Laws, SmoothPath
 
 EXACT = il.ExactFlow(measured=False)
 METHODS = [EXACT, il.RungeKutta4()]
@@ -186,6 +187,28 @@ def test_a_compiled_network_takes_the_time():
     times = np.array([0.2, 1.1])
     found = compiled.to_dataset(times, np.zeros((4, 2))).contact_force.sel(contact="stop")
     np.testing.assert_allclose(found, 10.0 * (2.0 - 0.2 * (1.0 + np.sin(3.0 * times))))
+
+
+def test_forces_are_those_of_the_times_of_states():
+    """Of the present one, or of others, and along the smooth path that kicks approximate (by differences)."""
+    block, place, still = block_of(SHAKEN, 0.01, initial=PULLED), np.ones((2, 2, 1)), np.zeros((2, 2, 1))
+    place[:, 1] = 0.0
+    block.advance(30, None)
+    indentation, contact_force, total = np.zeros((2, 0, 1)), np.zeros((2, 0, 1)), np.zeros((2, 2, 1))
+
+    def pull(times):
+        return -6.0 * (1.0 + 0.5 * np.cos(5.0 * times))
+
+    block.evaluate(place, still, indentation, contact_force, total)
+    np.testing.assert_allclose(total[:, 0, 0], pull(0.3))
+    laws = Laws(np.zeros((2, 0, 1)), np.array([0.1, 0.7]))
+    block.evaluate(place, still, indentation, contact_force, total, laws=laws, elapsed=0.05)
+    np.testing.assert_allclose(total[:, 0, 0], pull(laws.times + 0.05))
+    path = SmoothPath(block.plan, block.evaluate)
+    x, v = path.at(place[:, :1], still[:, :1], still[:, :1], laws)
+    acceleration, change = pull(laws.times) / 1.5, 15.0 * np.sin(5.0 * laws.times) / 1.5
+    np.testing.assert_allclose(x[:, 0, 0], 1.0 + path.ahead[0, 0] * acceleration)
+    np.testing.assert_allclose(v[:, 0, 0], -path.lag[0, 0] * acceleration - 0.01**2 / 12.0 * change, rtol=1e-4)
 
 
 @pytest.mark.parametrize("realizations", [1, 3])
