@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -167,7 +167,7 @@ class LinearStructure(Component, Structure):
         if own.shapes is None:
             return {}
         rows = zip(self.names, own.shapes.tolist(), strict=True)
-        return {name: dict(zip(own.names, row, strict=True)) for name, row in rows}
+        return {name: _moved(own.names, row) for name, row in rows}
 
     @cached_property
     def _own(self) -> _Coordinates:
@@ -176,9 +176,12 @@ class LinearStructure(Component, Structure):
             return _Coordinates(self.names, mass, damping, stiffness, None)
         squares, shapes = modes_of(mass, stiffness)
         damping = shapes.T @ damping @ shapes
+        rounding = RIGID * np.abs(damping).max()
+        rigid = (squares == 0.0) & (np.diagonal(damping) <= rounding)  # motions that move no damper
+        damping[rigid] = damping[:, rigid] = 0.0
         size = np.sqrt(np.maximum(np.diagonal(damping), 0.0))
         beside = damping - np.diag(np.diagonal(damping))
-        alone = (np.abs(beside) <= NEGLIGIBLE * np.outer(size, size) + RIGID * np.abs(damping).max()).all()
+        alone = (np.abs(beside) <= NEGLIGIBLE * np.outer(size, size) + rounding).all()
         damping = np.diag(size**2) if alone else 0.5 * (damping + damping.T)
         names = tuple(f"mode {number + 1}" for number in range(len(mass)))
         return _Coordinates(names, np.ones(len(mass)), damping, np.diag(squares), shapes)
@@ -220,10 +223,10 @@ class ModalStructure(Component, Structure):
         no mode moves a point, or a name is that of a mode.
     """
 
-    natural_frequencies: Vector = parameter(units="rad s-1", kw_only=False)
-    damping_ratios: Vector = parameter(kw_only=False)
-    points: Mapping[str, Vector] = parameter(Weights({}))
-    mass: Vector = parameter(1.0, units="kg")
+    natural_frequencies: Sequence[float] = parameter(units="rad s-1", kw_only=False)
+    damping_ratios: float | Sequence[float] = parameter(kw_only=False)
+    points: Mapping[str, Sequence[float]] = parameter(Weights({}))
+    mass: float | Sequence[float] = parameter(1.0, units="kg")
 
     def __post_init__(self) -> None:
         frequencies = _numbers("natural_frequencies", self.natural_frequencies)
@@ -279,10 +282,15 @@ class ModalStructure(Component, Structure):
         squares, shapes = modes_of(np.diag(full) if full.ndim == 1 else full, np.array(own.stiffness))
         along: dict[str, Vector] = {}
         for name, given in _mapping(points).items():
-            weights = np.eye(count)[given] if isinstance(given, int | np.integer) and 0 <= given < count else given
+            if isinstance(given, int | np.integer) and not 0 <= given < count:
+                raise InvalidInput(
+                    f"ModalStructure.from_matrices: points[{name!r}] must be the number of a coordinate, from 0 to "
+                    f"{count - 1}, not {given}."
+                )
+            weights = np.eye(count)[given] if isinstance(given, int | np.integer) else given
             row = _numbers(f"from_matrices: points[{name!r}]", weights, count, "a coordinate, or a weight for each")
             along[name] = tuple((np.array(row) @ shapes[:, :modes]).tolist())
-        return cls(tuple(np.sqrt(squares[:modes]).tolist()), damping_ratios, points=along)  # type: ignore[arg-type]
+        return cls(tuple(np.sqrt(squares[:modes]).tolist()), damping_ratios, points=along)
 
     def __repr__(self) -> str:
         count, names = len(self.natural_frequencies), [*self.points]
@@ -296,10 +304,10 @@ class ModalStructure(Component, Structure):
 
     def bodies(self) -> dict[str, dict[str, float]]:
         """Return the modes."""
-        columns = self.natural_frequencies, self.damping_ratios, self.mass
+        columns = (np.atleast_1d(item) for item in (self.natural_frequencies, self.damping_ratios, self.mass))
         return {
             str(number): {"mass": mass, "damping": 2.0 * ratio * frequency * mass, "stiffness": mass * frequency**2}
-            for number, (frequency, ratio, mass) in enumerate(zip(*columns, strict=True), 1)
+            for number, (frequency, ratio, mass) in enumerate(np.stack([*columns], axis=1).tolist(), 1)
         }
 
     def terms(self) -> Iterator[Term]:
@@ -308,10 +316,13 @@ class ModalStructure(Component, Structure):
 
     def weights(self) -> dict[str, dict[str, float]]:
         """Return the weights of the modes by the name of each point."""
-        return {
-            name: {str(number): weight for number, weight in enumerate(row, 1) if weight}
-            for name, row in self.points.items()
-        }
+        modes = [str(number) for number in range(1, len(self.natural_frequencies) + 1)]
+        return {name: _moved(modes, row) for name, row in self.points.items()}
+
+
+def _moved(modes: Sequence[str], row: Iterable[float]) -> dict[str, float]:
+    """Return the weights of the modes that move a point."""
+    return {mode: weight for mode, weight in zip(modes, row, strict=True) if weight}
 
 
 def _names(given: Any, count: int) -> tuple[str, ...]:

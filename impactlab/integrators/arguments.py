@@ -164,6 +164,8 @@ class Functions(NamedTuple):
     fill: int  # writes the normals of four steps: `impactlab.kernels.random.fill_steps`
     near: int  # brings sums of cosines near: `impactlab.kernels.series.bring_near`
     add: int  # adds the history to the sums: `impactlab.kernels.sums.add_history`
+    add_points: int  # adds it to those of points: `impactlab.kernels.points.add_history_of_points`
+    add_turns_of_points: int  # adds two kicks to those: `impactlab.kernels.points.add_turns_of_points`
 
 
 class Steps(NamedTuple):
@@ -219,7 +221,7 @@ class _Types:
         self.sums = named(Sums, sums, blocks, i8, blocks, blocks, pairs, pairs, slots, closings, flux, turns, points)
         self.steps = named(Steps, f8, i8, i8, b1, b1, b1, i8, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
-        self.functions = named(Functions, self.forces, i8, i8, i8, i8)
+        self.functions = named(Functions, self.forces, *[i8] * 6)
         self.loop = void(
             self.functions, self.tables, self.driven, self.state, self.history, self.sums, blocks, self.steps
         )

@@ -15,6 +15,7 @@ from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
+from impactlab.kernels.points import add_history_of_points, add_turns_of_points
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
 from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
@@ -50,10 +51,14 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             x, v = accepted(state, history.v[slot])
             set_elapsed(tables, steps, steps.step)
             call(functions.accept, address_of(Accepted(x, v, tables.parameters, tables.indices)), now)
+        if steps.summing and sums.points.sums.shape[2]:
+            call(functions.add_turns_of_points, account, now)
         if sums.bodies.shape[1] > TURN:
             add_turns(history.force[slot], history.v[slot], steps.summing, now % sums.bodies.shape[0], sums)
         if steps.summing and close_slot(history, slot, index == steps.number - 1, sums):
             call(functions.add, account, index)
+            if sums.points.sums.shape[2]:
+                call(functions.add_points, account, index)
         if sampled(steps, index):
             number = (steps.phase + index + 1) // steps.every - 1
             write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)
@@ -98,6 +103,17 @@ def _add(account, index):  # type: ignore[no-untyped-def]
     add_nothing(history, sums)
 
 
+def _add_points(account, index):  # type: ignore[no-untyped-def]
+    history, sums = value_at(account)
+    add_history_of_points(history, sums.points)
+
+
+def _add_turns_of_points(account, now):  # type: ignore[no-untyped-def]
+    history, sums = value_at(account)
+    force, middle = history.force[now % SLOTS], history.v[now % SLOTS]
+    add_turns_of_points(force, middle, now % sums.bodies.shape[0], sums.points, sums.turns)
+
+
 @cache
 def _adding(samples: tuple[Sample, ...]) -> Function:
     """Return the function that adds to all sums, with what statistics sample in the place of nothing."""
@@ -120,7 +136,8 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
     What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
     """
     types = OF_ONE if single else OF_LANES
-    pairs = (types.noise, _fill), (types.series, _near), (types.account, _adding(all_samples()))
+    of_account = _adding(all_samples()), _add_points, _add_turns_of_points
+    pairs = (types.noise, _fill), (types.series, _near), *((types.account, function) for function in of_account)
     parts = [part(void(pointer_to(kind), i8), _text(function, single)) for kind, function in pairs]
 
     def run(forces: Function, accept: Any, *arguments: Any) -> None:

@@ -12,7 +12,7 @@ from impactlab.components.fields import parameter
 from impactlab.integrators.arguments import Cross, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
-from impactlab.integrators.kicks import KICK, PUSH, SPLIT_FRICTION, kick, slot_of
+from impactlab.integrators.kicks import KICK, LAG, PUSH, SPLIT_FRICTION, kick, kick_lag, slot_of
 from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.flow import flow, flow_between, push_between
 from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
@@ -44,9 +44,10 @@ class ExactFlow(Integrator):
     remaining forces R. The kick and every statistic of contacts and positions are read
     at ``y = x + (h²/12) R(x)/m``: for conservative forces this is the force-gradient
     correction of a fourth-order splitting to its order, without the derivative of any
-    force (Chin, Phys. Lett. A 226, 1997, 344). A force that depends on a velocity is solved for
-    the one at which it acts: that in the middle of the kick where it is a weak damper, nearly
-    that after it where it is a strong one. Without contacts
+    force (Chin, Phys. Lett. A 226, 1997, 344). Velocities of trajectories take the change of the
+    force since the kick before for its derivative, so that paths are of third order. A force that
+    depends on a velocity is solved for the one at which it acts: that in the middle of the kick
+    where it is a weak damper, nearly that after it where it is a strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
     given forces through the one to what is linear in the time of a step, which has their integral. States of laws
     are those at y, and at the velocity in the middle of the kick.
@@ -75,7 +76,7 @@ class ExactFlow(Integrator):
     jumps: bool = parameter(True)
     measured: bool = parameter(True)
 
-    order: ClassVar[float] = 2.0
+    order: ClassVar[float] = 3.0
     handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
@@ -113,7 +114,7 @@ class ExactFlow(Integrator):
         kick(forces, tables, steps.passes, state.still, v, y, slot)
         last = index == steps.number - 1
         if last or sampled(steps, index):
-            smooth_velocity(coefficients, KICK, slot.v, slot.force, last_force, state.velocity)
+            smooth_velocity(coefficients, KICK, LAG, slot.v, slot.force, last_force, state.velocity)
             copy(slot.contact_force, state.contact_force)
         if last:
             copy(slot.x, state.x)
@@ -168,7 +169,8 @@ class ExactFlow(Integrator):
         for slots, system in flowing_systems(model):
             response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
         of_mass = np.array([[step**2 / 12.0], [step], [0.5 * step]]) / model.mass
-        constant = np.column_stack([*of_mass, np.full_like(model.mass, 0.5 * step), *response.T])
+        lag = step / model.mass * kick_lag(model.damping / model.mass * step)
+        constant = np.column_stack([*of_mass, np.full_like(model.mass, 0.5 * step), lag, *response.T])
         return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
 
     def noise(self, model: Model, step: float) -> NoiseRows:

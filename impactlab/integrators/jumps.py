@@ -11,7 +11,7 @@ from numba import f4, i8, u4, u8, void
 from impactlab.integrators.approach import approach
 from impactlab.integrators.arguments import OF_LANES, State, array, named
 from impactlab.integrators.driver import with_functions
-from impactlab.integrators.kicks import KICK
+from impactlab.integrators.kicks import KICK, LAG
 from impactlab.kernels.arrays import borrow, dense
 from impactlab.kernels.jit import kernel, loop
 from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, jump, put, select
@@ -201,6 +201,6 @@ def show(coefficients, leaf, number, state, history):  # type: ignore[no-untyped
         dense(state.work.smooth, number),
     )
     hold_wall(smooth)
-    smooth_velocity(coefficients, KICK, middle, force[leaf - 1], force[leaf - 2], smooth)
+    smooth_velocity(coefficients, KICK, LAG, middle, force[leaf - 1], force[leaf - 2], smooth)
     put(smooth, lanes, state.velocity)
     put(dense(history.contact_force, number)[leaf - 1], lanes, state.contact_force)

@@ -10,7 +10,7 @@ from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import apply_kick, scaled_sum
 from impactlab.kernels.scalars import scalar
 
-SHIFT, KICK, HALF_KICK, HALF_STEP, PUSH = range(COEFFICIENTS, COEFFICIENTS + 5)
+SHIFT, KICK, HALF_KICK, HALF_STEP, LAG, PUSH = range(COEFFICIENTS, COEFFICIENTS + 6)
 """Columns of the coefficients; four of push follow: x, v by the mean of a given force, x, v by its slope."""
 
 SPLIT_FRICTION = 0.125
@@ -26,6 +26,14 @@ def kick_share(friction: np.ndarray, little: float = SPLIT_FRICTION) -> np.ndarr
     slowed = friction > little
     strong = np.where(slowed, friction, 1.0)
     return np.where(slowed, 1.0 / strong + np.exp(-strong) / np.expm1(-strong), 0.5)
+
+
+def kick_lag(friction: np.ndarray) -> np.ndarray:
+    """Return the part of kicks that velocities in their middle have beyond those of the smooth path; see `kick_share`.
+
+    It is all that is left of 1/2 − θ where a step holds little friction.
+    """
+    return np.where(friction > SPLIT_FRICTION, 0.0, friction / 12.0)
 
 
 def kick_width(friction: np.ndarray) -> np.ndarray:

@@ -126,16 +126,18 @@ def apply_kick(coefficients, column, total, v, middle):  # type: ignore[no-untyp
 
 
 @kernel
-def smooth_velocity(coefficients, column, middle, total, before, result):  # type: ignore[no-untyped-def]
+def smooth_velocity(coefficients, kick, lag, middle, total, before, result):  # type: ignore[no-untyped-def]
     """Write the velocities of the smooth path that kicks follow to `result`.
 
     In the middle of kicks by a force F the velocity is ``h² F'/12m`` off, as far as the shifted place is off the
-    place; F' is the change of F since the kick before over h.
+    place; F' is the change of F since the kick before over h. Friction adds its `lag`, a column of the coefficients as
+    is that of the `kick`; see `impactlab.integrators.kicks.kick_lag`.
     """
     for body in range(coefficients.shape[2]):
-        c = coefficients[0, column, body] / 12.0
+        of_change, of_force = coefficients[0, kick, body] / 12.0, coefficients[0, lag, body]
         for lane in range(result.shape[1]):
-            result[body, lane] = middle[body, lane] - c * (total[body, lane] - before[body, lane])
+            change = total[body, lane] - before[body, lane]
+            result[body, lane] = middle[body, lane] - of_change * change - of_force * total[body, lane]
 
 
 @kernel

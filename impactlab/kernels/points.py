@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.rows import POINT_TURN
 
 COLUMNS = 9
 """Columns of weights: of the displacement of a body in that of a point; of its velocity and force in the velocity of
 the point; of its displacement, velocity and force in each of two quantities that tell what lies between kicks."""
+
+
+@inlined
+def add_history_of_points(history, points):  # type: ignore[no-untyped-def]
+    """Add all slots to the sums of points; see `impactlab.kernels.sums.add_history`."""
+    phases = points.sums.shape[0]
+    for slot in (0, 1):
+        add_points(history.x, history.v, history.force, (slot, slot + 2, slot + 4, slot + 6), slot % phases, points)
 
 
 @kernel
@@ -39,7 +47,7 @@ def add_points(x, v, force, slots, phase, points):  # type: ignore[no-untyped-de
 def add_turns_of_points(force, middle, phase, points, last):  # type: ignore[no-untyped-def]
     """Add the mean of two kicks times what the flow between them gave to the velocity of each point.
 
-    The arguments are those of `impactlab.kernels.sums.add_turns`, before it replaces the `last` kick.
+    It is called before `impactlab.kernels.sums.add_turns` replaces the `last` kick.
     """
     sums, read = points.sums, points.read
     for point in range(sums.shape[2]):

@@ -11,7 +11,6 @@ import math
 from impactlab.kernels.combinations import elongations
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
-from impactlab.kernels.points import add_points, add_turns_of_points
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
@@ -68,8 +67,6 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
         if sums.contacts.shape[1] and not sums.closings.before.shape[1]:
             add_flux(history, slots, sums)
-        if sums.points.sums.shape[2]:
-            add_points(history.x, history.v, history.force, slots, slot % phases, sums.points)
         if sums.pairs.shape[0]:
             add_products(history.x, history, slots, sums.pairs, 0, sums.products)
             add_products(history.v, history, slots, sums.pairs, 3, sums.products)
@@ -122,8 +119,6 @@ def add_turns(force, middle, summing, phase, target):  # type: ignore[no-untyped
         Where to add; the earlier kick in `target.turns` is replaced by the later.
     """
     sums, last = target.bodies, target.turns
-    if summing and target.points.sums.shape[2]:
-        add_turns_of_points(force, middle, phase, target.points, last)
     for body in range(sums.shape[2]):
         half = last.half[body]
         for lane in range(sums.shape[3]):

@@ -97,7 +97,14 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
                 known = (*model.bodies, *points)
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
             number = finite(f"initial {quantity} of {name!r}", value)
-            for body, share in (model.network.displaced(name) if name in points else {name: 1.0}).items():
+            shares = model.network.displaced(name) if name in points else {name: 1.0}
+            twice = [body for body in shares if name in points and body in values]
+            if twice:
+                raise InvalidInput(
+                    f"initial {quantity} is given of the point {name!r} and of {twice[0]!r}, which moves it; give that "
+                    "of points alone or of bodies alone."
+                )
+            for body, share in shares.items():
                 state[row, model.bodies.index(body)] += share * number
     return state
 

@@ -41,7 +41,7 @@ def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
         "source": f"impactlab {impactlab.__version__}",
         "history": f"{now} made by impactlab {impactlab.__version__}",
         "references": "https://doi.org/10.61186/engt.4.1.2868",
-        CONFIGURATION: json.dumps(configuration, sort_keys=True),
+        CONFIGURATION: json.dumps(configuration),
     }
 
 

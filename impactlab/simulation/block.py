@@ -24,7 +24,7 @@ from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
-from impactlab.simulation.smooth_path import Laws
+from impactlab.simulation.smooth_path import Laws, SmoothPath
 
 ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
@@ -92,10 +92,14 @@ class Block:
         else:
             self._start(np.arange(lanes))
             self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
-        if plan.method.integrator.kicks:
+        kicks = plan.method.integrator.kicks
+        given = (self.state.x[:-1].copy(), self.state.v[:-1].copy()) if kicks and plan.start.given else None
+        if kicks:
             self._half_kick(plan.start.given)
         if self.remembering:
             self._accept()
+        if given is not None:
+            self._begin_on_path(*given)
 
     # start
 
@@ -205,6 +209,12 @@ class Block:
         state.v[:-1] += half * state.total[:-1]
         turns = self.sums.turns
         turns.force[:], turns.middle[:] = (item[: len(turns.force)] for item in (state.total, state.velocity))
+
+    def _begin_on_path(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Add to the velocities what those at the kicks have beyond the velocities of the smooth path, (body, lane)."""
+        laws = Laws(self.states[None], np.array([-self.plan.clock.spin_up_steps * self.plan.clock.step]))
+        _, before = SmoothPath(self.plan, self.evaluate).begin(x[None], v[None], laws)
+        self.state.v[:-1] += before[0] - v
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         state = self.state

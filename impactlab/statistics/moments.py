@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.assembly.links import connected_parts
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV, XV, XX, F, V, X
 from impactlab.plan.plan import Plan
@@ -66,8 +67,7 @@ def _of_bodies(
     mass, damping, stiffness = plan.system.linear
     chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
     closed = plan.driving.closed(plan.method.groups, len(plan.system.bodies))
-    steady = closed & ~np.isin(np.arange(len(closed)), plan.noise.white if plan.noise.time_varying else ())
-    steady &= ~plan.forces.timed
+    steady = closed & ~_led(plan)
     response, intensity = chain.response(), np.zeros(len(closed))
     intensity[plan.noise.white] = plan.noise.intensity
     balances, mixed = balances_of(chain, intensity, means, steady, response[1])
@@ -86,8 +86,20 @@ def _of_bodies(
             joint, off_balance = joint_moments(group, chain.step, bodies[:, group.slots], of_pairs, after)
             motion.rewrite(group.slots, Motion(*joint), np.asarray(complete | plan.transient))
             for name, values in off_balance.items():
-                balances[name][group.slots] = np.where(complete, values, balances[name][group.slots])
+                known = complete & steady[group.slots].all()
+                balances[name][group.slots] = np.where(known, values, balances[name][group.slots])
     return motion, balances
+
+
+def _led(plan: Plan) -> np.ndarray:
+    """Whether a function of time moves a body or one that it is connected to, (body,).
+
+    Its energy at both ends of a run then differs by more than chance, and so its balances are not 0 on average.
+    """
+    parts = connected_parts(plan.system.links)
+    varying = plan.noise.white if plan.noise.time_varying else plan.noise.white[:0]
+    led = np.concatenate([plan.driving.forced, varying, np.flatnonzero(plan.forces.timed)])
+    return np.isin(parts, parts[led])
 
 
 def _over_steps(

@@ -179,7 +179,7 @@ def make_sweep(
 def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
     """Return the attributes of a point as variables, but for those that describe the whole sweep."""
     network = {} if point.network is None else {"network": point.network.to_dict()}
-    again = result.attrs.get(CONFIGURATION, json.dumps(network, sort_keys=True))
+    again = result.attrs.get(CONFIGURATION, json.dumps(network))
     variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
     for name, value in result.attrs.items():
         if name not in of_all:

@@ -211,6 +211,8 @@ def test_frequencies_of_a_cantilever():
     np.testing.assert_allclose(np.abs(modal.points["tip"]), 2.0, rtol=1e-3)
     with pytest.raises(il.InvalidInput, match=r"modes must be a whole number from 1 to 24, not 25"):
         il.ModalStructure.from_matrices(mass, stiffness, 0.02, modes=25, points={"tip": 22})
+    with pytest.raises(il.InvalidInput, match=r"must be the number of a coordinate, from 0 to 23, not -1"):
+        il.ModalStructure.from_matrices(mass, stiffness, 0.02, modes=3, points={"tip": -1})
 
 
 def test_a_free_structure():
@@ -221,7 +223,35 @@ def test_a_free_structure():
     assert [body.stiffness for body in bodies.values()] == [0.0, pytest.approx(12.0)]
 
 
+def test_a_free_structure_whose_damping_moves_with_its_stiffness():
+    """Its rigid motion has no damping, not that of rounding."""
+    mass = np.array([[2.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 2.0]]) / 6.0
+    stiffness = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    rod = il.LinearStructure(mass, 0.07 * stiffness, stiffness)
+    rigid, *others = il.Network({"rod": rod}).oscillators.values()
+    assert (rigid.stiffness, rigid.damping) == (0.0, 0.0)
+    for body in others:
+        assert body.damping == pytest.approx(0.07 * body.stiffness, rel=1e-12)
+
+
+def test_a_coordinate_that_a_mode_does_not_move_can_be_excited():
+    """Two masses that a third couples only inertially: each of the modes leaves something at rest."""
+    mass, stiffness = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.5], [0.0, 0.5, 1.0]]), np.diag([1.0, 3.0, 2.0])
+    tower = il.LinearStructure(mass, 0.1 * stiffness, stiffness, names=("a", "b", "c"))
+    network = il.Network({"tower": tower}, excitations={"tower.a": il.WhiteNoise(1.0)})
+    source = network.compile().model.sources["intensity"]
+    assert [*source.drives[1]] == [0]
+
+
 def test_initial_displacements_that_do_not_follow():
     compiled = il.Network({"beam": BEAM}).compile()
     with pytest.raises(il.InvalidInput, match=r"displacements of the 3 bodies of 'beam' do not follow .* 'beam.1'"):
         compiled.state(displacement={"beam.tip": 1.0})
+
+
+def test_initial_displacements_of_a_point_and_of_a_mode_are_not_added():
+    network = il.Network({"one": il.ModalStructure([1.0], 0.1, points={"tip": [2.0]})})
+    compiled = network.compile()
+    np.testing.assert_allclose(compiled.state(displacement={"one.tip": 1.0}), [0.5, 0.0])
+    with pytest.raises(il.InvalidInput, match=r"displacement is given of the point 'one.tip' and of 'one.1', which"):
+        compiled.state(displacement={"one.tip": 1.0, "one.1": 0.5})

@@ -34,6 +34,7 @@ stiff = StiffCone(1e4, offset=0.1, hardening=2.0).replace(offset=0.2)
 body = il.DuffingOscillator(2.0, mass=1.5, stiffness=4.0)
 light = il.LinearOscillator.from_frequency(6.0, 0.1).replace(mass=0.1)
 contact = il.Contact("a", il.WALL, cone, clearance=0.05)
+tower = il.ModalStructure([6.0, 31.0], 0.02, points={"top": [1.4, -1.4]}, mass=2.0)
 noise = il.ShinozukaNoise(1.0, band=(0.0, 10.0), components=400)
 network = il.Network({"a": body}, {"stop": contact}, {"a": noise})
 records = [il.Density(bins=50), il.Trajectory(0.1), il.JointDensity("a", "b"), il.PerRealization()]

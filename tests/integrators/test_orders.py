@@ -14,6 +14,9 @@ from impactlab.linear.laws import lines_of
 from impactlab.plan.seed import seed_of
 
 
+NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama  # which loads their modules
+
+
 def concrete(cls=il.Integrator):
     """Return every integrator of the package that can be used."""
     own = [cls] if cls.order is not None and cls.__module__.startswith("impactlab.") else []
@@ -88,8 +91,8 @@ def measured_order(network, integrator, steps, starts=2, duration=2.0, interval=
 
 # order for smooth forces, for one Hertz contact, and the steps at which it shows
 EXPECTED = {
-    "ExactFlow": (2.0, 2.0, 0.25 / 2.0 ** np.arange(4, 9)),
-    "WholeFlow": (2.0, 2.0, 0.25 / 2.0 ** np.arange(4, 9)),
+    "ExactFlow": (3.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
+    "WholeFlow": (3.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "RungeKutta4": (4.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "EulerMaruyama": (1.0, 1.0, 0.25 / 2.0 ** np.arange(10, 14)),
 }
@@ -119,7 +122,9 @@ def test_order_with_a_hertz_contact(integrator):
 
 @pytest.mark.parametrize("integrator", concrete())
 def test_order_with_forces_that_depend_on_velocity(integrator):
-    expected, _, steps = EXPECTED[integrator.__name__]
+    """Kicks by them are of second order."""
+    smooth, _, steps = EXPECTED[integrator.__name__]
+    expected = 2.0 if integrator.kicks else smooth
     network = il.Network({name: CubicDragOscillator(drag=0.5, stiffness=4.0, damping=0.5) for name in "ab"})
     order, errors = measured_order(network, integrator(), steps)
     assert order == pytest.approx(expected, abs=0.15), errors

@@ -7,6 +7,7 @@ from impactlab.assembly.incidence import differences, gathering
 from impactlab.integrators.arguments import Closings, Flux, History, PointSums, Sums, Turns
 from impactlab.integrators.driver import all_samples
 from impactlab.kernels.histogram import count_pairs, count_samples
+from impactlab.kernels.points import add_history_of_points, add_turns_of_points
 from impactlab.kernels.rows import FF, FLUX, FV, FX, VV, XV, XX, F, V, X
 from impactlab.kernels.samples import adding
 from impactlab.kernels.sums import SLOTS, add_history, add_turns, close_slot, empty_slots, write_snapshot
@@ -105,6 +106,7 @@ def test_squares_at_points(states, phases):
     x, v, force = (item.copy() for item in states[:3])
     empty_slots(states, 0, used.start)
     closed(states, used.stop - 1, True, sums)
+    add_history_of_points(states, sums.points)
     begin = sums.points.begin
     for point, slots in enumerate(points):
         for phase in range(phases):
@@ -123,6 +125,8 @@ def test_turns_at_points(states):
     w, half = sums.points.weights[0, 0][:, None], sums.turns.half[[0, 2], None]
     expected = np.zeros(LANES)
     for now in range(4):
+        if now:
+            add_turns_of_points(states.force[now], states.v[now], 0, sums.points, sums.turns)
         add_turns(states.force[now], states.v[now], now > 0, 0, sums)
         if now:
             kick = half * (states.force[now - 1] + states.force[now])[[0, 2]]

@@ -100,6 +100,26 @@ def test_configuration_is_json(result, network):
     assert configuration["network"] == network.to_dict()
 
 
+def test_the_order_of_names_is_kept():
+    """That of bodies, contacts, sources and the weights of a combination, on which streams and labels depend."""
+    bodies = {name: il.LinearOscillator(damping=0.2, stiffness=1.0) for name in "cab"}
+    sides = il.Combination({"c": 1.0, "b": -0.5}), il.Combination({"b": 0.5, "a": -1.0})
+    network = il.Network(
+        bodies,
+        {"second": il.Contact("c", "a", il.LinearContact(10.0)), "first": il.Contact(*sides, il.LinearContact(10.0))},
+        {
+            "wind": il.Source(il.WhiteNoise(1.0), on={"c": 1.0, "a": 0.5}),
+            "base": il.Source(il.WhiteNoise(1.0), on={"b": 1.0}),
+        },
+    )
+    result = il.simulate(network, 4.0, realizations=64, step=0.01, spin_up=0.0, rng=1)
+    again = il.network_of(result)
+    assert again == network
+    assert repr(again) == repr(network)
+    assert list(again.oscillators) == ["c", "a", "b"]
+    xr.testing.assert_equal(il.rerun(result), result)
+
+
 # Files
 
 

@@ -143,6 +143,21 @@ def test_a_start_of_bodies_on_a_stiff_coupling():
         np.testing.assert_allclose(ds[name], values, atol=1e-3 * np.sqrt(square.max()), err_msg=name)
 
 
+@pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
+@pytest.mark.parametrize("start", [(0.0, 1.0), (0.05, -1.0)])
+def test_a_given_velocity_is_that_of_the_motion_between_kicks(start, integrator):
+    """Of a body that two contacts hold from the beginning to the end, so that its motion is linear."""
+    contacts = {
+        "right": il.Contact("a", il.WALL, il.LinearContact(500.0), clearance=-0.5),
+        "left": il.Contact(il.WALL, "a", il.LinearContact(500.0), clearance=-0.5),
+    }
+    drift = np.array([[0.0, 1.0], [-1001.0, -0.2]])
+    mean, square = linear_means(drift, np.array(start), np.zeros(2), 1.0)
+    initial = {"displacement": {"a": start[0]}, "velocity": {"a": start[1]}}
+    ds = il.simulate(il.Network({"a": BODY}, contacts), 1.0, initial=initial, integrator=integrator)
+    assert_near(ds, dict(zip(NAMES, [mean[0], square[0], mean[1], square[1]], strict=True)), 2e-3)
+
+
 def test_contacts_from_a_given_start():
     """A body that starts inside a contact, against a solver; what is left at the automatic step is the collision's."""
     network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, il.HertzContact(500.0), clearance=0.0)}, {})

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from impactlab_numerics.laws.couplings import DeadBandCoupling
+from impactlab_numerics.laws.excitations import Harmonic, ModulatedNoise
 from impactlab_numerics.laws.oscillators import StopOscillator
 from scenes import base, linear, plan_of
 
@@ -253,6 +254,19 @@ def test_combination_with_balances_reduces_the_variance():
 def test_without_enough_spin_up_values_are_plain_means():
     ds = il.simulate(base(), 20.0, realizations=64, rng=2, spin_up=1.0)
     assert not any(name.startswith("direct_") for name in ds)
+
+
+@pytest.mark.parametrize(
+    ("led", "others"), [(Harmonic(amplitude=3.0, frequency=0.8), True), (ModulatedNoise(0.1, frequency=0.8), False)]
+)
+def test_bodies_connected_to_one_that_a_function_of_time_moves_have_no_balances(led, others):
+    """Their energies at both ends of a run differ by more than chance, as that of the body itself does."""
+    bodies = {name: il.LinearOscillator.from_frequency(1.0, 0.1) for name in "abc"}
+    contacts = {"ab": il.Contact("a", "b", il.LinearContact(2.0), clearance=-1.0)}
+    network = il.Network(bodies, contacts, {"a": led, "b": il.WhiteNoise(0.1), "c": il.WhiteNoise(0.1)})
+    ds = il.simulate(network, 13.0, realizations=64, rng=1)
+    known = np.isfinite(np.asarray(ds.get("balance_mean_square_velocity", np.full(3, np.nan))))
+    assert known.tolist() == [False, False, others]
 
 
 def test_balance_of_a_free_damped_body():

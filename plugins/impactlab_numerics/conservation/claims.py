@@ -13,7 +13,7 @@ from impactlab.studies.claims import Claim, verdict_of
 if TYPE_CHECKING:
     from impactlab_numerics.conservation.study import ConservationStudy
 
-ORDERS = {"ExactFlow": 2.0, "RungeKutta4": 4.0, "EulerMaruyama": 1.0}
+ORDERS = {"ExactFlow": 3.0, "RungeKutta4": 4.0, "EulerMaruyama": 1.0}
 """Order of each integrator with smooth forces."""
 
 OF_ORDER = 0.25

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 WINDOWS = 10
 """Parts of a run over which the energy is averaged."""
 
+COMPARED = 25
+"""Steps at the beginning in which a path is compared with the way back."""
+
 REVERSED = ("pair, Hertz", "chain, Hertz")
 """Scenes that are reversed: one that is regular and one that is chaotic."""
 
@@ -175,7 +178,6 @@ def _reversals(study: ConservationStudy) -> xr.Dataset:
         scene = SCENES[name]
         network = side_by_side(scene.make(), copies)
         initial = starts(scene.make(), copies, scene.speed, [study.seed, 7])
-        begin = np.array(list(initial["velocity"].values()))
         for column, wanted in enumerate(study.reversed_contacts):
             step = 0.02
             duration = step * round(wanted / scene.rate / step)
@@ -185,18 +187,23 @@ def _reversals(study: ConservationStudy) -> xr.Dataset:
                 "record": il.Trajectory(step),
                 "rng": study.seed,
             }
-            there = il.simulate(network, duration, initial=initial, **options)
-            # where a contact is closed the path shows where forces are read, not the state itself; velocities look
-            # a step back, at the start of the way there too, which is the end of the way back
-            touched = (there.contact_force.values[0, [0, 1, -2, -1]] > 0.0).any(axis=0, keepdims=True)
-            is_open = _by_copy(touched, copies)[0] == 0
+            there = il.simulate(network, duration + step, initial=initial, **options)
             turned = {
-                quantity: dict(zip(network.oscillators, (sign * there[quantity].values[0, -1]).tolist(), strict=True))
+                quantity: dict(zip(network.oscillators, (sign * there[quantity].values[0, -2]).tolist(), strict=True))
                 for quantity, sign in (("displacement", 1.0), ("velocity", -1.0))
             }
             back = il.simulate(network, duration, initial=turned, **options)
-            off = np.hypot(back.displacement.values[0, -1], back.velocity.values[0, -1] + begin)
-            worst = off.reshape(copies, -1).max(axis=1)[is_open]
+            # what a path shows, and what it is given, has estimates of how forces change within a step to either side
+            touched = _by_copy(there.contact_force.values[0] > 0.0, copies) > 0
+            is_open = ~(touched[:-2] | touched[1:-1] | touched[2:])
+            early = slice(1, 1 + COMPARED)
+            x, v = (
+                there[quantity].values[0, early] - sign * back[quantity].values[0, ::-1][early]
+                for quantity, sign in (("displacement", 1.0), ("velocity", -1.0))
+            )
+            off = np.hypot(x, v).reshape(COMPARED, copies, -1).max(axis=2)
+            seen = is_open[:COMPARED].any(axis=0) & is_open[-1]
+            worst = np.where(is_open[:COMPARED], off, 0.0).max(axis=0)[seen]
             contacts[row, column] = float(there.contact_rate.sum()) * duration / copies
             count[row, column] = len(worst)
             if len(worst):
