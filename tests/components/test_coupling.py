@@ -300,7 +300,7 @@ def test_momentum_of_free_bodies_is_conserved_and_a_damper_takes_their_energy():
 
 @pytest.mark.parametrize("method", [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()], ids=repr)
 def test_paths_converge_to_those_of_another_solver(method):
-    """With contacts, a damped and a user's coupling, and a wall; the order is that of the method, 2 of dampers' kicks."""
+    """With contacts, a damped and a user's coupling, and a wall; the order is that of the method, 2 with dampers."""
     network = trio(damping=0.4, excitations=dict.fromkeys("abc")).replace(
         contacts={"gap": il.Contact("a", "c", il.PowerLawContact(500.0, exponent=3.0), clearance=0.05)},
         couplings={"own": il.Coupling("b", il.WALL, DampedCubicCoupling(40.0, damping=0.3))},

@@ -13,8 +13,7 @@ import impactlab as il
 from impactlab.linear.laws import lines_of
 from impactlab.plan.seed import seed_of
 
-
-NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama  # which loads their modules
+NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama
 
 
 def concrete(cls=il.Integrator):
