@@ -103,7 +103,9 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
         touched = np.zeros(samples, dtype=bool)
         for (first, second), limit in zip(model.ends.pairs, tables.limit[-steps:].T, strict=True):
             path = tables.path[-steps:]
-            gap = path[:, first] @ state[first] - path[:, second] @ state[second]
+            # not by BLAS, whose threads would take longer to wake up than this takes
+            gap = np.einsum("sc,cn->sn", path[:, first], state[first])
+            gap -= np.einsum("sc,cn->sn", path[:, second], state[second])
             touched |= (gap > limit[:, None]).any(axis=0)
         near.append(float(touched.mean()))
         if near[0] * GAIN > 1.0:

@@ -97,9 +97,11 @@ class Points:
 
     def read(self, phase: int, columns: slice, x: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Return sums at every point with some columns of weights, (point, n), of bodies at a kick, (body, n) each."""
+        if not len(self):
+            return x[:0]
         weights = zip(self.weights[phase, columns], (x, v, force)[_QUANTITIES[columns.start]], strict=True)
         terms = sum(row[:, None] * item[self.bodies] for row, item in weights)
-        return np.asarray(np.add.reduceat(terms, self.begin[:-1], axis=0)) if len(self) else x[:0]
+        return np.asarray(np.add.reduceat(terms, self.begin[:-1], axis=0))
 
     def squares(self, phase: int, x: np.ndarray, v: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Return the squares that the loop adds up, (4, point, …), of bodies at a kick of a phase, (body, …) each."""

@@ -47,9 +47,10 @@ class Expected:
             warn_of_unknown_damping(model, spin_up)
         measured = stiffening
         if request.mean_square_velocity is not None:
-            energy = measured_energies(model, request.mean_square_velocity)
             # estimates take each body for as hot as the hottest in its connected part: the smaller one is closer
-            measured = Stiffening.of(model, np.minimum(stiffening.energy, energy), stiffening.times)
+            energy = np.minimum(stiffening.energy, measured_energies(model, request.mean_square_velocity))
+            if not np.array_equal(energy, stiffening.energy):
+                measured = Stiffening.of(model, energy, stiffening.times)
         return cls(start, spin_up, stiffening, measured, relaxed, max(linear, relaxed.settling))
 
     @property

@@ -9,11 +9,14 @@ import numpy as np
 from scipy.special import erfcx, ndtr
 
 from impactlab.assembly.links import Links, Pairs, joined
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.errors import warn
 from impactlab.nonlinear.profiles import COLUMNS, Profiles, of_powers
 from impactlab.nonlinear.tangent_stiffness import Stiffening
+
+ENOUGH = 30
+"""Bisections after which a step of some ten decades is known to more than its three digits."""
 
 KINK_HEATING = 5e-4
 """Largest part of their temperature by which kinks of contact forces may heat bodies."""
@@ -22,14 +25,19 @@ WANDERING = 0.1
 """Root mean square of the relative change of the energy of bodies without friction from which on there is a warning."""
 
 
-def kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None = None) -> float:
+@kept
+def kink_step(model: Model, stiffening: Stiffening) -> float:
     """Return the step at which what it does not resolve of forces heats no body by more than `KINK_HEATING` (s).
 
     A force whose slope jumps at the point of contact, such as a linear one, heats the bodies a
     little whenever it opens or closes, and so do kinks and jumps elsewhere. Friction takes it away; a body with little
-    of it, or a contact that closes often, needs a smaller step. `decay` is the rate at which something takes
-    the heat of each contact, coupling and residual force away (s-1), friction by default.
+    of it, or a contact that closes often, needs a smaller step.
     """
+    return _kink_step(model, stiffening, None)
+
+
+def _kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None) -> float:
+    """Return it where something other than friction takes the heat of each item away, at the rate `decay` (s-1)."""
     given, total = _decays(model)
     own = given if decay is None else decay
     step = _closing_step(model, stiffening, own[: len(model.ends)])
@@ -152,7 +160,7 @@ class _Passes(NamedTuple):
             if heating(high) <= allowed:
                 return math.inf
             below, above = low, high
-            for _ in range(50):
+            for _ in range(ENOUGH):
                 middle = 0.5 * (below + above)
                 below, above = (below, middle) if heating(middle) > allowed else (middle, above)
             return float(10.0**below)
@@ -238,7 +246,7 @@ def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: f
     slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.first()[model.coupling[1] > 0.0]])
     free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
     slots = _items(model).first()
-    largest = kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
+    largest = _kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(
             f"Without friction the energy may change by more than {100.0 * WANDERING:g} % in {duration:g} s at the "
