@@ -18,7 +18,7 @@ from impactlab.assembly.sources import Sources
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact, ContactLaw
 from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
-from impactlab.components.evaluation import call_each
+from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation
 from impactlab.components.sides import is_difference, weights_of
 
@@ -203,6 +203,11 @@ class Model:
             else:
                 result[leading] = True
         return result[:-1]
+
+    @cached_property
+    def timed_contacts(self) -> np.ndarray:
+        """Whether the force of each contact depends on time, (contact,) of bool."""
+        return np.array([TIME in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
 
     @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:

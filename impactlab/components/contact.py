@@ -24,7 +24,8 @@ class ContactLaw(Component):
     ``update(indentation, rate, elapsed, ...)``, which returns their values at an
     indentation (negative where the contact is open), `elapsed` seconds after they had
     those that it is given; ``force`` is given what ``update`` returns. Either may take the
-    `time` since the beginning of the measurement (s) as well.
+    `time` since the beginning of the measurement (s) as well; a contact is closed where its
+    indentation is positive, also where such a law has no force.
     """
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {

@@ -23,6 +23,7 @@ class Forces:
     states: np.ndarray  # of laws at the start; see `impactlab.assembly.members.Members`
     labels: tuple[tuple[str, str], ...]  # names of the states, and their units
     timed: np.ndarray  # (body,) whether a law that depends on time acts on it
+    timed_contacts: np.ndarray  # (contact,) whether its law is one
     passes: int  # how often a kick evaluates forces that depend on velocities, 0 where there are none
     likely: np.ndarray  # (contact,) whether each may close in the run
     kicked: np.ndarray  # (body,) whether these, couplings that do not flow or a residual force act on it
@@ -45,7 +46,7 @@ class Forces:
         """
         return cls(
             generate(model, single), model.members.parameters, model.members.indices, model.members.states,
-            model.states, model.timed, model.passes, likely, _kicked(model, likely),
+            model.states, model.timed, model.timed_contacts, model.passes, likely, _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 
@@ -54,6 +55,7 @@ class Forces:
         with_wall = np.append(tile.bodies, len(self.kicked))
         return replace(
             self, parameters=tile.parameters, indices=tile.indices, timed=self.timed[tile.bodies],
+            timed_contacts=self.timed_contacts[tile.contacts],
             likely=self.likely[tile.contacts], kicked=self.kicked[tile.bodies], half_kick=self.half_kick[:, with_wall],
         )  # fmt: skip
 

@@ -38,7 +38,8 @@ class PeakForces(Record):
 
     Peaks grow with the time of observation: each has that of its window. Return levels come from the rate ν at
     which indentations are crossed on the way in, a flux like the contact rate, so that no short contact is missed. The
-    return level F of a time t has ``ν(F) t = 1``, for forces that grow with the indentation and depend on it alone.
+    return level F of a time t has ``ν(F) t = 1``, for forces that grow with the indentation and depend on it alone;
+    it is NaN for those that depend on time.
     The largest force in a time t is above any F with a probability of at most ``P(F(0) > F) + ν(F) t``; where
     crossings do not cluster it is below with the probability ``exp(−ν(F) t)``. All steps are taken, without jumps.
 
@@ -154,7 +155,7 @@ class PeakForces(Record):
             mean, scatter, factor[slot] = mean_of_subsamples(own, samples[:, None], trusted, slice(None))
             rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
             relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
-            if plan.realizations.trusted:
+            if plan.realizations.trusted and not plan.forces.timed_contacts[slot]:
                 found = [_return_level(own, samples, rate[slot], relative, force[slot], time) for time in times]
                 levels[:, slot] = np.transpose(found)
             everywhere[:, :, slot] = peaks[:, :, row]

@@ -368,14 +368,16 @@ def test_a_step_is_made_for_the_stiffest_moment():
     assert varying == pytest.approx(stiff, rel=0.1)
 
 
-def test_bodies_that_it_moves_have_no_balances():
+def test_bodies_that_it_moves_have_no_balances_and_contacts_no_return_levels():
     pair = il.Network(
         {"a": BODY, "b": BODY, "c": BODY},
         {"ab": il.Contact("a", "b", SwayingStop(40.0, amplitude=0.01, frequency=7.0)),
          "c": il.Contact("c", il.WALL, il.LinearContact(40.0))},
         dict.fromkeys("abc", il.WhiteNoise(0.5)),
     )  # fmt: skip
-    found = il.simulate(pair, 5.0, step=0.01, realizations=64, rng=1, integrator=EXACT)
+    options = {"realizations": 64, "rng": 1, "integrator": EXACT, "record": il.PeakForces(return_times=(3.0,))}
+    found = il.simulate(pair, 5.0, step=0.01, **options)
+    assert np.isnan(found.return_level).values.ravel().tolist() == [True, False]
     balance = found.balance_mean_square_velocity
     assert np.isnan(balance.sel(oscillator=["a", "b"])).all()
     assert np.isfinite(balance.sel(oscillator="c"))
