@@ -11,6 +11,7 @@ from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling
 from impactlab.components.evaluation import TIME
 from impactlab.components.sides import is_difference
+from impactlab.reference.combination import CombinationPart
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import Apart, LinearPart
@@ -33,7 +34,7 @@ Law = GibbsLaw | TreeLaw | RingLaw | GaussianLaw
 
 _WEIGHTED = (
     "acts on a combination with weights; with contacts the law is computed for differences of two bodies, or of a body "
-    "and a wall."
+    "and a wall, or for linear bodies whose contacts all act along one combination."
 )
 _TIMED = "depends on time, so that no law is stationary."
 _FORCED = "a contact or a coupling that pushes it would."
@@ -53,6 +54,12 @@ def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
             why = part.reasons
             laws += [] if why else [part.law]
         elif why := list(_gibbs_reasons(subsystem)):
+            along = CombinationPart(subsystem)
+            of_combination = list(_combination_reasons(along)) if along.fits else why
+            if not of_combination:
+                laws.append(along.law)
+                continue
+            why = of_combination if _needs_combination(subsystem) else why
             apart = Apart.of(subsystem)
             if apart is not None and not apart.mattering:
                 laws += apart.laws
@@ -77,6 +84,23 @@ def _gibbs_reasons(subsystem: Subsystem) -> Iterator[str]:
     for name, coupling in subsystem.couplings.items():
         yield from _coupling_reasons(name, coupling)
     yield from _subsystem_reasons(subsystem)
+
+
+def _needs_combination(subsystem: Subsystem) -> bool:
+    """Whether a law along a combination is the only one that there may be."""
+    links = [*subsystem.contacts.values(), *subsystem.couplings.values()]
+    return bool(subsystem.common_noises) or not all(map(is_difference, links))
+
+
+def _combination_reasons(part: CombinationPart) -> Iterator[str]:
+    """Say why the bodies of a subsystem with contacts along one combination have no law."""
+    subsystem = part.subsystem
+    varying = [name for name in subsystem.bodies if spectral_density(subsystem.network, name) is None]
+    if varying:
+        yield f"{named(varying)}: the law is known for constant white noise only."
+    for name, contact in subsystem.contacts.items():
+        yield from _contact_law_reasons(name, contact)
+    yield from () if varying else part.reasons()
 
 
 def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
@@ -113,6 +137,12 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
 
 
 def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
+    yield from _contact_law_reasons(name, contact)
+    if not is_difference(contact):
+        yield f"contact {name!r} {_WEIGHTED}"
+
+
+def _contact_law_reasons(name: str, contact: Contact) -> Iterator[str]:
     kind = type(contact.law).__name__
     if contact.law.state_names():
         yield _with_states(f"the force of contact {name!r}", contact.law)
@@ -128,8 +158,6 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
             f"{kind}, the law of contact {name!r}, does not define potential; define potential(indentation, ...), "
             f"the integral of {kind}.force from 0."
         )
-    if not is_difference(contact):
-        yield f"contact {name!r} {_WEIGHTED}"
 
 
 def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:

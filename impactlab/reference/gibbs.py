@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr
@@ -77,15 +78,36 @@ class GibbsLaw:
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
-        weight = self.weights[self.bodies.index(body)]
+        mean, _ = self._of_coordinate
+        return self.weights[self.bodies.index(body)] * mean, self.variance_along({body: 1.0})
+
+    def variance_along(self, weights: Mapping[str, float]) -> float:
+        """Return the variance of a weighted sum of displacements (m2)."""
+        share = sum(weight * self.weights[self.bodies.index(name)] for name, weight in weights.items())
+        return share**2 * self._of_coordinate[1] + self.variance_beside(weights)
+
+    def variance_beside(self, weights: Mapping[str, float]) -> float:
+        """Return the variance of what a weighted sum of displacements has beside its part of q (m2)."""
+        return (self.spread * sum(weights.values())) ** 2
+
+    def gap(self, contact: Contact) -> Gap:
+        """Return a contact as the coordinate sees it."""
+        return Gap.of(contact, self.bodies[0])
+
+    @cached_property
+    def _of_coordinate(self) -> tuple[float, float]:
+        """Mean (m) and variance (m2) of q."""
         starts, offsets, probabilities = self.quadrature()
         nodes = starts + offsets
         mean = float(probabilities @ nodes)
-        return weight * mean, weight**2 * float(probabilities @ (nodes - mean) ** 2) + self.spread**2
+        return mean, float(probabilities @ (nodes - mean) ** 2)
+
+    def _spread_of(self, body: str) -> float:
+        return math.sqrt(self.variance_beside({body: 1.0}))
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
-        gap = Gap.of(contact, self.bodies[0])
+        gap = self.gap(contact)
         *nodes, probabilities = self.quadrature()
         indentation = gap.indentation(*nodes)
         ratio, force = probabilities[indentation > 0.0].sum(), probabilities @ gap.law.evaluate(indentation)
@@ -93,9 +115,11 @@ class GibbsLaw:
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
-        if self.spread == 0.0:
-            return self.coordinate_density(displacement)
-        scale = 1.0 / (math.sqrt(2.0 * math.pi) * self.spread)
+        spread = self._spread_of(body)
+        if spread == 0.0:
+            weight = self.weights[self.bodies.index(body)]
+            return self.coordinate_density(displacement / weight) / abs(weight)
+        scale = 1.0 / (math.sqrt(2.0 * math.pi) * spread)
         return self._smeared(body, displacement, lambda z: scale * np.exp(-0.5 * z * z))[1]
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -115,7 +139,7 @@ class GibbsLaw:
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
         ends = self.weights[self.bodies.index(body)] * self.edges
-        around = self.spread * np.linspace(-_REACH, _REACH, 81)
+        around = self._spread_of(body) * np.linspace(-_REACH, _REACH, 81)
         outside = [ends.min() + around, ends.max() + around, np.linspace(ends.min(), ends.max(), 257)]
 
         def above(level: float) -> float:
@@ -128,7 +152,7 @@ class GibbsLaw:
 
     def gap_marginal(self, contact: Contact, speed: float) -> Marginal:
         """Return the law of a contact's indentation, its rate having some standard deviation (m s-1)."""
-        gap = Gap.of(contact, self.bodies[0])
+        gap = self.gap(contact)
 
         def above(level: float) -> float:
             *nodes, probabilities = self.quadrature(np.array([gap.corner + gap.sign * level]))
@@ -148,19 +172,19 @@ class GibbsLaw:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum what is below the Gaussian's reach, and what is within it times a kernel; for −x if mirrored."""
         weight = self.weights[self.bodies.index(body)] * (-1.0 if mirrored else 1.0)
-        extra = displacement
-        if self.spread > 0.0:  # panels no wider than 2 spread, but only where the Gaussian is looked at
-            panel = np.round(displacement / (2.0 * self.spread))[:, None] + np.arange(-6, 7)
-            extra = np.unique(panel) * 2.0 * self.spread
+        extra, spread = displacement, self._spread_of(body)
+        if spread > 0.0:  # panels no wider than 2 spread, but only where the Gaussian is looked at
+            panel = np.round(displacement / (2.0 * spread))[:, None] + np.arange(-6, 7)
+            extra = np.unique(panel) * 2.0 * spread
         starts, offsets, probabilities = self.quadrature(extra / weight if weight else None)
         places = weight * (starts + offsets)
         if weight < 0.0:
             places, probabilities = places[::-1], probabilities[::-1]
         total = np.concatenate([[0.0], np.cumsum(probabilities)])
-        start = np.searchsorted(places, displacement - _REACH * self.spread)
-        stop = np.searchsorted(places, displacement + _REACH * self.spread)
+        start = np.searchsorted(places, displacement - _REACH * spread)
+        stop = np.searchsorted(places, displacement + _REACH * spread)
         near = [
-            probabilities[i:j] @ kernel((x - places[i:j]) / self.spread) if i < j else 0.0
+            probabilities[i:j] @ kernel((x - places[i:j]) / spread) if i < j else 0.0
             for x, i, j in zip(displacement, start, stop, strict=True)
         ]
         return total[start], np.array(near)

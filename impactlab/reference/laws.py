@@ -72,7 +72,7 @@ class Laws:
     def at_point(self, weights: Mapping[str, float]) -> tuple[float, float, float]:
         """Return mean and variance of the displacement, and variance of the velocity, of a weighted sum of bodies.
 
-        The variance of the displacement is NaN where the sum has several bodies of one law that is not linear.
+        The variance of the displacement is NaN where the sum has several bodies of a law of a tree or a ring.
         """
         by_law: dict[int, dict[str, float]] = {}
         for name, weight in weights.items():
@@ -86,7 +86,8 @@ class Laws:
                 more = law.relative_variances(own)
             else:
                 alone = own[first] ** 2 * law.moments(first)[1] if len(own) == 1 else math.nan
-                more = alone, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
+                together = law.variance_along(own) if isinstance(law, GibbsLaw) else alone
+                more = together, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
             place, speed = place + more[0], speed + more[1]
         return mean, place, speed
 

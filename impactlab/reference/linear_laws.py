@@ -63,7 +63,8 @@ class LinearPart:
         return Model.of(self.subsystem.without_contacts())
 
     @cached_property
-    def _system(self) -> LinearSystem:
+    def system(self) -> LinearSystem:
+        """Their matrices."""
         springs, dampers = (self._model.links.springs(strength) for strength in self._model.coupling)
         return system_of(self._model, np.arange(self._model.wall), springs, dampers)
 
@@ -75,7 +76,7 @@ class LinearPart:
     @cached_property
     def law(self) -> GaussianLaw:
         """The law, where there are no reasons against it."""
-        system, model = self._system, self._model
+        system, model = self.system, self._model
         together = ((np.arange(len(model.bodies)), system),)
         cosines = [
             CosineResponse(item.frequencies, item.amplitudes, receptance)
@@ -90,7 +91,7 @@ class LinearPart:
     @cached_property
     def slowest(self) -> float:
         """The longest relaxation time (s)."""
-        return 1.0 / float(self._system.rates.min())
+        return 1.0 / float(self.system.rates.min())
 
     def _varying(self) -> Iterator[str]:
         network = self.subsystem.network
@@ -103,7 +104,7 @@ class LinearPart:
                     )
 
     def _unstable(self) -> Iterator[str]:
-        system, model, names = self._system, self._model, self.subsystem.bodies
+        system, model, names = self.system, self._model, self.subsystem.bodies
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         one = len(names) == 1
         if not driven and not system.damping.any():

@@ -391,6 +391,9 @@ def exact(network: Composition) -> ExactReference:
       damping, and the temperatures ``π S / damping`` of connected bodies be equal (for two unit
       masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density is
       proportional to ``exp(−H/T)`` with the energy H;
+    - linear parts, also in loops and with damping in couplings, in which all contacts act along one
+      combination of displacements, as between two towers that are given by their modes, if the
+      matrices of spectral densities and of damping are in proportion, ``π S = T C``;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
       any temperatures, also one on several bodies, and sums of cosines. Contacts are allowed if
       the law without them closes them so rarely that they cannot matter: a bound of the

@@ -18,7 +18,9 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
-_SAME_TEMPERATURE = 1e-9  # relative difference
+SAME_TEMPERATURE = 1e-9
+"""Relative difference of two temperatures that are taken to be the same."""
+
 UNHEATED = (
     "neither noise nor damping, the energy stays as it was at the start; with both on one of them there would be a law."
 )
@@ -154,7 +156,7 @@ def is_linear(coupling: Coupling) -> bool:
 
 def differ(*temperatures: float) -> bool:
     """Whether some temperatures are not the same."""
-    return max(temperatures) - min(temperatures) > _SAME_TEMPERATURE * max(temperatures)
+    return max(temperatures) - min(temperatures) > SAME_TEMPERATURE * max(temperatures)
 
 
 def refusal(reasons: Sequence[str]) -> NoExactReference:

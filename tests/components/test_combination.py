@@ -238,16 +238,62 @@ def test_exact_law_of_linear_couplings():
     assert il.exact(far).statistics().contact_ratio.item() == 0.0
 
 
-def test_no_exact_law_of_weighted_contacts():
-    with pytest.raises(il.NoExactReference, match=r"contact 'lever' acts on a combination with weights; with contacts"):
-        il.exact(lever(excitations=WARM))
-    network = lever(
-        contacts={"lever": None, "gap": il.Contact("a", "c", il.HertzContact(1e4), clearance=0.1)},
-        couplings={"tie": il.Coupling(LEVER, il.WALL, il.LinearCoupling(7.0))},
-        excitations=WARM,
-    )
-    with pytest.raises(il.NoExactReference, match=r"coupling 'tie' acts on a combination with weights"):
-        il.exact(network)
+def test_exact_law_of_contacts_along_a_combination():
+    """Against sums over a grid of all three displacements; the lever has stops on both sides."""
+    stops = {
+        "lever": il.Contact(LEVER, "c", il.HertzContact(300.0), clearance=0.2),
+        "back": il.Contact("c", LEVER, il.PowerLawContact(500.0, exponent=2.0), clearance=0.4),
+    }
+    tie = il.Coupling("b", "c", il.LinearCoupling(3.0))
+    network = lever(excitations=WARM, contacts=stops, couplings={"tie": tie})
+    w = np.array([1.0, -0.5, -1.0])
+    stiffness = np.diag(list(STIFFNESS.values())) + 3.0 * np.outer([0.0, 1.0, -1.0], [0.0, 1.0, -1.0])
+    deviations = np.sqrt(np.diagonal(np.linalg.inv(stiffness)))
+    axes = [np.linspace(-6.0, 6.0, 161) * deviation for deviation in deviations]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"))
+    gap = np.tensordot(w, x, 1)
+    near, far = np.maximum(gap - 0.2, 0.0), np.maximum(-gap - 0.4, 0.0)
+    energy = 0.5 * np.einsum("i...,ij,j...->...", x, stiffness, x) + 120.0 * near**2.5 + 500.0 / 3.0 * far**3
+    density = np.exp(-energy)
+    density /= density.sum()
+    law = il.exact(network)
+    statistics = law.statistics()
+    for axis, name in enumerate("abc"):
+        alone = density.sum(axis=tuple({0, 1, 2} - {axis}))
+        mean, square = (float((alone * axes[axis] ** power).sum()) for power in (1, 2))
+        assert statistics.mean_displacement.sel(oscillator=name).item() == pytest.approx(mean, abs=1e-5)
+        assert statistics.mean_square_displacement.sel(oscillator=name).item() == pytest.approx(square, rel=1e-5)
+        own = law.density(name, "displacement", axes[axis])
+        np.testing.assert_allclose(own, alone / np.diff(axes[axis])[0], atol=1e-5 * own.max())
+    forces = 300.0 * near**1.5, 500.0 * far**2
+    for name, force in zip(stops, forces, strict=True):
+        expected = float((density * force).sum())
+        assert statistics.mean_contact_force.sel(contact=name).item() == pytest.approx(expected, rel=1e-4)
+    np.testing.assert_allclose(statistics.mean_square_velocity, 1.0 / np.array(list(MASS.values())), rtol=1e-12)
+    with pytest.raises(il.NoExactReference, match=r"joint density of 'a' and 'b', whose contacts act along a comb"):
+        law.joint_density("a", "b", np.zeros(1), np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"contacts": {"gap": il.Contact("a", "c", il.HertzContact(1e4), clearance=0.1)}},
+            "contact 'lever' acts on a combination with weights; with contacts the law is computed for differences",
+        ),
+        ({"excitations": {"a": il.WhiteNoise(1.0)}}, "the noises are not in balance with the damping at one temper"),
+        ({"excitations": {"a": None}}, "the noises are not in balance with the damping at one temperature"),
+        (
+            {"excitations": {"a": il.ShinozukaNoise(0.5, band=(0.0, 9.0), components=40)}},
+            "'a': the law is known for constant white noise only",
+        ),
+        ({"couplings": {"s": il.Coupling("a", "b", DampedCubicCoupling(1.0, damping=0.0))}}, "'s' is not an il.Linear"),
+        ({"oscillators": {"c": il.LinearOscillator(damping=0.2)}}, "no spring confines one of their motions"),
+    ],
+)
+def test_no_exact_law_of_weighted_contacts(changes, message):
+    with pytest.raises(il.NoExactReference, match=message):
+        il.exact(lever(excitations=WARM).replace(**changes))
 
 
 # who knows them

@@ -174,20 +174,23 @@ def test_exact_law_of_points():
 
 
 def test_towers_of_modes_that_pound():
-    """The reason why there is no exact law; the towers' velocities keep their one temperature all the same."""
+    """The law is that of the same towers as bodies, and the simulated one."""
     warm = {name: il.WhiteNoise(RATE * mass / np.pi) for name, mass in zip(FLOORS, MASS, strict=True)}
-    other = modes(MASS[:3], STIFFNESS[:3, :3], names=["a", "b", "top"])
-    warm |= {
-        f"other.{name}": il.WhiteNoise(RATE * mass / np.pi)
-        for name, mass in zip(("a", "b", "top"), MASS[:3], strict=True)
-    }
+    floors = ["a", "b", "top"]
+    warm |= {f"other.{name}": il.WhiteNoise(RATE * mass / np.pi) for name, mass in zip(floors, MASS[:3], strict=True)}
     gap = {"gap": il.Contact("tower.roof", "other.top", HERTZ, clearance=0.05)}
-    network = il.Network({"tower": modes(), "other": other}, gap, warm)
-    with pytest.raises(il.NoExactReference, match=r"contact 'gap' acts on a combination with weights"):
-        il.exact(network)
+    other = il.LinearStructure(MASS[:3], RATE * np.diag(MASS[:3]), STIFFNESS[:3, :3], names=floors)
+    network = il.Network({"tower": modes(), "other": modes(MASS[:3], STIFFNESS[:3, :3], names=floors)}, gap, warm)
+    law = il.exact(network).statistics()
+    bodies = il.exact(il.Network({"tower": TOWER, "other": other}, gap, warm)).statistics()
+    for name in ("contact_ratio", "contact_rate", "mean_contact_force"):
+        np.testing.assert_allclose(law[name], bodies[name], rtol=1e-9)
+    for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
+        np.testing.assert_allclose(law[f"point_{name}"], bodies[name], rtol=1e-8, err_msg=name)
     result = il.simulate(network, duration=20.0, realizations=128, rng=4)
-    expected = {"point_mean_square_velocity": 1.0 / np.append(MASS, MASS[:3])}
-    assert deviations(result, expected, expected, relative=2e-3)["point_mean_square_velocity"] < 3.5
+    names = ["point_mean_square_velocity", "point_mean_square_displacement", "contact_ratio", "contact_rate"]
+    off = deviations(result, law, names, relative=2e-3)
+    assert max(off.values()) < 3.5, off
     assert result.contact_ratio.item() > 0.02
 
 
