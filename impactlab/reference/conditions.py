@@ -89,7 +89,7 @@ def _gibbs_reasons(subsystem: Subsystem) -> Iterator[str]:
 def _needs_combination(subsystem: Subsystem) -> bool:
     """Whether a law along a combination is the only one that there may be."""
     links = [*subsystem.contacts.values(), *subsystem.couplings.values()]
-    return bool(subsystem.common_noises) or not all(map(is_difference, links))
+    return not all(map(is_difference, links))
 
 
 def _combination_reasons(part: CombinationPart) -> Iterator[str]:
