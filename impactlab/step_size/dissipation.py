@@ -48,15 +48,16 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     """
     mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
     depths, of_contacts = np.multiply.outer(stiffening.penetration, DEPTHS), energy[model.ends.first()]
-    contacts = _rates(model.contact_laws, "force", depths, model.ends.squares(mobility), of_contacts, 1.0)
+    along, times = model.ends.squares(mobility), stiffening.times
+    contacts = _rates(model.contact_laws, "force", depths, along, of_contacts, times, 1.0)
     of_couplings = energy[model.coupled.first()]
-    extensions = _places(of_couplings, stiffening.couplings)
-    couplings = _rates(model.coupling_laws, "force", extensions, model.coupled.squares(mobility), of_couplings)
+    extensions, along = _places(of_couplings, stiffening.couplings), model.coupled.squares(mobility)
+    couplings = _rates(model.coupling_laws, "force", extensions, along, of_couplings, times)
     bodies, residual = np.zeros(len(model.mass)), np.flatnonzero(model.residual)
     oscillators = list(model.network.oscillators.values())
     bent = [oscillators[slot] for slot in residual]
     displacements = _places(energy, model.stiffness + stiffening.bodies)[residual]
-    bodies[residual] = _rates(bent, "residual", displacements, mobility[residual], energy[residual])
+    bodies[residual] = _rates(bent, "residual", displacements, mobility[residual], energy[residual], times)
     return contacts, couplings, bodies
 
 
@@ -72,11 +73,13 @@ def _rates(
     places: np.ndarray,
     mobility: np.ndarray,
     energy: np.ndarray,
+    times: np.ndarray,
     most: float = DRY,
 ) -> np.ndarray:
     """Rates of some members at their places, (member, place), worked out once for those that are equal.
 
-    They are root mean squares, but at most so many times the mean.
+    They are root mean squares, but at most so many times the mean; of laws that depend on time at the worst of some
+    times.
     """
     result = np.zeros(len(members))
     slowing = [row for row, item in enumerate(members) if not _VELOCITIES.isdisjoint(item.kernel(kernel)[1])]
@@ -85,14 +88,17 @@ def _rates(
     def of_members(chosen: Sequence[Any], mobility: np.ndarray, energy: np.ndarray, *at: np.ndarray) -> np.ndarray:
         deviation = np.sqrt(energy * mobility)
         place, speed = np.broadcast_arrays(np.stack(at, axis=1)[:, :, None], deviation[:, None, None] * SPEEDS)
-        flat = len(chosen), -1
-        force = call_each(chosen, kernel, place.reshape(flat), speed.reshape(flat)).reshape(speed.shape)
-        change = np.abs(np.diff(force, axis=2)).swapaxes(1, 2)
-        mean = (_DENSITY @ change).mean(axis=1)
-        root = np.sqrt((_DENSITY @ change**2).mean(axis=1) / (SPEEDS[1] - SPEEDS[0]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rates = np.where(deviation > 0.0, np.minimum(root, most * mean) * mobility / deviation, 0.0)
-        return np.asarray(rates)
+        at_points = [item.reshape(len(chosen), -1) for item in (place, speed)]
+        worst = np.zeros(len(chosen))
+        for time in times[:, None, None]:
+            force = call_each(chosen, kernel, *at_points, time).reshape(speed.shape)
+            change = np.abs(np.diff(force, axis=2)).swapaxes(1, 2)
+            mean = (_DENSITY @ change).mean(axis=1)
+            root = np.sqrt((_DENSITY @ change**2).mean(axis=1) / (SPEEDS[1] - SPEEDS[0]))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                rates = np.where(deviation > 0.0, np.minimum(root, most * mean) * mobility / deviation, 0.0)
+            worst = np.maximum(worst, rates)
+        return worst
 
     found, places = of_unique(of_members, rows, 1)
     result[slowing] = found[0, places]

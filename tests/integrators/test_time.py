@@ -165,6 +165,25 @@ def of_everything(t, y):
 STARTED = {"displacement": {"a": 0.3, "b": 0.2}, "velocity": {"a": -0.4}}
 
 
+class Braking(il.CouplingLaw):
+    """Damper that is off at the beginning."""
+
+    damping: float = il.parameter(units="N s m-1")
+
+    def force(extension, rate, time, damping):
+        return damping * (1.0 - math.cos(0.2 * time)) * rate
+
+
+def test_a_step_is_made_for_the_strongest_damper():
+    network = NOISY.replace(couplings={"p": il.Coupling(il.WALL, "a", Braking(50.0))})
+    constant = NOISY.replace(couplings={"p": il.Coupling(il.WALL, "a", il.LinearCoupling(0.0, damping=100.0))})
+    method = il.RungeKutta4()
+    varying, strong = (
+        make_plan(Model.of(item), request(step=None, integrator=method)).clock.step for item in (network, constant)
+    )
+    assert varying == pytest.approx(strong, rel=0.3)
+
+
 @functools.cache
 def place_of_everything():
     return tight(of_everything, 2.0, [0.3, 0.2, -0.4, 0.0])[:2]
