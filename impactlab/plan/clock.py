@@ -43,8 +43,8 @@ class Clock:
     relaxation: float  # longest time after which samples are independent (s), 0 if nothing is damped
     settling: float  # relaxation time of what the start does not know (s)
     automatic: float
-    """The step that is chosen where none is given (s); 0 where none can be. Where a larger one was measured, that from
-    which its biases are to be expected to grow with its square.
+    """The step that the rules choose where none is given (s); 0 where they choose none. Of a larger step that was
+    measured, biases are expected to grow with the square of its ratio to this one.
     """
     certified: bool  # whether the automatic step of such a network is right without a measurement
 

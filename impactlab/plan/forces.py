@@ -28,9 +28,9 @@ class Forces:
     likely: np.ndarray  # (contact,) whether each may close in the run
     kicked: np.ndarray  # (body,) whether these, couplings that do not flow or a residual force act on it
     half_kick: np.ndarray
-    """Of what a unit force of a kick gives the velocity of each body and the wall, (0 to 2, body + 1): how far
-    velocities are spread around their own time, half of it without friction; and, where friction slows bodies within a
-    step, what those in the middle of the kick lack. Nothing where no body feels another force than that of one contact.
+    """Velocities of each body and the wall per unit force of a kick, (0 to 2, body + 1). The first is how far samples
+    of the velocity lie to either side of it, half a kick without friction; the second, where friction slows bodies
+    within a step, what the velocity in the middle of a kick lacks. No rows where each body feels one contact at most.
     """
 
     @property

@@ -47,11 +47,11 @@ class WhiteNoises:
     white: np.ndarray  # (white,) slots of these bodies
     rows: np.ndarray  # (row,) slots of the bodies by row of noise; second rows of some come last
     runs: np.ndarray
-    """Bodies that follow each other, as do their first rows, (run, 3): first body, its row or -1, number."""
+    """Runs of successive bodies whose first rows are successive too, (run, 3): first body, its row or -1, length."""
     amplitude: np.ndarray  # (phase, 2, row) of the rows
     streams: np.ndarray  # (3, row) addresses of the noise
     intensity: np.ndarray  # (white,) density of the noise on `white` that the amplitudes were made with
-    shares: Shares  # parts of that which each noise has
+    shares: Shares  # of each noise in the density on each body
     noises: np.ndarray  # (row,) which noise it is
     time_varying: bool  # whether densities depend on time
     random: np.ndarray  # (body,) whether noise of any kind reaches each body

@@ -24,9 +24,9 @@ class Start:
     state: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body)
     streams: np.ndarray  # (3, body) addresses of a random start
     deviations: np.ndarray
-    """Standard deviations of displacement and velocity under white noise, (2, body), for a stationary start."""
+    """Standard deviations of displacement and velocity that a stationary start is drawn with, (2, body)."""
     factors: tuple[tuple[np.ndarray, np.ndarray], ...]
-    """For such a start: slots of bodies that couplings or noises connect, and a root of the covariance of (x, v)."""
+    """The same of bodies that couplings or noises connect: their slots, and a root of the covariance of (x, v)."""
     rest: np.ndarray  # (body,) displacements of bodies that start at rest (m)
 
     @classmethod

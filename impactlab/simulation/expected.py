@@ -26,7 +26,7 @@ class Expected:
     spin_up: float  # (s)
     stiffening: Stiffening
     """Tangent stiffness of contacts, couplings and residual forces at the estimated energies of the bodies."""
-    measured: Stiffening  # the same at energies measured before the run
+    measured: Stiffening  # the same at the energies that a measurement of the step met, if there was one
     relaxed: Relaxation
     settling: float  # longest relaxation time of the decay from the start to stationary motion (s)
 

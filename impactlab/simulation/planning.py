@@ -36,7 +36,10 @@ NEGLIGIBLE_CLOSURES = 1e-3
 
 
 def make_plan(model: Model, request: Request) -> Plan:
-    """Make the plan of a run; nothing is decided later. A request that cannot be met is refused, with a cure."""
+    """Make the plan of a run. A request that cannot be met is refused, with a cure.
+
+    Where the error of the step is measured before the run, there is a plan for each step that is tried.
+    """
     request.integrator.check(model)
     request = request.resolved(model)
     expected = Expected.of(model, request)
@@ -48,11 +51,12 @@ def make_plan(model: Model, request: Request) -> Plan:
     # half width of the band of indentations in which contact rates are a flux; contact-free intervals stay out of it
     window = WINDOW * gap_scale(model, stiffening.penetration)
     steps = Steps.of(model, request, expected, start, window)
-    # n steps and one interval of n steps must have the same law, so that their flow must not be split
+    # an interval of n steps must move bodies as n steps do, so that friction must not act at one moment of each
     integrator = WholeFlow() if steps.jumping else request.integrator
     _warn(model, request, expected, steps, integrator)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)
-    grid = max(observed.every, steps.longest)  # batches end with samples, if there are any, and these with intervals
+    # batches are multiples of this many steps: they end with a sample, if there are any, and with an interval
+    grid = max(observed.every, steps.longest)
     clock = _clock(model, request, expected, steps, grid)
     series = driving.nbytes(integrator, clock.step, clock.all_steps)
     realizations = _realizations(model, request, clock, steps.jumping, series, grid)

@@ -34,16 +34,17 @@ class Steps:
     """The time step, the numbers of steps, and the contact-free intervals that are crossed in one transition."""
 
     step: float  # (s)
-    automatic: float  # the step that would be chosen by rules if none were given (s), 0 if none can be
+    automatic: float  # the step that the rules choose where none is given or measured (s), 0 if they choose none
     number: int  # number of steps over which statistics are taken
     spin_up: int  # number of steps before that
     longest: int  # steps in the longest contact-free interval; 1 if every step is taken
-    leaf: int  # steps in the shortest interval
-    levels: int  # number of halvings that lead to it
+    leaf: int  # steps in the shortest interval, of which each is made
+    levels: int  # how often the longest interval is halved until it is the shortest
     counted: bool
     """Whether contact rates are counted closings; otherwise they are fluxes through a narrow band of the gap."""
     sampled: bool
-    """Whether states after steps or intervals are samples, without the path between, which stationary motion allows."""
+    """Whether statistics are means over the states after steps or intervals only, and not over the path between them,
+    which stationary motion allows."""
 
     @classmethod
     def of(cls, model: Model, request: Request, expected: Expected, start: Start, window: np.ndarray) -> Self:
