@@ -1,4 +1,4 @@
-"""Bugs in combinations of coordinates, noises of several bodies, structures, and laws with states."""
+"""Bugs in combinations of coordinates, noises of several bodies, structures, and laws with states or time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from impactlab.assembly import sources
 from impactlab.assembly.links import Combinations
 from impactlab.components.structure import LinearStructure
 from impactlab.integrators import exact_flow
-from planted.compound_scenes import CREEPING, LEVER, TOWER
+from impactlab.simulation import block
+from planted.compound_scenes import CREEPING, LEVER, PULSATING, TOWER
 from planted.plant import Bug, Plant, returned, text
 
 
@@ -45,4 +46,8 @@ BUGS = [
     Bug("force by the state at the beginning of the step", CREEPING,
         text("force = MaxwellCoupling_force(extension, pull)",
              "force = MaxwellCoupling_force(extension, remembered_0[member, lane])")),
+    Bug("laws at the time of the beginning of a step", PULSATING,
+        text("time = parameters[-2] + parameters[-1]", "time = parameters[-2]")),
+    Bug("laws whose time begins with the spin-up", PULSATING,
+        returned(block, "Steps", lambda steps, *_: steps._replace(spin_up=0))),
 ]  # fmt: skip

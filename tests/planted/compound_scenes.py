@@ -1,4 +1,4 @@
-"""Linear scenes of combinations, shared noises, structures and laws with states: covariances by hand."""
+"""Linear scenes of combinations, shared noises, structures, laws with states or time: covariances by hand."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy.integrate
 import scipy.linalg
 
 import impactlab as il
@@ -99,6 +100,41 @@ class Creeping(Covariances):
         return np.asarray(scipy.linalg.solve_continuous_lyapunov(drift, -growth))[:2, :2]
 
 
-LEVER, TOWER, CREEPING = Lever(), Tower(), Creeping()
+class PulsatingSpring(il.CouplingLaw):
+    """Spring whose stiffness varies with the period of 2 s."""
 
-SCENES = [LEVER, TOWER, CREEPING]
+    stiffness: float = il.parameter(units="N m-1")
+
+    @staticmethod
+    def force(extension, time, stiffness):  # type: ignore[no-untyped-def]
+        return stiffness * (1.0 + 0.8 * math.cos(math.pi * time)) * extension
+
+
+class Pulsating(Covariances):
+    """A body on a spring that varies in time, once in each of its periods, where the covariance is always the same."""
+
+    name = "parametric excitation"
+    interval, duration = 2.0, 40.0
+
+    def network(self) -> il.Network:
+        body = il.LinearOscillator(mass=1.0, damping=0.7, stiffness=3.0)
+        return il.Network(
+            {"a": body}, None, {"a": il.WhiteNoise(0.3)}, {"p": il.Coupling("a", il.WALL, PulsatingSpring(4.0))}
+        )
+
+    def law(self) -> np.ndarray:
+        def growth(time: float, values: np.ndarray) -> np.ndarray:
+            """Of the linear map of a part of a period, and of the covariance that noise makes in it."""
+            drift = np.array([[0.0, 1.0], [-7.0 - 3.2 * math.cos(math.pi * time), -0.7]])
+            along, spread = values.reshape(2, 2, 2)
+            noise = np.diag([0.0, 2.0 * math.pi * 0.3])
+            return np.stack([drift @ along, drift @ spread + spread @ drift.T + noise]).ravel()
+
+        begin = np.stack([np.eye(2), np.zeros((2, 2))]).ravel()
+        end = scipy.integrate.solve_ivp(growth, (0.0, 2.0), begin, rtol=1e-10, atol=1e-12).y[:, -1]
+        return np.asarray(scipy.linalg.solve_discrete_lyapunov(*end.reshape(2, 2, 2)))
+
+
+LEVER, TOWER, CREEPING, PULSATING = Lever(), Tower(), Creeping(), Pulsating()
+
+SCENES = [LEVER, TOWER, CREEPING, PULSATING]
