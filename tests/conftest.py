@@ -1,5 +1,6 @@
 """What several tests share."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -11,12 +12,35 @@ import pytest
 from hypothesis import settings
 
 import impactlab as il
+from impactlab.integrators.driver import stepping
+from impactlab.integrators.jumps import jumping_loop
+
+gc.set_threshold(50_000, 20, 20)  # compilers make many objects of which none is garbage yet: a seventh of their time
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by a shell that runs tests in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("impactlab", deadline=None, derandomize=True, database=None)
 settings.load_profile("impactlab")
+
+
+MANY = 1000
+"""Tests of a run that needs most loops."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def loops(request):
+    """Compile the largest loops, each of two workers others, before both want all of them at the same time."""
+    if request.session.testscollected < MANY:
+        return
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker == "gw0":
+        stepping(il.ExactFlow.step, il.ExactFlow.accepted, False)
+        jumping_loop()
+    elif worker == "gw1":
+        stepping(il.ExactFlow.step, il.ExactFlow.accepted, True)
+        for single in (True, False):
+            stepping(il.RungeKutta4.step, il.RungeKutta4.accepted, single)
 
 
 @pytest.fixture

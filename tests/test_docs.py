@@ -59,6 +59,7 @@ def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -
         assert shown in printed, f"{page.name} shows\n{shown}\nbut its code prints\n{printed}"
 
 
+@pytest.mark.campaign
 def test_figures_are_made_by_their_script(tmp_path: Path) -> None:
     python(str(ROOT / "docs" / "figures" / "make_figures.py"), str(tmp_path), folder=tmp_path)
     made = {file.name for file in tmp_path.iterdir()}

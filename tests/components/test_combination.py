@@ -149,7 +149,7 @@ CUBIC = {"cubic": (DampedCubicCoupling(50.0, damping=0.2), DampedCubicCoupling(8
 @pytest.mark.parametrize(
     ("couplings", "contact"),
     [
-        ({}, (il.LinearContact(400.0), il.LinearContact(100.0))),
+        pytest.param({}, (il.LinearContact(400.0), il.LinearContact(100.0)), marks=pytest.mark.campaign),
         (SPRING, (il.LinearContact(400.0), il.LinearContact(100.0))),
         pytest.param(STIFF, (il.LinearContact(400.0), il.LinearContact(100.0)), marks=pytest.mark.campaign),
         pytest.param(

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.excitations import Harmonic
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -15,17 +16,9 @@ PULLED = {"displacement": {"a": 0.02}, "velocity": {"a": 0.1}}
 ONE_STEP = il.ExactFlow(measured=False)
 
 
-class Sine(il.Excitation):
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1")
-
-    def force(time, amplitude, frequency):
-        return amplitude * math.sin(frequency * time)
-
-
 def end_of(law, step, method, duration=2.5):
     """Displacement after some time of a body that is held by a coupling and pushed."""
-    network = il.Network({"a": BODY}, {}, {"a": Sine(5.0, frequency=3.0)}, {"h": il.Coupling(il.WALL, "a", law)})
+    network = il.Network({"a": BODY}, {}, {"a": Harmonic(5.0, frequency=3.0)}, {"h": il.Coupling(il.WALL, "a", law)})
     options = {"integrator": method, "initial": PULLED, "record": il.Trajectory(duration / 2.0)}
     return float(il.simulate(network, duration, step=step, **options).displacement.isel(time=-1).squeeze())
 
@@ -68,11 +61,8 @@ def bouc_wen_path():
     return tuple(solution(*bouc_wen(BOUC_WEN), duration=duration) for duration in (0.5, 2.5))
 
 
-@pytest.mark.parametrize(
-    "method",
-    [pytest.param(ONE_STEP, marks=pytest.mark.campaign), il.RungeKutta4()],
-    ids=lambda item: type(item).__name__,
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("method", [ONE_STEP, il.RungeKutta4()], ids=lambda item: type(item).__name__)
 def test_bouc_wen_hysteresis_follows_its_equation(method):
     """Until it turns back the error falls with the square of the step, or faster; it is small after many loops, too."""
     ahead, after = bouc_wen_path()

@@ -62,12 +62,12 @@ class Counting(il.CouplingLaw):
         return steps + (1.0 if elapsed > 0.0 else 0.0), span + elapsed, extension, rate
 
 
-def block_of(network, step, realizations=1, **options):
-    request = Request(
-        1.0, realizations, step, options.pop("integrator", EXACT), 0.0, options.pop("initial", "rest"), [],
-        Seed(1, 2), **options,
-    )  # fmt: skip
-    return Block(make_plan(Model.of(network), request), 0, lambda steps: None)
+def planned(network, step, realizations=1, integrator=EXACT, initial="rest"):
+    return make_plan(Model.of(network), Request(1.0, realizations, step, integrator, 0.0, initial, [], Seed(1, 2)))
+
+
+def block_of(*arguments, **options):
+    return Block(planned(*arguments, **options), 0, lambda steps: None)
 
 
 @pytest.mark.parametrize("realizations", [1, 3])
@@ -204,7 +204,7 @@ def test_trajectories_have_the_states_at_their_times(method, realizations, tmp_p
 
 def test_a_run_takes_memory_for_states():
     plain = everything().replace(couplings={"h": None})
-    plans = [block_of(network, 1e-3, 2).plan for network in (plain, everything())]
+    plans = [planned(network, 1e-3, 2) for network in (plain, everything())]
     rows = [len(plan.forces.states) for plan in plans]
     assert rows == [1 + 1 + 1 + 1 + 2, 1 + 1 + 1 + 1 + 2 + 2]
     assert sizes(plans[1])[0] - sizes(plans[0])[0] >= 8 * 2

@@ -47,7 +47,7 @@ positive = st.floats(0.1, 10.0)
 @st.composite
 def networks(draw):
     """Networks of any shape, with loops, walls on both sides and contacts side by side."""
-    names = [f"body {k}" for k in range(draw(st.integers(1, 5)))]
+    names = [f"body {k}" for k in range(draw(st.integers(2, 5)))]
     linear = {"mass": positive, "damping": positive, "stiffness": positive}
     duffing = st.builds(il.DuffingOscillator, cubic=positive, **linear)
     oscillator = st.builds(il.LinearOscillator, **linear) | duffing
@@ -55,12 +55,13 @@ def networks(draw):
     ends = st.tuples(*[st.sampled_from([*names, il.WALL])] * 2).filter(lambda pair: pair[0] != pair[1])
     contacts = draw(st.just([]) | st.lists(st.tuples(ends, st.floats(-2.0, 1.0)), min_size=2, max_size=6))
     cosine = st.builds(Cosine, amplitude=positive, frequency=positive)
-    excitation = cosine | st.builds(il.WhiteNoise, positive)
-    # each set of kinds is compiled once: there are few, with a Duffing body and a force always and both laws or none
+    noise = st.builds(il.WhiteNoise, positive)
+    # each set of kinds is compiled once: there are two, with a Duffing body, a force and a noise always and both laws
+    # or none
     return il.Network(
         {name: draw(oscillator if k else duffing) for k, name in enumerate(names)},
         {str(k): il.Contact(*pair, draw(laws[k % 2]), clearance=gap) for k, (pair, gap) in enumerate(contacts)},
-        {**draw(st.dictionaries(st.sampled_from(names), excitation)), names[0]: draw(cosine)},
+        {**draw(st.dictionaries(st.sampled_from(names), cosine | noise)), names[0]: draw(cosine), names[1]: draw(noise)},
     )
 
 

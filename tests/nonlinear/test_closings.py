@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, JumpContact
-from laws import Cosine
+from impactlab_numerics.laws.excitations import Harmonic
 
 import impactlab as il
 from impactlab.kernels.sums import closings
@@ -45,7 +45,8 @@ def deviation(ds, rate, label=0):
     return abs(float(ds.contact_rate[label]) - rate) / error
 
 
-@pytest.mark.parametrize("base", [*(pytest.param(mass, marks=pytest.mark.campaign) for mass in (1.0, 1e3)), 1e6])
+@pytest.mark.campaign
+@pytest.mark.parametrize("base", [1.0, 1e3, 1e6])
 def test_bodies_on_a_heavy_shaken_base(base):
     """The base is hotter than what it carries by as much as it is heavier."""
     fine = il.simulate(shaken(base), 25.0, realizations=64, step=5e-4, record=il.Trajectory(5e-4), rng=1)
@@ -61,7 +62,7 @@ def test_bodies_on_a_heavy_shaken_base(base):
 def test_a_periodic_motion_touches_a_whole_number_of_times_in_a_period(frequency, number):
     body = il.LinearOscillator(mass=1.0, damping=0.1, stiffness=1.0)
     contact = il.Contact("m", il.WALL, il.LinearContact(20.0), clearance=0.5)
-    network = il.Network({"m": body}, {"stop": contact}, {"m": Cosine(1.0, frequency=frequency)})
+    network = il.Network({"m": body}, {"stop": contact}, {"m": Harmonic(1.0, frequency=frequency)})
     period = 2 * np.pi / frequency
     ds = il.simulate(network, 40 * period, spin_up=60 * period, initial={}, rng=1)
     assert ds.contact_rate.item() * period == pytest.approx(number, abs=1e-9)
@@ -103,7 +104,7 @@ def test_closings_of_bodies_that_friction_would_stop_within_a_step():
         return il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(200.0 / np.pi)})
 
     method, dashpot = il.ExactFlow(measured=False), ClampedKelvinVoigtContact(20.0, damping=1e-6)
-    ds = il.simulate(touching(dashpot), 400.0, realizations=512, rng=1, integrator=method)
+    ds = il.simulate(touching(dashpot), 400.0, realizations=64, rng=1, integrator=method)
     assert 200.0 * ds.attrs["step"] <= 1.0
     exact = float(il.exact(touching(il.LinearContact(20.0))).statistics().contact_rate[0])
     assert abs(float(ds.contact_rate[0]) - exact) < 3.5 * float(ds.contact_rate_standard_error[0])
@@ -202,12 +203,10 @@ def test_a_rate_is_never_negative():
 
 
 def test_the_first_step_counts():
-    """A body that closes and stays: once, whenever it begins."""
-    network = wall(
-        ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=1e-6, excitation=Cosine(1.0, frequency=1e-3)
-    )
-    ds = il.simulate(network, 1.0, initial={"velocity": {"a": 1.0}}, rng=1)
-    assert ds.contact_rate.item() == 1.0
+    """A body that its spring presses against the wall closes the contact and stays: once, whenever it begins."""
+    network = wall(ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=-1.0).replace(excitations={"a": None})
+    ds = il.simulate(network, 1.0, initial={"displacement": {"a": -1.0 - 1e-6}, "velocity": {"a": 1.0}}, rng=1)
+    assert ds.contact_rate.item() == pytest.approx(1.0)
 
 
 def test_a_turning_point_beyond_contact_stands_for_what_is_hidden():

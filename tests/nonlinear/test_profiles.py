@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import BilinearContact, SaturatingContact
+from impactlab_numerics.laws.contacts import BilinearContact, JumpContact, SaturatingContact
 from impactlab_numerics.laws.couplings import DeadBandCoupling
 from impactlab_numerics.laws.oscillators import SoftOscillator, StopOscillator
 from laws import TwoWells
@@ -108,7 +108,7 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
 @pytest.mark.parametrize(
     "network",
     [
-        pytest.param(alone(StopOscillator, 10.0, distance=1.5, stiffness=1.0), id="stop"),
+        pytest.param(alone(StopOscillator, 10.0, distance=1.5, stiffness=1.0), id="stop", marks=pytest.mark.campaign),
         pytest.param(
             alone(StopOscillator, 100.0, distance=2.5, stiffness=1.0), id="stop far out", marks=pytest.mark.campaign
         ),
@@ -117,12 +117,12 @@ def test_a_stiffness_far_beyond_the_thermal_energy_counts_by_how_often_it_is_met
         pytest.param(
             at_wall(BilinearContact(2.0, second=1000.0, distance=1.5)), id="bilinear", marks=pytest.mark.campaign
         ),
-        pytest.param(at_wall(Jump(10.0, stiffness=1.0)), id="jump"),
-        pytest.param(at_wall(Jump(10.0, stiffness=1.0), -2.0), id="jump, pressed", marks=pytest.mark.campaign),
+        pytest.param(at_wall(JumpContact(10.0, stiffness=1.0)), id="jump"),
+        pytest.param(at_wall(JumpContact(10.0, stiffness=1.0), -2.0), id="jump, pressed", marks=pytest.mark.campaign),
         pytest.param(
             at_wall(Jump(0.0, stiffness=2.0, second=5.0, depth=0.5)), id="jump inside", marks=pytest.mark.campaign
         ),
-        pytest.param(at_wall(SaturatingContact(20.0, depth=0.001)), id="saturating"),
+        pytest.param(at_wall(SaturatingContact(20.0, depth=0.001)), id="saturating", marks=pytest.mark.campaign),
         pytest.param(
             at_wall(SaturatingContact(1.2, depth=0.2), 2.3, damping=0.17),
             id="rarely met, saturating",
@@ -187,7 +187,7 @@ def test_a_row_without_friction_inside_has_the_temperature_of_its_ends():
 
 
 @pytest.mark.parametrize(
-    "network", [row(5), at_wall(Jump(10.0, stiffness=1.0)), alone(StopOscillator, 100.0, distance=1.5, stiffness=1.0)]
+    "network", [row(5), at_wall(JumpContact(10.0, stiffness=1.0)), alone(StopOscillator, 100.0, distance=1.5, stiffness=1.0)]
 )
 def test_a_check_and_a_simulation_take_the_same_step(network):
     """By the same rules; a measurement may find a larger one right."""

@@ -10,7 +10,6 @@ import xarray as xr
 from impactlab_numerics.laws.contacts import (
     BilinearContact,
     ClampedKelvinVoigtContact,
-    KelvinVoigtContact,
     SlidingPadContact,
 )
 from impactlab_numerics.laws.excitations import ConstantForce, ModulatedNoise
@@ -341,7 +340,7 @@ def test_a_step_that_is_twice_enlarged_is_measured_with_the_velocities_that_it_w
 
 
 def test_a_body_that_nothing_moves_makes_no_step_smaller():
-    pressed = il.Contact("b", il.WALL, KelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
+    pressed = il.Contact("b", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
     wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)
     alone = il.Network({"a": BODY}, {"wall": wall}, {"a": HEAT})
     both = il.Network({"a": BODY, "b": BODY}, {"wall": wall, "pressed": pressed}, {"a": HEAT})

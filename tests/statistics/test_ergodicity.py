@@ -52,14 +52,14 @@ def alone(frequency):
 
 
 def test_a_motion_without_noise_begins_elsewhere_too(recwarn):
-    il.simulate(alone(2.5), 60.0)
+    il.simulate(alone(2.5), 20.0)
     assert not recwarn
     with pytest.warns(il.AccuracyWarning, match=r"depends on how it begins: .* of 'a' differs by [0-9.]+ %"):
-        ds = il.simulate(alone(3.0), 60.0)  # chaos
+        ds = il.simulate(alone(3.0), 30.0)  # chaos
     fast = {"velocity": {"a": STARTS[0] * math.sqrt(ds.mean_square_velocity.item())}}
-    other = il.simulate(alone(3.0), 60.0, initial=fast, spin_up=ds.spin_up)
+    other = il.simulate(alone(3.0), 30.0, initial=fast, spin_up=ds.spin_up)
     assert abs(other.mean_square_displacement / ds.mean_square_displacement - 1.0) > 0.01
-    il.simulate(alone(3.0), 60.0, initial="rest")
+    il.simulate(alone(3.0), 30.0, initial="rest")
     assert not recwarn
 
 

@@ -23,14 +23,6 @@ BODY = il.LinearOscillator.from_frequency(1.0, 0.1)
 HEAT = il.WhiteNoise(0.2 / np.pi)
 
 
-class DryFriction(il.Oscillator):
-    friction: float = il.parameter(units="N", minimum=0.0)
-
-    @staticmethod
-    def residual(velocity, friction):
-        return friction if velocity > 0.0 else -friction
-
-
 def at_wall(law):
     return il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, law, clearance=0.2)}, {"a": HEAT})
 
@@ -56,7 +48,7 @@ def test_a_linear_damper_slows_a_kick_down_exactly(rate):
 @pytest.mark.parametrize("response", [0.3, 1.0, 3.0])
 def test_dry_friction_brings_a_body_to_rest(response):
     """In a few kicks, each of which would throw it back and forth if its force were that of its velocity before."""
-    force = force_over_kick(DryFriction(2.0), 2.0)
+    force = force_over_kick(FrictionOscillator(2.0, creep=1e-9), 2.0, 1e-9)
     for speed in (-1.0, -0.3, 0.02, 1.1):
         after = speed
         for _ in range(4):
@@ -109,11 +101,11 @@ STRENGTHS = [
     pytest.param(at_wall(ClampedKelvinVoigtContact(100.0, damping=40.0)), marks=pytest.mark.campaign),
     at_wall(ClampedKelvinVoigtContact(100.0, damping=100.0)),
     pytest.param(at_wall(HuntCrossleyContact(100.0, loss=4.0)), marks=pytest.mark.campaign),
-    at_wall(HuntCrossleyContact(100.0, loss=10.0)),
+    pytest.param(at_wall(HuntCrossleyContact(100.0, loss=10.0)), marks=pytest.mark.campaign),
     pytest.param(alone(FrictionOscillator(0.5, creep=0.1, damping=0.2, stiffness=1.0)), marks=pytest.mark.campaign),
-    alone(FrictionOscillator(0.5, creep=0.005, damping=0.2, stiffness=1.0)),
+    pytest.param(alone(FrictionOscillator(0.5, creep=0.005, damping=0.2, stiffness=1.0)), marks=pytest.mark.campaign),
     alone(DragOscillator(10.0, damping=0.2, stiffness=1.0)),
-    alone(VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)),
+    pytest.param(alone(VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)), marks=pytest.mark.campaign),
 ]
 
 STATISTICS = (
