@@ -15,7 +15,7 @@ import impactlab as il
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.jumps import jumping_loop
 
-gc.set_threshold(50_000, 20, 20)  # compilers make many objects of which none is garbage yet: a seventh of their time
+gc.set_threshold(50_000)  # compilers make many objects of which none is garbage yet: a seventh of their time
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by a shell that runs tests in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -108,7 +108,7 @@ def everything(factor=1.0):
     }
     couplings = {
         "m": il.Coupling("a", "c", il.MaxwellCoupling(5.0, damping=1.0)),
-        "h": il.Coupling("a", "b", il.BoucWenCoupling(20.0, yield_displacement=0.05, ratio=0.1)),
+        "n": il.Coupling("a", "b", Counting()),
     }
     return il.Network(bodies, contacts, dict.fromkeys(bodies, il.WhiteNoise(0.5)), couplings)
 
@@ -203,11 +203,11 @@ def test_trajectories_have_the_states_at_their_times(method, realizations, tmp_p
 
 
 def test_a_run_takes_memory_for_states():
-    plain = everything().replace(couplings={"h": None})
+    plain = everything().replace(couplings={"n": None})
     plans = [planned(network, 1e-3, 2) for network in (plain, everything())]
     rows = [len(plan.forces.states) for plan in plans]
-    assert rows == [1 + 1 + 1 + 1 + 2, 1 + 1 + 1 + 1 + 2 + 2]
-    assert sizes(plans[1])[0] - sizes(plans[0])[0] >= 8 * 2
+    assert rows == [1 + 1 + 1 + 1 + 2, 1 + 1 + 1 + 1 + 2 + 4]
+    assert sizes(plans[1])[0] - sizes(plans[0])[0] >= 8 * 4
 
 
 def test_states_are_fields_whose_value_is_that_at_the_start():

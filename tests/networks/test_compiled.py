@@ -56,12 +56,13 @@ def networks(draw):
     contacts = draw(st.just([]) | st.lists(st.tuples(ends, st.floats(-2.0, 1.0)), min_size=2, max_size=6))
     cosine = st.builds(Cosine, amplitude=positive, frequency=positive)
     noise = st.builds(il.WhiteNoise, positive)
+    excitations = draw(st.dictionaries(st.sampled_from(names), cosine | noise))
     # each set of kinds is compiled once: there are two, with a Duffing body, a force and a noise always and both laws
     # or none
     return il.Network(
         {name: draw(oscillator if k else duffing) for k, name in enumerate(names)},
         {str(k): il.Contact(*pair, draw(laws[k % 2]), clearance=gap) for k, (pair, gap) in enumerate(contacts)},
-        {**draw(st.dictionaries(st.sampled_from(names), cosine | noise)), names[0]: draw(cosine), names[1]: draw(noise)},
+        {**excitations, names[0]: draw(cosine), names[1]: draw(noise)},
     )
 
 

@@ -176,6 +176,7 @@ def test_kinks_of_a_row_share_the_friction_of_its_ends():
     assert kink_step(*stiffening(row(9, 0.01))) == pytest.approx(step * 0.1**0.25, rel=0.02)
 
 
+@pytest.mark.campaign
 def test_a_row_without_friction_inside_has_the_temperature_of_its_ends():
     """At 0.5 over the frequency of the closed contacts it is 1.7 % hotter."""
     network = row(17)
@@ -187,7 +188,8 @@ def test_a_row_without_friction_inside_has_the_temperature_of_its_ends():
 
 
 @pytest.mark.parametrize(
-    "network", [row(5), at_wall(JumpContact(10.0, stiffness=1.0)), alone(StopOscillator, 100.0, distance=1.5, stiffness=1.0)]
+    "network",
+    [row(5), at_wall(JumpContact(10.0, stiffness=1.0)), alone(StopOscillator, 100.0, distance=1.5, stiffness=1.0)],
 )
 def test_a_check_and_a_simulation_take_the_same_step(network):
     """By the same rules; a measurement may find a larger one right."""
