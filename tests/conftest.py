@@ -15,6 +15,9 @@ import impactlab as il
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.jumps import jumping_loop
 
+# the processes that this one starts, and those that they start, keep all cores busy
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 gc.set_threshold(50_000)  # compilers make many objects of which none is garbage yet: a seventh of their time
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by a shell that runs tests in the background

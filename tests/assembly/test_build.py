@@ -37,8 +37,7 @@ import json
 import impactlab as il
 from impactlab.kernels.jit import cache_folder, compilations
 
-body = il.LinearOscillator(stiffness=4.0)
-network = il.Network({"a": body}, {"wall": il.Contact("a", il.WALL, il.HertzContact(1e4))})
+network = il.Network({"a": il.DuffingOscillator(1e4, stiffness=4.0)})
 slopes = network.compile().rhs(0.0, [0.01, 0.0]).tolist()
 print(json.dumps([slopes, compilations(), str(cache_folder())]))
 """
@@ -141,7 +140,7 @@ def test_cache_that_cannot_be_written(run_python, tmp_path):
     temporary.mkdir()
     places = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary))
     slopes, _, used = json.loads(run_python("-c", RIGHT_HAND_SIDE, IMPACTLAB_CACHE=str(file / "cache"), **places))
-    assert slopes == pytest.approx([0.0, -10.04])
+    assert slopes == pytest.approx([0.0, -0.05])
     assert used.startswith(str(temporary))
     assert not list(temporary.glob("impactlab-*"))
 

@@ -207,6 +207,7 @@ def test_linear_law():
     np.testing.assert_allclose(statistics.mean_square_velocity, covariance[4:], rtol=1e-8)
 
 
+@pytest.mark.campaign
 def test_towers_that_pound():
     """Two buildings of one temperature: the gap between the roofs is Gaussian but for the energy of the contact."""
     other = il.LinearStructure(MASS[:3], RATE * np.diag(MASS[:3]), shear(0.5 * STOREYS[:3]))

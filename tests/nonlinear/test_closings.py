@@ -126,7 +126,7 @@ def test_bodies_that_are_pressed_together(rates, clearances):
     }
     contacts = {
         "wall": il.Contact("a", il.WALL, il.PowerLawContact(10.0, exponent=1.7), clearance=clearances[0]),
-        "pair": il.Contact("b", "a", il.HertzContact(10.0), clearance=clearances[1]),
+        "pair": il.Contact("b", "a", il.PowerLawContact(10.0, exponent=1.5), clearance=clearances[1]),
     }
     noises = {name: il.WhiteNoise(2.0 * body.damping / np.pi) for name, body in bodies.items()}
     network = il.Network(bodies, contacts, noises)

@@ -60,10 +60,8 @@ STATISTICS = ["contact_ratio", "contact_rate", "mean_contact_force"]
 AT_POINTS = ["point_mean_displacement", "point_variance_displacement"]
 
 
-@pytest.mark.parametrize(
-    ("count", "duration", "realizations"),
-    [(4, 50.0, 64), pytest.param(6, 200.0, 128, marks=pytest.mark.campaign)],
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize(("count", "duration", "realizations"), [(4, 50.0, 64), (6, 200.0, 128)])
 def test_modes_against_elements(count, duration, realizations):
     modal, discrete = (
         il.simulate(rattling(beam), duration=duration, spin_up=40.0, realizations=realizations, rng=seed)
