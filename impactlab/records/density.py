@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,8 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import QUANTITIES
+from impactlab.results.schema import BODY
+from impactlab.results.snapshot import ALL
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 
 DEVIATIONS = 5.5
@@ -27,11 +29,11 @@ DEVIATIONS = 5.5
 OUTSIDE = 0.01
 """Part of the samples that may be outside of limits that were not given."""
 
-_PER = {"displacement": "m-1", "velocity": "s m-1"}
+_PER = {"displacement": "m-1", "velocity": "s m-1", "point_displacement": "m-1", "point_velocity": "s m-1"}
 
 
 class Density(Record):
-    """Probability density of a displacement or velocity, averaged over bins.
+    """Probability density of a displacement or velocity, of bodies or of points of structures, averaged over bins.
 
     Standard errors come from subsamples of realizations (batches, if there are few), as
     for the statistics. A band of as many of them on both sides as the band factor says holds the density in
@@ -40,9 +42,9 @@ class Density(Record):
     Parameters
     ----------
     quantity : str
-        "displacement" or "velocity".
+        "displacement" or "velocity"; "point_displacement" or "point_velocity" at points of structures.
     oscillators : sequence of str, optional
-        Bodies; all by default.
+        Bodies, or points; all by default.
     bins : int
         Number of bins between the limits.
     limits : pair of float, or mapping of str to pair, optional
@@ -69,8 +71,9 @@ class Density(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
-        names = _known("Density", self.oscillators, model)
-        limits = _resolved_limits(self, names, self.limits, self.quantity, model)
+        known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(name for name, _ in model.points)
+        names = _known("Density", self.oscillators, known)
+        limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known)
         return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
@@ -85,35 +88,37 @@ class Density(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
-        q, n = self.quantity, len(plan.system.bodies)
+        q, known = self.quantity, plan.snapshot.names(self.quantity)
+        n, of = len(known), q.removeprefix("point_")
         edges = np.full((n, self.bins + 1), np.nan)
         density, error = np.full((2, n, self.bins), np.nan)
         factor = np.full(n, np.nan)
         for row, (name, low, high) in enumerate(self.limits):
-            slot = plan.system.bodies.index(name)
+            slot = known.index(name)
             edges[slot] = np.linspace(low, high, self.bins + 1)
             trusted = plan.realizations.trusted
             share, spread_, factor[slot] = mean_of_subsamples(counts[:, row], samples[:, row], trusted)
-            _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), q)
+            _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), of)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
-        dims, units = ("oscillator", f"{q}_bin"), QUANTITIES[q].units
-        text, centers = f"probability density of the {q}, averaged over bins", 0.5 * (edges[:, 1:] + edges[:, :-1])
+        dimension, units = ALL[q].dimension, ALL[q].units
+        dims, centers = (dimension, f"{q}_bin"), 0.5 * (edges[:, 1:] + edges[:, :-1])
+        text = f"probability density of the {ALL[q].long_name}, averaged over bins"
         return {
             **with_error(f"density_{q}", dims, density, error, _PER[q], text),
-            f"density_{q}_band_factor": (("oscillator",), factor, OF_BAND),
-            f"{q}_edges": labelled(("oscillator", f"{q}_edge"), edges, units, "edges of the bins"),
+            f"density_{q}_band_factor": ((dimension,), factor, OF_BAND),
+            f"{q}_edges": labelled((dimension, f"{q}_edge"), edges, units, "edges of the bins"),
             f"{q}_center": labelled(dims, centers, units, "centers of the bins"),
         }
 
 
 class JointDensity(Record):
-    """Joint probability density of the displacements of two bodies, averaged over bins.
+    """Joint probability density of the displacements of two bodies or points of structures, averaged over bins.
 
     Parameters
     ----------
     first, second : str
-        The bodies.
+        The bodies or points.
     bins : int
         Number of bins in each direction.
     limits : mapping of str to pair, optional
@@ -132,10 +137,11 @@ class JointDensity(Record):
         object.__setattr__(self, "limits", _plain_limits(self.limits))
 
     def resolved(self, model: Model) -> Record:
-        names = _known("JointDensity", (self.first, self.second), model)
+        known = (*model.bodies, *(name for name, _ in model.points))
+        names = _known("JointDensity", (self.first, self.second), known)
         if self.first == self.second:
             raise InvalidInput(f"JointDensity takes two different bodies, not {self.first!r} twice.")
-        limits = _resolved_limits(self, names, self.limits, "displacement", model)
+        limits = _resolved_limits(self, names, self.limits, "displacement", model, known)
         return _with_limits(self.replace(limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
@@ -177,14 +183,15 @@ class _Counts(Keeper):
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.subsamples, self.record = subsamples_of(plan, realizations), record
-        self.rows = [plan.snapshot.row(record.quantity, name) for name, _, _ in record.limits]
+        self.rows = partial(plan.snapshot.rows, record.quantity, [name for name, *_ in record.limits])
         self.counts = np.zeros((len(record.limits), subsample_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        for row, counts, (_, low, high) in zip(self.rows, self.counts, self.record.limits, strict=True):
+        values, rows = self.rows(snapshots)
+        for row, counts, (_, low, high) in zip(rows, self.counts, self.record.limits, strict=True):
             inverse_width = self.record.bins / (high - low)
-            count_samples(snapshots, first, self.ratio, row, low, inverse_width, self.subsamples[batch], counts)
+            count_samples(values, first, self.ratio, row, low, inverse_width, self.subsamples[batch], counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts.transpose(1, 0, 2)}
@@ -194,15 +201,15 @@ class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.subsamples, self.record = subsamples_of(plan, realizations), record
-        self.rows = np.array([plan.snapshot.row("displacement", name) for name, _, _ in record.limits])
+        self.rows = partial(plan.snapshot.rows, "displacement", [name for name, *_ in record.limits])
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
         self.counts = np.zeros((subsample_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        subsamples = self.subsamples[batch]
-        count_pairs(snapshots, first, self.ratio, self.rows, self.low, self.inverse_width, subsamples, self.counts)
+        subsamples, (values, rows) = self.subsamples[batch], self.rows(snapshots)
+        count_pairs(values, first, self.ratio, np.array(rows), self.low, self.inverse_width, subsamples, self.counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts}
@@ -210,18 +217,23 @@ class _Pairs(Keeper):
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     """Sample about three times per period of the fastest body that is recorded."""
-    slots = [model.bodies.index(name) for name in names or model.bodies]
+    points = dict(model.points)
+    slots = [
+        slot
+        for name in names or model.bodies
+        for slot in ([body for body, _ in points[name]] if name in points else [model.bodies.index(name)])
+    ]
     fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
     return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
 
 
-def _known(place: str, names: tuple[str, ...] | None, model: Model) -> tuple[str, ...]:
+def _known(place: str, names: tuple[str, ...] | None, known: tuple[str, ...]) -> tuple[str, ...]:
     if not isinstance(names, tuple | None):
         raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
     for name in names or ():
-        if name not in model.bodies:
-            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, model.bodies)}")
-    return tuple(names) if names else model.bodies
+        if name not in known:
+            raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, known)}")
+    return tuple(names) if names else known
 
 
 def _plain_limits(limits: Any) -> Any:
@@ -246,22 +258,34 @@ def _plain_limits(limits: Any) -> Any:
 
 
 def _resolved_limits(
-    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model
+    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model, known: tuple[str, ...]
 ) -> tuple[tuple[str, float, float], ...]:
-    """Return one (name, low, high) per body."""
+    """Return one (name, low, high) per body or point."""
     place = type(record).__name__
     if limits and not isinstance(limits[0], tuple):
         return tuple((name, *limits) for name in names)
     given = {name: pair for name, *pair in limits or ()}
-    _known(place, tuple(given), model)
-    chosen = [model.bodies.index(name) for name in names if name not in given]
-    low, high = _reach(model, quantity) if chosen else np.zeros((2, len(model.bodies)))
-    for slot in chosen:
-        if not -math.inf < low[slot] < high[slot] < math.inf:
-            name = model.bodies[slot]
+    _known(place, tuple(given), known)
+    chosen = [name for name in names if name not in given]
+    pairs = _chosen_limits(model, chosen, quantity) if chosen else {}
+    for name, (low, high) in pairs.items():
+        if not -math.inf < low < high < math.inf:
             raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
-    pairs = {model.bodies[slot]: (low[slot], high[slot]) for slot in chosen} | given
+    pairs |= given
     return tuple((name, float(pairs[name][0]), float(pairs[name][1])) for name in names)
+
+
+def _chosen_limits(model: Model, names: list[str], quantity: str) -> dict[str, Any]:
+    """Return limits by the names of bodies or points; those of points are of bodies that move independently."""
+    low, high = _reach(model, quantity)
+    points = dict(model.points)
+    pairs = {name: (low[slot], high[slot]) for slot, name in enumerate(model.bodies) if name not in points}
+    for name in points.keys() & names:
+        slots, weights = (np.array(item) for item in zip(*points[name], strict=True))
+        place = 0.5 * float(weights @ (low[slots] + high[slots]))
+        reach = 0.5 * float(np.linalg.norm(weights * (high[slots] - low[slots])))
+        pairs[name] = place - reach, place + reach
+    return {name: pairs[name] for name in names}
 
 
 def _reach(model: Model, quantity: str) -> tuple[np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -15,26 +16,31 @@ from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import QUANTITIES, Snapshot
+from impactlab.results.snapshot import ALL, Snapshot
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 SEGMENT = 20.0
 """Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
 
-_SHARE = {"displacement": 0.5, "velocity": 0.125, "contact_force": 0.0}
+_SHARE = {
+    "displacement": 0.5, "velocity": 0.125, "contact_force": 0.0, "point_displacement": 0.5, "point_velocity": 0.125,
+}  # fmt: skip
 """Interval between samples over the time scale 1/ω of the fastest body."""
 
-_POWER = {"displacement": 4, "velocity": 2, "contact_force": 2}
+_POWER = {"displacement": 4, "velocity": 2, "contact_force": 2, "point_displacement": 4, "point_velocity": 2}
 """Powers of the frequency with which spectra fall, under white noise; where kicks are forces, those jump at most."""
 
 FOLDED, HIGHEST = 0.1, 0.02
 """Part of what is folded back that is uncertain; part of the frequencies, the highest, from which it is estimated."""
 
-_UNITS = {"displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1"}
+_UNITS = {
+    "displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1",
+    "point_displacement": "m2 s rad-1", "point_velocity": "m2 s-1 rad-1",
+}  # fmt: skip
 
 
 class Spectrum(Record):
-    """Spectral density of a displacement, a velocity or a contact force.
+    """Spectral density of a displacement or a velocity, of bodies or of points of structures, or of a contact force.
 
     It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all frequencies, negative ones
     too, is the variance. Segments with Hann's window overlap by half (Welch 1967); what they resolve is
@@ -46,9 +52,9 @@ class Spectrum(Record):
     Parameters
     ----------
     quantity : str
-        "displacement", "velocity" or "contact_force".
+        "displacement", "velocity" or "contact_force"; "point_displacement" or "point_velocity" at points.
     labels : sequence of str, optional
-        Bodies or contacts; all by default.
+        Bodies, contacts or points; all by default.
     segment : float, optional
         Length of the segments (s); by default 20 relaxation times of the slowest body, at most the duration.
     interval : float, optional
@@ -75,7 +81,7 @@ class Spectrum(Record):
     def resolved(self, model: Model) -> Record:
         if isinstance(self.labels, str):
             raise InvalidInput(f"Spectrum: labels is a sequence of names, not {self.labels!r}.")
-        known = Snapshot(model.bodies, tuple(model.network.contacts)).names(self.quantity)
+        known = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points).names(self.quantity)
         for name in self.labels or ():
             if name not in known:
                 raise InvalidInput(f"Spectrum: there is no label {name!r}; {suggestion(name, known)}")
@@ -119,7 +125,7 @@ class Spectrum(Record):
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         q, known = self.quantity, plan.snapshot.names(self.quantity)
-        dimension = QUANTITIES[q].dimension
+        dimension = ALL[q].dimension
         if not known:
             return {}
         keys = "power", "mean", "segments"
@@ -141,7 +147,7 @@ class Spectrum(Record):
             folded = _folded(density[slot], _POWER[q])
             density[slot], error[slot] = density[slot] - folded, np.hypot(scale * scatter, FOLDED * folded)
         dims = (dimension, f"{q}_frequency")
-        text = f"two-sided spectral density of the {q.replace('_', ' ')} over angular frequency"
+        text = f"two-sided spectral density of the {ALL[q].long_name} over angular frequency"
         return {
             **with_error(f"spectrum_{q}", dims, density, error, _UNITS[q], text),
             f"spectrum_{q}_band_factor": ((dimension,), factor, OF_BAND),
@@ -173,20 +179,21 @@ class _Segments(Keeper):
     def __init__(self, record: Spectrum, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         assert record.labels is not None
         super().__init__(ratio)
-        rows = [plan.snapshot.row(record.quantity, name) for name in record.labels]
-        self.rows, self.filled = np.array(rows, dtype=np.int64), 0
+        self.rows, self.filled = partial(plan.snapshot.rows, record.quantity, record.labels), 0
+        rows = len(record.labels)
         self.count = record.samples_per_segment(plan, plan.interval(ratio))
         self.window = _window(self.count)
         self.parts, lanes = samples_per_realization(plan), len(realizations)
-        self.buffer = np.empty((len(rows), lanes, self.count))
-        self.power = np.zeros((lanes, self.parts, len(rows), self.count // 2 + 1))
-        self.mean, self.segments = np.zeros((lanes, self.parts, len(rows))), np.zeros((lanes, self.parts))
+        self.buffer = np.empty((rows, lanes, self.count))
+        self.power = np.zeros((lanes, self.parts, rows, self.count // 2 + 1))
+        self.mean, self.segments = np.zeros((lanes, self.parts, rows)), np.zeros((lanes, self.parts))
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
-        own = self.own(snapshots)
+        values, rows = self.rows(self.own(snapshots))
+        own = values[:, rows]
         while len(own):
             taken = min(len(own), self.count - self.filled)
-            self.buffer[:, :, self.filled : self.filled + taken] = own[:taken, self.rows].transpose(1, 2, 0)
+            self.buffer[:, :, self.filled : self.filled + taken] = own[:taken].transpose(1, 2, 0)
             own, self.filled = own[taken:], self.filled + taken
             if self.filled == self.count:
                 self._transform(min(batch, self.parts - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,9 @@ AT_POINTS = {
     for quantity in ("displacement", "velocity")
 }
 """What follows of points of structures, by the quantity of the bodies."""
+
+ALL = QUANTITIES | {quantity.name: quantity for quantity in AT_POINTS.values()}
+"""Both, by name."""
 
 STATES = Variable("law_state", "state", "", "state of a law")
 """What else it holds where laws have states, each with units of its own."""
@@ -89,6 +93,21 @@ class Snapshot(NamedTuple):
         """Return the row of a quantity of one body or contact."""
         first: int = self.place(quantity).start
         return first + self.names(quantity).index(name)
+
+    def rows(self, quantity: str, names: Sequence[str], snapshots: np.ndarray) -> tuple[np.ndarray, list[int]]:
+        """Return snapshots, whose rows are the middle axis, with those of a quantity of some names, and these rows.
+
+        The names may be those of points where a quantity of bodies is wanted.
+        """
+        of_bodies, points = quantity.removeprefix("point_"), dict(self.points)
+        if not any(name in points for name in names):
+            return snapshots, [self.row(quantity, name) for name in names]
+        result = np.zeros((len(snapshots), len(names), snapshots.shape[2]))
+        for row, name in enumerate(names):
+            shares = points[name] if name in points else ((self.names(of_bodies).index(name), 1.0),)
+            for body, weight in shares:
+                result[:, row] += weight * snapshots[:, self.place(of_bodies).start + body]
+        return result, list(range(len(names)))
 
     def values(self, quantity: Variable, snapshots: np.ndarray) -> np.ndarray:
         """Return a quantity from snapshots, whose rows are the last axis."""

@@ -17,7 +17,7 @@ from impactlab.errors import InvalidInput
 from impactlab.linear.laws import linear_variances
 from impactlab.nonlinear.relaxation import undamped
 from impactlab.results.dataset import configuration_of
-from impactlab.results.schema import STATISTICS, scatter_of, variables
+from impactlab.results.schema import OF_POINTS, STATISTICS, scatter_of, statistic_of, variables
 
 PILOT = 256
 """Realizations of the first attempt."""
@@ -49,9 +49,10 @@ def checked(tolerance: Any, model: Model) -> dict[str, float]:
     if not isinstance(tolerance, Mapping) or not tolerance:
         raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, not {tolerance!r}.')
     for name, value in tolerance.items():
-        if name not in STATISTICS:
-            raise InvalidInput(f"tolerance: there is no statistic {name!r}; {suggestion(name, STATISTICS)}")
-        if not STATISTICS[name].stationary:
+        known = STATISTICS | OF_POINTS if model.points else STATISTICS
+        if name not in known:
+            raise InvalidInput(f"tolerance: there is no statistic {name!r}; {suggestion(name, known)}")
+        if not known[name].stationary:
             raise InvalidInput(
                 f"tolerance: {name} grows with the observation time; name another statistic, or give duration= instead."
             )
@@ -73,7 +74,7 @@ def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
                 f"tolerance: {name!r} is excited but not damped, so it has no stationary state; give duration=."
             )
         held = model.stiffness[body] > 0.0 or model.nonlinear_bodies[body]
-        if not held and any(STATISTICS[item].held for item in names):
+        if not held and any(statistic_of(item).held for item in names):
             raise InvalidInput(
                 f"tolerance: nothing confines {name!r}, so its displacement has no stationary value; give duration=."
             )
@@ -184,7 +185,7 @@ def _bias(fine: xr.Dataset, coarse: xr.Dataset, name: str) -> tuple[np.ndarray, 
     """
     both = (coarse[name].values - fine[name].values) / 3.0
     of_both = np.hypot(scatter_of(coarse, name).values, scatter_of(fine, name).values) / 3.0
-    each = STATISTICS[name].by_realization
+    each = statistic_of(name).by_realization
     pairs = (coarse[each].values - fine[each].values) / 3.0
     of_pairs = pairs.std(axis=0, ddof=1) / math.sqrt(len(pairs))
     better = of_pairs < of_both
@@ -202,18 +203,20 @@ def without_realizations(dataset: xr.Dataset) -> xr.Dataset:
 def _scale(dataset: xr.Dataset, name: str) -> np.ndarray:
     """Size of a statistic that its tolerance refers to."""
     value: np.ndarray = np.abs(dataset[name].values)
-    square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(name)
+    point = "point_" if name in OF_POINTS else ""
+    own = name.removeprefix(point)
+    square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(own)
     if square is None:
         return value
     zero = value < 5.0 * scatter_of(dataset, name).values
-    return np.where(zero, np.sqrt(dataset[square].values), value)
+    return np.where(zero, np.sqrt(dataset[point + square].values), value)
 
 
 def _labelled(
     fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float], attempts: int, seconds: float
 ) -> xr.Dataset:
     for name in tolerance:
-        statistic = STATISTICS[name]
+        statistic = statistic_of(name)
         if statistic.allowance in fine:  # the bias stands beside the standard error, which does not allow for it
             for variable in (statistic, statistic.direct):
                 if variable.name in fine:

@@ -5,6 +5,7 @@ import pytest
 from impactlab_numerics.laws.excitations import Harmonic
 from scenes import deviations
 from scipy.linalg import eigh, solve_continuous_lyapunov
+from scipy.special import ndtr
 
 import impactlab as il
 from impactlab.results.schema import BODY, OF_POINTS, STATISTICS
@@ -221,6 +222,85 @@ def test_files_trajectories_and_sweeps(tmp_path):
     compiled = make(0.1).compile()
     solution = compiled.to_dataset(np.zeros(1), np.arange(6.0)[:, None])
     np.testing.assert_allclose(solution.point_displacement.values, [shapes @ np.arange(3.0)])
+
+
+def test_densities_and_spectra_at_points():
+    """Of a point that one mode moves they are those of this mode; at the tip they have the law of the linear motion."""
+    bodies, points = ("beam.1", "beam.2"), ("beam.one", "beam.two")
+    limits = {"beam.one": (-0.5, 0.5), "beam.two": (-0.2, 0.1)}
+    limits |= {"beam.1": limits["beam.one"], "beam.2": limits["beam.two"]}
+    own = {name: limits[name] for name in bodies}, {name: limits[name] for name in points}
+    records = [
+        record
+        for names, of, kind in ((bodies, own[0], ""), (points, own[1], "point_"))
+        for record in (
+            il.Density(kind + "displacement", oscillators=names, limits=of, bins=30),
+            il.Spectrum(kind + "velocity", labels=names, segment=5.0),
+        )
+    ]
+    network = il.Network({"beam": BEAM}, STOP, {"beam.tip": il.WhiteNoise(1.0)})
+    options = {
+        "duration": 20.0,
+        "realizations": 64,
+        "rng": 1,
+        "step": 0.005,
+        "integrator": il.ExactFlow(measured=False),
+    }
+    found = il.simulate(network, **options, record=records)
+    for name in ("density_displacement", "density_displacement_standard_error", "displacement_edges"):
+        point = found[name.replace("displacement", "point_displacement", 1)].sel(point=list(points))
+        np.testing.assert_allclose(point, found[name].sel(oscillator=list(bodies)), rtol=1e-12)
+        assert point.attrs["units"] == found[name].attrs["units"]
+    spectra = (
+        found.spectrum_point_velocity.sel(point=list(points)),
+        found.spectrum_velocity.sel(oscillator=list(bodies)),
+    )
+    np.testing.assert_allclose(*spectra, rtol=1e-9)
+    assert {f"{quantity}_center" for quantity in ("displacement", "point_displacement")} <= set(found.variables)
+    assert "displacement at points" in found.density_point_displacement.attrs["long_name"]
+
+
+def test_the_law_of_a_point_without_contacts():
+    """Gaussian densities within limits that are chosen, and a joint density with a body."""
+    network = il.Network({"beam": BEAM}, {}, {"beam.tip": il.WhiteNoise(1.0)})
+    records = [
+        il.Density("point_displacement", bins=40),
+        il.Density("point_velocity", oscillators=("beam.tip",), bins=40),
+    ]
+    joint = il.JointDensity("beam.1", "beam.tip", bins=12)
+    found = il.simulate(network, duration=30.0, realizations=256, rng=1, record=[*records, joint])
+    law = il.exact(network).statistics()
+    for quantity, names in (("displacement", ["beam.one", "beam.tip", "beam.two"]), ("velocity", ["beam.tip"])):
+        variance = law[f"point_{'variance' if quantity == 'displacement' else 'mean_square'}_{quantity}"].sel(
+            point=names
+        )
+        for name in names:
+            edges = found[f"point_{quantity}_edges"].sel(point=name).values
+            density = found[f"density_point_{quantity}"].sel(point=name).values
+            error = found[f"density_point_{quantity}_standard_error"].sel(point=name).values
+            exact = np.diff(ndtr(edges / np.sqrt(variance.sel(point=name).item()))) / np.diff(edges)
+            factor = found[f"density_point_{quantity}_band_factor"].sel(point=name).item()
+            seen = error > 0.0
+            assert seen.sum() > 20
+            assert (np.abs(density - exact)[seen] < factor * error[seen]).mean() > 0.9
+    marginal = found.joint_density.sum("joint_first_bin").values * np.diff(found.joint_first_edges.values)[0]
+    edges, tip = found.joint_second_edges.values, law.point_variance_displacement.sel(point="beam.tip").item()
+    exact = np.diff(ndtr(edges / np.sqrt(tip))) / np.diff(edges)
+    np.testing.assert_allclose(marginal, exact, atol=0.02 * exact.max())
+    with pytest.raises(il.InvalidInput, match=r"there is no oscillator 'beam\.1'"):
+        il.simulate(network, 1.0, record=il.Density("point_velocity", oscillators=("beam.1",)))
+
+
+def test_a_tolerance_at_points():
+    network = il.Network({"beam": BEAM}, STOP, {"beam.tip": il.WhiteNoise(1.0)})
+    tolerance = {"point_mean_square_displacement": 0.05, "point_mean_velocity": 0.05}
+    result = il.simulate(network, tolerance=tolerance, rng=1)
+    value, bias = result.point_mean_square_displacement, result.point_mean_square_displacement_bias
+    assert (abs(bias) + 2.0 * result.point_mean_square_displacement_standard_error <= 0.05 * value).all()
+    assert bias.dims == ("point",)
+    alone = il.Network({"a": il.LinearOscillator(damping=0.2, stiffness=1.0)}, {}, {"a": il.WhiteNoise(1.0)})
+    with pytest.raises(il.InvalidInput, match="there is no statistic 'point_mean_velocity'"):
+        il.simulate(alone, tolerance={"point_mean_velocity": 0.05})
 
 
 def test_a_jackknife_at_points():
