@@ -226,10 +226,12 @@ def _modes(
 
 
 def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step: float) -> list[str]:
-    """Say whether a run measures its step, and what of the network wants every step of all bodies."""
-    if not isinstance(integrator, ExactFlow) or not model.nonlinear_bodies.any():
-        return []
+    """Say whether the motion is stationary, a run measures its step, and what wants every step of all bodies."""
     result = []
+    if model.timed.any():
+        result.append("Laws depend on time: statistics are means over the time of a run, which begins at 0.")
+    if not isinstance(integrator, ExactFlow) or not model.nonlinear_bodies.any():
+        return result
     if integrator.measured and not certified(_arranged(model, integrator, stiffening), stiffening.penetration, step):
         result.append("The error of the step is measured before a run, which may choose another.")
     if integrator.jumps and len(model.ends) and (reasons := every_step_for(model)):

@@ -424,6 +424,7 @@ def test_what_knows_stationary_laws_only_says_so():
 def test_a_check_says_what_follows():
     text = repr(STOPPED.check())
     assert "No bias is predicted: laws depend on time." in text
+    assert "Laws depend on time: statistics are means over the time of a run, which begins at 0." in text
     assert "The error of the step is measured before a run" in text
     assert "not crossed at once: laws that depend on time." in text
 
