@@ -346,7 +346,7 @@ def test_links_with_weights_have_the_states_of_the_pairs_that_they_are(realizati
 
     pairs = everything()
     contacts = {**pairs.contacts, "bc": pairs.contacts["bc"].replace(first=point("b"), second=point("c"))}
-    couplings = {**pairs.couplings, "h": pairs.couplings["h"].replace(first=point("a"))}
+    couplings = {**pairs.couplings, "n": pairs.couplings["n"].replace(first=point("a"))}
     found = [
         block_of(network, 2e-3, realizations)
         for network in (pairs, il.Network(pairs.oscillators, contacts, pairs.excitations, couplings))
