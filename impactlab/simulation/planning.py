@@ -1,4 +1,7 @@
-"""The plan of a run: start, spin-up, step, batches and blocks, chosen from the network and the request."""
+"""The plan of a run, chosen from the network and the request: batches and blocks, and what follows from the rest.
+
+Spin-up and start are chosen in `impactlab.simulation.expected`, the step in `impactlab.simulation.steps`.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +34,8 @@ from impactlab.simulation.steps import Steps
 from impactlab.step_size.certified import certified
 from impactlab.step_size.kinks import warn_of_kinks
 
-NEGLIGIBLE_CLOSURES = 1e-3
-"""Expected number of closures in a run below which a contact is treated as never closing."""
+NEGLIGIBLE_CLOSINGS = 1e-3
+"""Expected number of closings in a run below which a contact is taken never to close, and its statistics are 0."""
 
 
 def make_plan(model: Model, request: Request) -> Plan:
@@ -48,19 +51,20 @@ def make_plan(model: Model, request: Request) -> Plan:
     # stiff couplings go from the kicks to the flow; the order of all links stays
     model = request.integrator.arrange(model, stiffening.links, stiffening.bodies)
     start = Start.of(model, expected.start, stiffening.bodies, stiffening.rest, relaxed.temperature, request.seed)
-    # half width of the band of indentations in which contact rates are a flux; contact-free intervals stay out of it
+    # half width of the band about contact whose flux is the contact rate; contact-free intervals stay out of it
     window = WINDOW * gap_scale(model, stiffening.penetration)
     steps = Steps.of(model, request, expected, start, window)
-    # an interval of n steps must move bodies as n steps do, so that friction must not act at one moment of each
+    # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
+    # at one moment of each step
     integrator = WholeFlow() if steps.jumping else request.integrator
     _warn(model, request, expected, steps, integrator)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)
-    # batches are multiples of this many steps: they end with a sample, if there are any, and with an interval
+    # all batches but the last are multiples of this many steps: they end with a sample, if any, and with an interval
     grid = max(observed.every, steps.longest)
     clock = _clock(model, request, expected, steps, grid)
-    series = driving.nbytes(integrator, clock.step, clock.all_steps)
-    realizations = _realizations(model, request, clock, steps.jumping, series, grid)
-    single = realizations.lanes == 1 and not steps.jumping  # one realization a block: loops over its bodies
+    series_bytes = driving.nbytes(integrator, clock.step, clock.all_steps)
+    realizations = _realizations(model, request, clock, steps.jumping, series_bytes, grid)
+    single = realizations.lanes == 1 and not steps.jumping  # loops over the bodies of one realization
     method = Method.of(model, integrator, steps.step, steps.jumps(model, start, window, request.seed))
     return Plan(
         system=System.of(model),
@@ -70,6 +74,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         method=method,
         noise=WhiteNoises.of(model, integrator, steps.step, request.seed, request.coarse),
         driving=driving,
+        # sums of bodies at named places of structures; `closed` says between whose kicks nothing but white noise acts
         points=Points.of(
             model, method.flows, integrator.phases, driving.closed(method.groups, len(model.bodies)), steps.step
         ),
@@ -82,7 +87,7 @@ def make_plan(model: Model, request: Request) -> Plan:
 
 
 def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) -> Observed:
-    """Return the sums and records; records sample at ends of contact-free intervals."""
+    """Return what is observed: records, which sample at ends of contact-free intervals, and what statistics need."""
     records, longest = request.records, steps.longest
     # rounded up to whole intervals, in a short run to one sample at its end; 0 for a record without samples
     strides = [min(-(-record.stride(model, steps.step) // longest) * longest, steps.number) for record in records]
@@ -119,29 +124,37 @@ def _clock(model: Model, request: Request, expected: Expected, steps: Steps, gri
     )
 
 
-def _realizations(model: Model, request: Request, clock: Clock, jumping: bool, series: int, grid: int) -> Realizations:
-    """Return how realizations are grouped in blocks; `series` is the memory of the time series of one (bytes)."""
+def _realizations(
+    model: Model, request: Request, clock: Clock, jumping: bool, series_bytes: int, grid: int
+) -> Realizations:
+    """Return how realizations are grouped in blocks, and whether they are enough for standard errors.
+
+    `series_bytes` is the memory of the time series of one realization.
+    """
     number, workers = int(request.realizations), request.workers
     most = jump_lanes(model) if jumping else most_lanes(model, number, workers)
-    lanes, steps_per_call = block_shape(model, number, workers, series, most)
-    batches = (np.diff([0, *clock.boundaries]) + grid) * clock.step
-    return Realizations(number, lanes, steps_per_call, enough_units(number, batches, clock.relaxation), request.seed)
+    lanes, steps_per_call = block_shape(model, number, workers, series_bytes, most)
+    lengths = (np.diff([0, *clock.boundaries]) + grid) * clock.step  # before ends were rounded down, at most
+    return Realizations(number, lanes, steps_per_call, enough_units(number, lengths, clock.relaxation), request.seed)
 
 
 def _may_close(model: Model, request: Request, stiffening: Stiffening) -> np.ndarray:
     """Whether each contact may close during the run, (contact,) of bool; True where its rate is unknown."""
     with np.errstate(over="ignore"):
-        closures = closing_rates(model, stiffening) * request.duration * request.realizations
-    return ~(closures < NEGLIGIBLE_CLOSURES)  # not >=, by which an unknown rate, NaN, would be none
+        closings = closing_rates(model, stiffening) * request.duration * request.realizations
+    return ~(closings < NEGLIGIBLE_CLOSINGS)  # with >= an unknown rate, NaN, would count as none
 
 
 def _contacts_reached(model: Model, integrator: Integrator) -> int:
-    """Number of contacts that a force reaches in a step; 0 where more than forces of contacts acts between bodies."""
+    """Return how many contacts away a force is felt within a step; 0 where method or network allow no tiles."""
     return integrator.reach + model.passes if integrator.reach and not in_one_piece(model) else 0
 
 
 def _warn(model: Model, request: Request, expected: Expected, steps: Steps, integrator: Integrator) -> None:
-    """Warn of noise bands that miss a natural frequency, and of a step too long for kinks of the force."""
+    """Warn of noise bands that miss a natural frequency, and of an automatic step too long for kinks of the force.
+
+    A given step that is too long is measured, which tells more.
+    """
     warn_of_bands(model)
     if request.step is None and integrator.kicks:
         warn_of_kinks(model, expected.stiffening, steps.step, request.duration + expected.spin_up)

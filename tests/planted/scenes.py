@@ -13,7 +13,7 @@ from scenes import base
 import impactlab as il
 from impactlab.simulation import steps
 from planted.detectors import Distances, Scene, of_independence, of_statistics
-from planted.simple_scenes import Alone, Bounded, Driven, Linear, Pressed, Start
+from planted.simple_scenes import Alone, Bounded, Driven, Held, Linear, Pressed, Start
 
 
 class Pair(Scene):
@@ -184,7 +184,7 @@ PAIR, LONG, EARLY = (
     Pair("pair from rest", 1.0, 8192, initial="rest"),
 )
 COARSE = Pair("pair at 10 ms", 10.0, 4096, step=0.01)
-START, TREE, GROUP, JUMPS = Start(), Tree(2.0), Tree(120.0), Far()
+START, HELD, TREE, GROUP, JUMPS = Start(), Held(), Tree(2.0), Tree(120.0), Far()
 LINEAR, BOUNDED, PRESSED, ALONE, HALVED, DRIVEN = Linear(), Bounded(), Pressed(), Alone(), Halved(), Driven()
 INTERVALS = Coverage("intervals", {"duration": 10.0, "realizations": 64, "step": 0.02})
 BATCHES = Coverage("intervals from batches", {"duration": 170.0, "realizations": 4, "step": 0.02})
@@ -195,6 +195,7 @@ SCENES = [
     EARLY,
     COARSE,
     START,
+    HELD,
     TREE,
     GROUP,
     JUMPS,

@@ -35,6 +35,34 @@ class Start(Scene):
         return {**result, "bodies are independent at the start": float(of_means(product, 0.0))}
 
 
+class Held(Scene):
+    """The path of a damped body from a given state, which two contacts hold all the time, so that it is linear."""
+
+    name = "path between two contacts"
+    allowed = 1e-4  # m and m/s, in the place of a standard error; the third order of the path leaves 1e-4 m/s
+    begin: ClassVar = (0.02, 1.0)
+
+    def evidence(self) -> Any:
+        law = il.LinearContact(500.0)
+        contacts = {
+            "right": il.Contact("a", il.WALL, law, clearance=-0.5),
+            "left": il.Contact(il.WALL, "a", law, clearance=-0.5),
+        }
+        network = il.Network({"a": il.LinearOscillator(damping=20.0, stiffness=1.0)}, contacts)
+        options = {"step": 0.004, "integrator": il.ExactFlow(measured=False), "record": il.Trajectory(0.02)}
+        initial = {"displacement": {"a": self.begin[0]}, "velocity": {"a": self.begin[1]}}
+        return il.simulate(network, 0.4, initial=initial, **options)
+
+    def distances(self, found: Any, law: Any) -> Distances:
+        drift = np.array([[0.0, 1.0], [-1001.0, -20.0]])
+        exact = np.array([scipy.linalg.expm(drift * t) @ self.begin for t in found.time.values]).T
+        paths = found.displacement.values.squeeze() * 32.0, found.velocity.values.squeeze()
+        off = (np.abs(path - item).max() for path, item in zip(paths, exact * np.array([[32.0], [1.0]]), strict=True))
+        return {
+            name: float(item) / self.allowed for name, item in zip(("displacements", "velocities"), off, strict=True)
+        }
+
+
 class Linear(Scene):
     """Linear bodies, alone and coupled: all second moments of the state, at one time and between two."""
 

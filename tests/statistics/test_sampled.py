@@ -35,6 +35,12 @@ def test_samples_agree_with_the_exact_law(realizations):
 def test_the_trapezoidal_rule_is_that_of_a_transient(method):
     """A swing from the greatest displacement to rest: the way over the time, with half of the states at both ends."""
     network = il.Network(oscillators={"mass": il.LinearOscillator(mass=2.0, damping=0.0, stiffness=8.0)})
-    options = {"initial": {"displacement": {"mass": 3.0}}, "rng": 1, "integrator": method, "step": np.pi / 400, "realizations": 2}
+    options = {
+        "initial": {"displacement": {"mass": 3.0}},
+        "rng": 1,
+        "integrator": method,
+        "step": np.pi / 400,
+        "realizations": 2,
+    }
     result = il.simulate(network, np.pi / 4, **options)
     np.testing.assert_allclose(result.mean_speed, 3.0 / (np.pi / 4), rtol=1e-4)
