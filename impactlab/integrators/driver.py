@@ -51,9 +51,9 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             x, v = accepted(state, history.v[slot])
             set_elapsed(tables, steps, steps.step)
             call(functions.accept, address_of(Accepted(x, v, tables.parameters, tables.indices)), now)
-        if steps.summing and sums.points.sums.shape[2]:
-            call(functions.add_turns_of_points, account, now)
         if sums.bodies.shape[1] > TURN:
+            if steps.summing and sums.points.sums.shape[2]:
+                call(functions.add_turns_of_points, account, now)
             add_turns(history.force[slot], history.v[slot], steps.summing, now % sums.bodies.shape[0], sums)
         if steps.summing and close_slot(history, slot, index == steps.number - 1, sums):
             call(functions.add, account, index)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from impactlab.components.component import finite_array
 from impactlab.errors import InvalidInput
@@ -21,6 +23,15 @@ class Curves(NamedTuple):
     probability_below: Function
 
 
+def normal_curves(deviation: float) -> Curves:
+    """Return the normal law with mean 0 and some standard deviation."""
+    top = 1.0 / (math.sqrt(2.0 * math.pi) * deviation)
+    return Curves(
+        lambda values: np.asarray(top * np.exp(-0.5 * (values / deviation) ** 2)),
+        lambda values: np.asarray(ndtr(values / deviation)),
+    )
+
+
 class Densities(ABC):
     """What a reference tells of one quantity at a time."""
 
@@ -34,7 +45,7 @@ class Densities(ABC):
         Parameters
         ----------
         oscillator : str
-            Name of the body.
+            Name of the body, or of a point of a structure.
         quantity : {"displacement", "velocity"}
             Whose density.
         grid : array_like
@@ -59,7 +70,7 @@ class Densities(ABC):
         Parameters
         ----------
         oscillator : str
-            Name of the body.
+            Name of the body, or of a point of a structure.
         quantity : {"displacement", "velocity"}
             Whose density.
         edges : array_like

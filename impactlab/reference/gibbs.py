@@ -83,8 +83,7 @@ class GibbsLaw:
 
     def variance_along(self, weights: Mapping[str, float]) -> float:
         """Return the variance of a weighted sum of displacements (m2)."""
-        share = sum(weight * self.weights[self.bodies.index(name)] for name, weight in weights.items())
-        return share**2 * self._of_coordinate[1] + self.variance_beside(weights)
+        return self._share(weights) ** 2 * self._of_coordinate[1] + self.variance_beside(weights)
 
     def variance_beside(self, weights: Mapping[str, float]) -> float:
         """Return the variance of what a weighted sum of displacements has beside its part of q (m2)."""
@@ -102,8 +101,9 @@ class GibbsLaw:
         mean = float(probabilities @ nodes)
         return mean, float(probabilities @ (nodes - mean) ** 2)
 
-    def _spread_of(self, body: str) -> float:
-        return math.sqrt(self.variance_beside({body: 1.0}))
+    def _share(self, weights: Mapping[str, float]) -> float:
+        """Return the weight of q in a weighted sum of displacements."""
+        return sum(weight * self.weights[self.bodies.index(name)] for name, weight in weights.items())
 
     def contact(self, contact: Contact) -> tuple[float, float, float]:
         """Return the probability that a contact is closed, the density where it closes (m-1) and its mean force (N)."""
@@ -115,12 +115,16 @@ class GibbsLaw:
 
     def density(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the density of a body's displacement (m-1)."""
-        spread = self._spread_of(body)
+        return self.density_along({body: 1.0}, displacement)
+
+    def density_along(self, weights: Mapping[str, float], place: np.ndarray) -> np.ndarray:
+        """Return the density of a weighted sum of displacements (m-1)."""
+        spread = math.sqrt(self.variance_beside(weights))
         if spread == 0.0:
-            weight = self.weights[self.bodies.index(body)]
-            return self.coordinate_density(displacement / weight) / abs(weight)
+            share = self._share(weights)
+            return self.coordinate_density(place / share) / abs(share)
         scale = 1.0 / (math.sqrt(2.0 * math.pi) * spread)
-        return self._smeared(body, displacement, lambda z: scale * np.exp(-0.5 * z * z))[1]
+        return self._smeared(weights, place, lambda z: scale * np.exp(-0.5 * z * z))[1]
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of the two bodies (m-2)."""
@@ -133,17 +137,21 @@ class GibbsLaw:
 
     def probability(self, body: str, displacement: np.ndarray) -> np.ndarray:
         """Return the probability that a body's displacement is smaller."""
-        below, near = self._smeared(body, displacement, ndtr)
+        return self.probability_along({body: 1.0}, displacement)
+
+    def probability_along(self, weights: Mapping[str, float], place: np.ndarray) -> np.ndarray:
+        """Return the probability that a weighted sum of displacements is smaller."""
+        below, near = self._smeared(weights, place, ndtr)
         return np.asarray(below + near)
 
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
         ends = self.weights[self.bodies.index(body)] * self.edges
-        around = self._spread_of(body) * np.linspace(-_REACH, _REACH, 81)
+        around = math.sqrt(self.variance_beside({body: 1.0})) * np.linspace(-_REACH, _REACH, 81)
         outside = [ends.min() + around, ends.max() + around, np.linspace(ends.min(), ends.max(), 257)]
 
         def above(level: float) -> float:
-            below, near = self._smeared(body, np.array([-level]), ndtr, mirrored=True)
+            below, near = self._smeared({body: 1.0}, np.array([-level]), ndtr, mirrored=True)
             return float(below[0] + near[0])
 
         return Marginal(
@@ -165,14 +173,14 @@ class GibbsLaw:
 
     def _smeared(
         self,
-        body: str,
+        weights: Mapping[str, float],
         displacement: np.ndarray,
         kernel: Callable[[np.ndarray], np.ndarray],
         mirrored: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum what is below the Gaussian's reach, and what is within it times a kernel; for −x if mirrored."""
-        weight = self.weights[self.bodies.index(body)] * (-1.0 if mirrored else 1.0)
-        extra, spread = displacement, self._spread_of(body)
+        weight = self._share(weights) * (-1.0 if mirrored else 1.0)
+        extra, spread = displacement, math.sqrt(self.variance_beside(weights))
         if spread > 0.0:  # panels no wider than 2 spread, but only where the Gaussian is looked at
             panel = np.round(displacement / (2.0 * spread))[:, None] + np.arange(-6, 7)
             extra = np.unique(panel) * 2.0 * spread

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.sides import bodies_of, weights_of
 from impactlab.errors import NoExactReference
 from impactlab.reference.conditions import Law
-from impactlab.reference.densities import QUANTITIES
+from impactlab.reference.densities import QUANTITIES, Curves, normal_curves
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import NEVER
@@ -90,6 +90,25 @@ class Laws:
                 more = together, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
             place, speed = place + more[0], speed + more[1]
         return mean, place, speed
+
+    def curves_at_point(self, point: str, quantity: str) -> Curves:
+        """Return the law of the displacement or velocity of a point, which is a weighted sum of bodies."""
+        known_name("quantity", quantity, QUANTITIES)
+        weights = self.network.points[point]
+        laws = list({id(law): law for law in (self.of_body[name] for name in weights)}.values())
+        if not any(isinstance(law, GaussianLaw) and law.cosines for law in laws):
+            _, place, speed = self.at_point(weights)
+            if quantity == "velocity":
+                return normal_curves(math.sqrt(speed))
+            if all(isinstance(law, GaussianLaw) for law in laws):
+                return normal_curves(math.sqrt(place))
+            if len(laws) == 1 and isinstance(laws[0], GibbsLaw):
+                law = laws[0]
+                return Curves(partial(law.density_along, weights), partial(law.probability_along, weights))
+        raise NoExactReference(
+            f"The density of the {quantity} of {point!r} is not computed: it is known under white noise, of linear "
+            "motion and where all contacts act along one combination."
+        )
 
     def relative_speed(self, contact: str) -> float:
         """Return the standard deviation of the rate of an indentation."""

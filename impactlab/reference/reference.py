@@ -9,13 +9,12 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import ndtr
 
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
-from impactlab.reference.densities import Curves, Densities
+from impactlab.reference.densities import Curves, Densities, normal_curves
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.laws import Laws
 from impactlab.reference.levels import Coordinate
@@ -324,6 +323,8 @@ class ExactReference(Densities):
         return Coordinate.of(self._laws, name, quantity)
 
     def _curves(self, oscillator: str, quantity: str) -> Curves:
+        if oscillator in self.network.points:
+            return self._laws.curves_at_point(oscillator, quantity)
         law = self._laws.law(oscillator, quantity)
         if isinstance(law, GaussianLaw):
             return Curves(
@@ -331,11 +332,7 @@ class ExactReference(Densities):
             )
         if quantity == "displacement":
             return Curves(partial(law.density, oscillator), partial(law.probability, oscillator))
-        scale = self._laws.speed(oscillator)
-        return Curves(
-            lambda v: np.asarray(np.exp(-0.5 * (v / scale) ** 2) / (math.sqrt(2.0 * math.pi) * scale)),
-            lambda v: np.asarray(ndtr(v / scale)),
-        )
+        return normal_curves(self._laws.speed(oscillator))
 
     def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
         law = self._laws.law(oscillator, quantity)

@@ -183,11 +183,16 @@ def test_towers_of_modes_that_pound():
     other = il.LinearStructure(MASS[:3], RATE * np.diag(MASS[:3]), STIFFNESS[:3, :3], names=floors)
     network = il.Network({"tower": modes(), "other": modes(MASS[:3], STIFFNESS[:3, :3], names=floors)}, gap, warm)
     law = il.exact(network).statistics()
-    bodies = il.exact(il.Network({"tower": TOWER, "other": other}, gap, warm)).statistics()
+    reference = il.exact(il.Network({"tower": TOWER, "other": other}, gap, warm))
+    bodies = reference.statistics()
     for name in ("contact_ratio", "contact_rate", "mean_contact_force"):
         np.testing.assert_allclose(law[name], bodies[name], rtol=1e-9)
     for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
         np.testing.assert_allclose(law[f"point_{name}"], bodies[name], rtol=1e-8, err_msg=name)
+    grid = np.linspace(-0.3, 0.3, 13)
+    for quantity in ("displacement", "velocity"):
+        own = il.exact(network).density("tower.roof", quantity, grid)
+        np.testing.assert_allclose(own, reference.density("tower.roof", quantity, grid), rtol=1e-8)
     result = il.simulate(network, duration=20.0, realizations=128, rng=4)
     names = ["point_mean_square_velocity", "point_mean_square_displacement", "contact_ratio", "contact_rate"]
     off = deviations(result, law, names, relative=2e-3)
@@ -279,6 +284,7 @@ def test_the_law_of_a_point_without_contacts():
             density = found[f"density_point_{quantity}"].sel(point=name).values
             error = found[f"density_point_{quantity}_standard_error"].sel(point=name).values
             exact = np.diff(ndtr(edges / np.sqrt(variance.sel(point=name).item()))) / np.diff(edges)
+            np.testing.assert_allclose(il.exact(network).bin_density(name, quantity, edges), exact, rtol=1e-9)
             factor = found[f"density_point_{quantity}_band_factor"].sel(point=name).item()
             seen = error > 0.0
             assert seen.sum() > 20
