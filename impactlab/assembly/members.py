@@ -111,7 +111,7 @@ class Members:
     @classmethod
     def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
-        kinds = tuple(sorted(rows, key=lambda kind: (kind.role, kind.component.__name__, kind.component.__module__)))
+        kinds = tuple(sorted(rows, key=_canonical))
         tables = tuple(_table(kind, rows[kind]) for kind in kinds)
         starts = [_numbers(rows[kind], kind.states) for kind in kinds]
         return cls(kinds, tables, *packed(tables, ends if ends.plain else joined(ends, coupled), starts=starts))
@@ -119,6 +119,11 @@ class Members:
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Return the kinds of some roles."""
         return tuple(kind for kind in self.kinds if kind.role in roles)
+
+
+def _canonical(kind: Kind) -> tuple[bool, str, str, str]:
+    """Return what kinds are sorted by: intensities come last, so that all other loops are the same without noise."""
+    return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__
 
 
 def _table(kind: Kind, rows: Sequence[Row]) -> Table:
