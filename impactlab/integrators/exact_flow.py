@@ -45,9 +45,10 @@ class ExactFlow(Integrator):
     at ``y = x + (h²/12) R(x)/m``: for conservative forces this is the force-gradient
     correction of a fourth-order splitting to its order, without the derivative of any
     force (Chin, Phys. Lett. A 226, 1997, 344). Velocities of trajectories take the change of the
-    force since the kick before for its derivative, so that paths are of third order. A force that
-    depends on a velocity is solved for the one at which it acts: that in the middle of the kick
-    where it is a weak damper, nearly that after it where it is a strong one. Without contacts
+    force since the kick before for its derivative, so that paths are of third order under forces
+    that do not depend on velocities. A force that does is solved for the one at which it acts:
+    that in the middle of the kick where it is a weak damper, nearly that after it where it is a
+    strong one. Without contacts
     there is no error at any step. Sums of cosines enter through their exact linear response,
     given forces through the one to what is linear in the time of a step, which has their integral. States of laws
     are those at y, and at the velocity in the middle of the kick.

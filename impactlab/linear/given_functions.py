@@ -194,6 +194,27 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     return step
 
 
+def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[str]:
+    """Return the kinds of laws whose force jumps in time: most of a change remains within a small part of a step."""
+    found = []
+    for item, kind in kinds_of(model).items():
+        if not isinstance(item, LawInTime):
+            continue
+        times, values = look(model, item, begin, end)
+        change = np.abs(np.diff(values))
+        place = int(change.argmax())
+        (low, high), (first, last) = times[place : place + 2], values[place : place + 2]
+        while high - low > step / PANELS**2:
+            middle = 0.5 * (low + high)
+            value = float(item.call(kind, np.array([middle]))[0])
+            low, high, first, last = (
+                (low, middle, first, value) if abs(value - first) > abs(last - value) else (middle, high, value, last)
+            )
+        if abs(last - first) > max(0.5 * change[place], UNSEEN * np.abs(values).max()):
+            found.append(type(item.law).__name__)
+    return sorted(set(found))
+
+
 def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     """Return the largest energy that given forces, and laws at rest, bring to a body alone (J).
 

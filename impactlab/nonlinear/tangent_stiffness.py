@@ -49,7 +49,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * line_variances(model)[1]
     if isinstance(start, np.ndarray):
-        heat = np.maximum(heat, _energy_of(model, start))
+        heat = np.maximum(heat, energy_of(model, start))
     for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()}):
         heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
     return hottest(model, heat)
@@ -72,8 +72,8 @@ def measured_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
     return SCATTER * energy[:-1]
 
 
-def _energy_of(model: Model, start: np.ndarray) -> np.ndarray:
-    """Energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
+def energy_of(model: Model, start: np.ndarray) -> np.ndarray:
+    """Return the energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
     displacement, velocity = start
     energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
     result = np.append(energy, 0.0)

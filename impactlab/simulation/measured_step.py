@@ -14,6 +14,7 @@ from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import STATISTICS
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
+from impactlab.step_size.certified import alike
 
 SURELY_FINE = 0.2
 """Part of the automatic step up to which a step that is given needs no measurement, whatever the network."""
@@ -34,8 +35,10 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
     wanted = isinstance(integrator, ExactFlow) and integrator.measured
     if not wanted or plan.noise.coarse or not model.nonlinear_bodies.any():
         return False
+    if given is None:
+        return not plan.clock.certified or alike(model, plan.start.state, plan.clock.duration)
     beyond = 1.0 + 1e-9 if plan.clock.certified else SURELY_FINE
-    return (given is None and not plan.clock.certified) or (given is not None and given > beyond * plan.clock.automatic)
+    return given > beyond * plan.clock.automatic
 
 
 def measured(

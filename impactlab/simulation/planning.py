@@ -10,9 +10,11 @@ import math
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
+from impactlab.linear.given_functions import jumping_laws
 from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
@@ -151,10 +153,15 @@ def _contacts_reached(model: Model, integrator: Integrator) -> int:
 
 
 def _warn(model: Model, request: Request, expected: Expected, steps: Steps, integrator: Integrator) -> None:
-    """Warn of noise bands that miss a natural frequency, and of an automatic step too long for kinks of the force.
+    """Warn of noise bands that miss a natural frequency, of steps too long for kinks, and of laws that jump in time.
 
     A given step that is too long is measured, which tells more.
     """
     warn_of_bands(model)
     if request.step is None and integrator.kicks:
         warn_of_kinks(model, expected.stiffening, steps.step, request.duration + expected.spin_up)
+    for name in jumping_laws(model, -expected.spin_up, request.duration, steps.step) if model.timed.any() else ():
+        warn(
+            f"The force of {name} jumps in time, each time up to half a step too early or too late, which may add up "
+            "and is not measured; compare with a smaller step=."
+        )

@@ -21,7 +21,7 @@ ENOUGH = 30
 KINK_HEATING = 5e-4
 """Largest part of their temperature by which kinks of contact forces may heat bodies."""
 
-WANDERING = 0.1
+WANDERING = 0.005
 """Root mean square of the relative change of the energy of bodies without friction from which on there is a warning."""
 
 

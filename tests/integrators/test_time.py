@@ -11,6 +11,7 @@ from test_states import block_of
 
 import impactlab as il
 from impactlab.assembly.model import Model
+from impactlab.linear.given_functions import jumping_laws
 from impactlab.plan.seed import Seed
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
@@ -385,6 +386,26 @@ def test_a_step_is_made_for_the_stiffest_moment():
     constant = NOISY.replace(couplings={"p": il.Coupling(il.WALL, "a", LAW.replace(stiffness=1200.0, depth=0.0))})
     varying, stiff = (make_plan(Model.of(item), request(step=None)).clock.step for item in (network, constant))
     assert varying == pytest.approx(stiff, rel=0.1)
+
+
+class Switched(il.CouplingLaw):
+    """A spring that is there now and then."""
+
+    stiffness: float = il.parameter(units="N m-1")
+
+    @staticmethod
+    def force(extension, time, stiffness):
+        return stiffness * extension if time % 0.5 < 0.15 else 0.0
+
+
+def test_jumps_in_time_are_told():
+    switched = il.Network({"a": BODY}, {}, {}, {"s": il.Coupling(il.WALL, "a", Switched(300.0))})
+    assert jumping_laws(Model.of(switched), 0.0, 3.0, 1e-3) == ["Switched"]
+    for network in (SHAKEN, STOPPED):
+        assert jumping_laws(Model.of(network), -2.0, 3.0, 1e-2) == []
+    start = {"displacement": {"a": 0.1}}
+    with pytest.warns(il.AccuracyWarning, match=r"The force of Switched jumps in time, each time up to half a step"):
+        il.simulate(switched, 3.0, initial=start, step=0.01, integrator=EXACT)
 
 
 def test_bodies_that_it_moves_have_no_balances_and_contacts_no_return_levels():
