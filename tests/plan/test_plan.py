@@ -256,6 +256,7 @@ class Resonant(il.Excitation):
         return [1.0], [1.0]
 
 
+@pytest.mark.filterwarnings("ignore:Without friction")  # which is another matter
 def test_what_no_rule_can_plan_asks_for_a_step():
     free = il.Network({"a": il.LinearOscillator()})
     with pytest.raises(il.InvalidInput, match=r"no body has stiffness or damping\. Give step="):
