@@ -204,6 +204,11 @@ class Model:
                 result[leading] = True
         return result[:-1]
 
+    @property
+    def varying(self) -> bool:
+        """Whether anything varies in time but by white noise: sums of cosines, given forces, intensities or laws."""
+        return bool(self.lines or self.forced or self.time_varying or self.timed.any())
+
     @cached_property
     def timed_contacts(self) -> np.ndarray:
         """Whether the force of each contact depends on time, (contact,) of bool."""

@@ -36,12 +36,7 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
 
     They may not where something wants them at `every_step`.
     """
-    return (
-        isinstance(integrator, ExactFlow)
-        and integrator.jumps
-        and not (model.lines or model.forced or model.time_varying or model.timed.any())
-        and not every_step
-    )
+    return isinstance(integrator, ExactFlow) and integrator.jumps and not model.varying and not every_step
 
 
 def in_one_piece(model: Model) -> list[str]:

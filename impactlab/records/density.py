@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,7 +19,7 @@ from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
-from impactlab.results.snapshot import ALL
+from impactlab.results.snapshot import ALL, with_points
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 
 DEVIATIONS = 5.5
@@ -29,7 +28,7 @@ DEVIATIONS = 5.5
 OUTSIDE = 0.01
 """Part of the samples that may be outside of limits that were not given."""
 
-_PER = {"displacement": "m-1", "velocity": "s m-1", "point_displacement": "m-1", "point_velocity": "s m-1"}
+_PER = with_points({"displacement": "m-1", "velocity": "s m-1"})
 
 
 class Density(Record):
@@ -71,7 +70,7 @@ class Density(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
-        known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(name for name, _ in model.points)
+        known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
         names = _known("Density", self.oscillators, known)
         limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known)
         return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
@@ -137,7 +136,7 @@ class JointDensity(Record):
         object.__setattr__(self, "limits", _plain_limits(self.limits))
 
     def resolved(self, model: Model) -> Record:
-        known = (*model.bodies, *(name for name, _ in model.points))
+        known = (*model.bodies, *model.network.points)
         names = _known("JointDensity", (self.first, self.second), known)
         if self.first == self.second:
             raise InvalidInput(f"JointDensity takes two different bodies, not {self.first!r} twice.")
@@ -183,13 +182,13 @@ class _Counts(Keeper):
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.subsamples, self.record = subsamples_of(plan, realizations), record
-        self.rows = partial(plan.snapshot.rows, record.quantity, [name for name, *_ in record.limits])
+        self.reader = plan.snapshot.reader(record.quantity, [name for name, *_ in record.limits])
         self.counts = np.zeros((len(record.limits), subsample_count(plan), record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        values, rows = self.rows(snapshots)
-        for row, counts, (_, low, high) in zip(rows, self.counts, self.record.limits, strict=True):
+        values = self.reader(snapshots)
+        for row, counts, (_, low, high) in zip(self.reader.rows, self.counts, self.record.limits, strict=True):
             inverse_width = self.record.bins / (high - low)
             count_samples(values, first, self.ratio, row, low, inverse_width, self.subsamples[batch], counts)
 
@@ -201,15 +200,16 @@ class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.subsamples, self.record = subsamples_of(plan, realizations), record
-        self.rows = partial(plan.snapshot.rows, "displacement", [name for name, *_ in record.limits])
+        self.reader = plan.snapshot.reader("displacement", [name for name, *_ in record.limits])
+        self.rows = np.array(self.reader.rows)
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
         self.counts = np.zeros((subsample_count(plan), record.bins + 2, record.bins + 2), dtype=np.int64)
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         first = self.first_of(snapshots)
-        subsamples, (values, rows) = self.subsamples[batch], self.rows(snapshots)
-        count_pairs(values, first, self.ratio, np.array(rows), self.low, self.inverse_width, subsamples, self.counts)
+        values, subsamples = self.reader(snapshots), self.subsamples[batch]
+        count_pairs(values, first, self.ratio, self.rows, self.low, self.inverse_width, subsamples, self.counts)
 
     def result(self) -> dict[str, np.ndarray]:
         return {"counts": self.counts}

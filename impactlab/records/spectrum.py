@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,27 +15,22 @@ from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import ALL, Snapshot
+from impactlab.results.snapshot import ALL, Snapshot, with_points
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 SEGMENT = 20.0
 """Length of a segment in relaxation times of the slowest body, so that resonances are resolved."""
 
-_SHARE = {
-    "displacement": 0.5, "velocity": 0.125, "contact_force": 0.0, "point_displacement": 0.5, "point_velocity": 0.125,
-}  # fmt: skip
+_SHARE = with_points({"displacement": 0.5, "velocity": 0.125, "contact_force": 0.0})
 """Interval between samples over the time scale 1/ω of the fastest body."""
 
-_POWER = {"displacement": 4, "velocity": 2, "contact_force": 2, "point_displacement": 4, "point_velocity": 2}
+_POWER = with_points({"displacement": 4, "velocity": 2, "contact_force": 2})
 """Powers of the frequency with which spectra fall, under white noise; where kicks are forces, those jump at most."""
 
 FOLDED, HIGHEST = 0.1, 0.02
 """Part of what is folded back that is uncertain; part of the frequencies, the highest, from which it is estimated."""
 
-_UNITS = {
-    "displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1",
-    "point_displacement": "m2 s rad-1", "point_velocity": "m2 s-1 rad-1",
-}  # fmt: skip
+_UNITS = with_points({"displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1"})
 
 
 class Spectrum(Record):
@@ -179,7 +173,7 @@ class _Segments(Keeper):
     def __init__(self, record: Spectrum, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         assert record.labels is not None
         super().__init__(ratio)
-        self.rows, self.filled = partial(plan.snapshot.rows, record.quantity, record.labels), 0
+        self.reader, self.filled = plan.snapshot.reader(record.quantity, record.labels), 0
         rows = len(record.labels)
         self.count = record.samples_per_segment(plan, plan.interval(ratio))
         self.window = _window(self.count)
@@ -189,11 +183,10 @@ class _Segments(Keeper):
         self.mean, self.segments = np.zeros((lanes, self.parts, rows)), np.zeros((lanes, self.parts))
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
-        values, rows = self.rows(self.own(snapshots))
-        own = values[:, rows]
+        own = self.reader(self.own(snapshots))
         while len(own):
             taken = min(len(own), self.count - self.filled)
-            self.buffer[:, :, self.filled : self.filled + taken] = own[:taken].transpose(1, 2, 0)
+            self.buffer[:, :, self.filled : self.filled + taken] = own[:taken, self.reader.rows].transpose(1, 2, 0)
             own, self.filled = own[taken:], self.filled + taken
             if self.filled == self.count:
                 self._transform(min(batch, self.parts - 1))

@@ -85,9 +85,11 @@ class Laws:
             if isinstance(law, GaussianLaw):
                 more = law.relative_variances(own)
             else:
-                alone = own[first] ** 2 * law.moments(first)[1] if len(own) == 1 else math.nan
-                together = law.variance_along(own) if isinstance(law, GibbsLaw) else alone
-                more = together, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
+                if isinstance(law, GibbsLaw):
+                    variance = law.variance_along(own)
+                else:
+                    variance = own[first] ** 2 * law.moments(first)[1] if len(own) == 1 else math.nan
+                more = variance, sum(weight**2 * self.speed(name) ** 2 for name, weight in own.items())
             place, speed = place + more[0], speed + more[1]
         return mean, place, speed
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,31 @@ STATES = Variable("law_state", "state", "", "state of a law")
 
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
+
+
+def with_points(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by the quantity with those of the same quantities at points."""
+    return {**values, **{variable.name: values[quantity] for quantity, variable in AT_POINTS.items()}}
+
+
+Sums = Sequence[Sequence[tuple[int, float]]]
+"""Rows and weights of some weighted sums of rows."""
+
+
+def weighted_sums(rows: np.ndarray, sums: Sums, axis: int) -> np.ndarray:
+    """Return some weighted sums of rows, which are the first axis, along an axis of the result."""
+    return np.stack([sum(weight * rows[row] for row, weight in item) for item in sums], axis=axis)
+
+
+class Reader(NamedTuple):
+    """Rows of snapshots, or of sums of their rows, in which a record looks."""
+
+    rows: list[int]
+    sums: Sums = ()
+
+    def __call__(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return snapshots, or sums, that have these rows as the middle axis."""
+        return weighted_sums(snapshots.swapaxes(0, 1), self.sums, 1) if self.sums else snapshots
 
 
 class Snapshot(NamedTuple):
@@ -94,31 +119,23 @@ class Snapshot(NamedTuple):
         first: int = self.place(quantity).start
         return first + self.names(quantity).index(name)
 
-    def rows(self, quantity: str, names: Sequence[str], snapshots: np.ndarray) -> tuple[np.ndarray, list[int]]:
-        """Return snapshots, whose rows are the middle axis, with those of a quantity of some names, and these rows.
-
-        The names may be those of points where a quantity of bodies is wanted.
-        """
-        of_bodies, points = quantity.removeprefix("point_"), dict(self.points)
+    def reader(self, quantity: str, names: Sequence[str]) -> Reader:
+        """Return what reads a quantity of some names, which may be those of points."""
+        points = dict(self.points)
         if not any(name in points for name in names):
-            return snapshots, [self.row(quantity, name) for name in names]
-        result = np.zeros((len(snapshots), len(names), snapshots.shape[2]))
-        for row, name in enumerate(names):
-            shares = points[name] if name in points else ((self.names(of_bodies).index(name), 1.0),)
-            for body, weight in shares:
-                result[:, row] += weight * snapshots[:, self.place(of_bodies).start + body]
-        return result, list(range(len(names)))
+            return Reader([self.row(quantity, name) for name in names])
+        first = self.place(quantity.removeprefix("point_")).start
+        slots = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points
+        return Reader(
+            list(range(len(names))), [[(first + slot, share) for slot, share in slots[name]] for name in names]
+        )
 
     def values(self, quantity: Variable, snapshots: np.ndarray) -> np.ndarray:
         """Return a quantity from snapshots, whose rows are the last axis."""
         if quantity.dimension != POINT:
             return snapshots[..., self.place(quantity.name)]
-        of_bodies = snapshots[..., self.place(quantity.name.removeprefix("point_"))]
-        result = np.zeros((*of_bodies.shape[:-1], len(self.points)))
-        for column, (_, row) in enumerate(self.points):
-            for body, weight in row:
-                result[..., column] += weight * of_bodies[..., body]
-        return result
+        sums = self.reader(quantity.name, self.names(quantity.name)).sums
+        return weighted_sums(np.moveaxis(snapshots, -1, 0), sums, -1)
 
     def labelled(self, values: np.ndarray, *dimensions: str) -> Variables:
         """Return variables of snapshots along other dimensions, the rows of which are the last axis."""

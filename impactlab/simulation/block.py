@@ -212,7 +212,7 @@ class Block:
 
     def _begin_on_path(self, x: np.ndarray, v: np.ndarray) -> None:
         """Add to the velocities what those at the kicks have beyond the velocities of the smooth path, (body, lane)."""
-        laws = Laws(self.states[None], np.array([-self.plan.clock.spin_up_steps * self.plan.clock.step]))
+        laws = Laws(self.states[None], np.array([self.time]))
         _, before = SmoothPath(self.plan, self.evaluate).begin(x[None], v[None], laws)
         self.state.v[:-1] += before[0] - v
 
@@ -377,10 +377,9 @@ class Block:
         finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if not finite.all():
             body, lane = np.argwhere(~finite)[0]
-            time = (self.now - self.plan.clock.spin_up_steps) * self.plan.clock.step
             name, realization = self.plan.system.bodies[body], int(self.realizations[lane])
             raise Diverged(
-                f"{name!r} of realization {realization} left the range of finite numbers before t = {time:g} s. "
+                f"{name!r} of realization {realization} left the range of finite numbers before t = {self.time:g} s. "
                 "Use a smaller step, or check the forces."
             )
 

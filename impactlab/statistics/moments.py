@@ -96,9 +96,11 @@ def _led(plan: Plan) -> np.ndarray:
 
     Its energy at both ends of a run then differs by more than chance, and so its balances are not 0 on average.
     """
-    parts = connected_parts(plan.system.links)
     varying = plan.noise.white if plan.noise.time_varying else plan.noise.white[:0]
     led = np.concatenate([plan.driving.forced, varying, np.flatnonzero(plan.forces.timed)])
+    if not len(led):
+        return np.zeros(len(plan.system.bodies), dtype=bool)
+    parts = connected_parts(plan.system.links)
     return np.isin(parts, parts[led])
 
 

@@ -29,7 +29,7 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
     """
     if (model.nonlinear_bodies & (model.damping * step > 1.001 * model.mass)).any():  # steps are often m/c
         return False
-    if model.lines or model.forced or model.time_varying or model.timed.any() or model.passes or model.remembering:
+    if model.varying or model.passes or model.remembering:
         return False
     if model.sources["intensity"].joining:
         return False

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
+from impactlab.components.evaluation import TIME
 from impactlab.errors import NoExactReference
 
 _REFUSAL = "The Fokker–Planck equation of this network is not solved:"
@@ -216,7 +217,7 @@ def _reasons(network: Composition) -> Iterator[str]:
     for name, contact in network.contacts.items():
         if contact.law.state_names():
             yield f"the force of contact {name!r} depends on the past; laws without states are allowed."
-        elif "time" in contact.law.kernel("force")[1]:
+        elif TIME in contact.law.kernel("force")[1]:
             yield f"the force of contact {name!r} depends on time; laws of the indentation alone are allowed."
         elif "rate" in contact.law.kernel("force")[1]:
             yield f"the force of contact {name!r} depends on the rate; laws of the indentation alone are allowed."
