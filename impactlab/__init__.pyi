@@ -18,6 +18,10 @@ from impactlab.components.excitation import Source as Source
 from impactlab.components.excitation import WhiteNoise as WhiteNoise
 from impactlab.components.fields import parameter as parameter
 from impactlab.components.fields import state as state
+from impactlab.components.loads import Chirp as Chirp
+from impactlab.components.loads import ConstantForce as ConstantForce
+from impactlab.components.loads import Harmonic as Harmonic
+from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator
 from impactlab.components.oscillator import Oscillator as Oscillator

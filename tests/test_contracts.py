@@ -230,6 +230,17 @@ def test_compiled_and_plain_coupling_agree(cls):
     assert law.evaluate(0.0) == 0.0
 
 
+@pytest.mark.parametrize("cls", [cls for cls in subclasses(il.Excitation) if cls.kind == "force"])
+def test_compiled_and_plain_given_force_agree(cls):
+    """To two units in the last place, before, while and after it acts."""
+    load = sample(cls)
+    compiled = il.Network({"a": il.LinearOscillator()}, {}, {"a": load}).compile()
+    times = np.random.default_rng(5).uniform(-1.0, 4.0, 200)
+    force = np.array([compiled.rhs(time, np.zeros(2))[1] for time in times])
+    np.testing.assert_array_max_ulp(force, np.array(load.call("force", times)), maxulp=2)
+    assert force.any()
+
+
 @pytest.mark.parametrize("cls", [cls for cls in [*LAWS, *COUPLING_LAWS, *OSCILLATORS] if cls.state_names()])
 def test_states_stay_where_nothing_moves(cls):
     """Those that hold at some place and speed still hold there at the same time: what is accepted twice is as once."""

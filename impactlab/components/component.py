@@ -271,7 +271,7 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
             "Name the fields it needs as arguments."
         )
     for argument_name in names:
-        if argument_name not in kinematic and argument_name not in fields:
+        if argument_name not in kinematic and argument_name not in fields and not _is_property(cls, argument_name):
             raise InvalidInput(
                 f"{place} has an argument {argument_name!r} that is neither kinematic nor a field; "
                 f"{suggestion(argument_name, (*kinematic, *fields))}"
@@ -285,6 +285,11 @@ def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) ->
         what = "the states" if name == UPDATE else "a number"
         raise InvalidInput(f"{place} may end without a value: every branch must return {what}.")
     setattr(cls, name, staticmethod(function))
+
+
+def _is_property(cls: type[Component], name: str) -> bool:
+    """Whether a name is that of a number which follows from the fields."""
+    return isinstance(getattr(cls, name, None), (property, functools.cached_property))
 
 
 def _check_states(cls: type[Component]) -> None:

@@ -100,6 +100,18 @@ def test_call_broadcasts_over_arrays():
     assert il.WhiteNoise(3.0).call("intensity", np.zeros(4)).tolist() == [3.0] * 4
 
 
+def test_a_kernel_may_take_a_number_that_follows_from_fields():
+    class Sized(Spring):
+        @property
+        def size(self):
+            return 2.0 * self.rest
+
+        def force(indentation, size):
+            return size * indentation
+
+    assert Sized(1.0, rest=0.25).evaluate(3.0) == 1.5
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [

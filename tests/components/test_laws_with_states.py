@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -18,7 +17,7 @@ ONE_STEP = il.ExactFlow(measured=False)
 
 def end_of(law, step, method, duration=2.5):
     """Displacement after some time of a body that is held by a coupling and pushed."""
-    network = il.Network({"a": BODY}, {}, {"a": Harmonic(5.0, frequency=3.0)}, {"h": il.Coupling(il.WALL, "a", law)})
+    network = il.Network({"a": BODY}, {}, {"a": il.Harmonic(5.0, frequency=3.0)}, {"h": il.Coupling(il.WALL, "a", law)})
     options = {"integrator": method, "initial": PULLED, "record": il.Trajectory(duration / 2.0)}
     return float(il.simulate(network, duration, step=step, **options).displacement.isel(time=-1).squeeze())
 

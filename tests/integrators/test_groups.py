@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import ConstantForce
 from laws import TwoLines
 from scenes import base, deviations
 from scipy.linalg import expm
@@ -88,7 +87,7 @@ def test_paths_without_noise_are_exact_at_any_step(step):
 
 
 def test_a_constant_given_force_on_one_body_moves_all_exactly():
-    network = trio(0.4, excitations={"a": None, "b": ConstantForce(3.0), "c": None})
+    network = trio(0.4, excitations={"a": None, "b": il.ConstantForce(3.0), "c": None})
     initial = {"displacement": {}, "velocity": {}}
     options = {"record": [il.Trajectory(interval=0.5)], "integrator": il.ExactFlow(measured=False)}
     result = il.simulate(network, 2.0, spin_up=0.0, step=0.5, initial=initial, **options, rng=1)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, JumpContact
-from impactlab_numerics.laws.excitations import Harmonic
 
 import impactlab as il
 from impactlab.kernels.sums import closings
@@ -65,7 +64,7 @@ def test_bodies_on_a_heavy_shaken_base(base):
 def test_a_periodic_motion_touches_a_whole_number_of_times_in_a_period(frequency, number):
     body = il.LinearOscillator(mass=1.0, damping=0.1, stiffness=1.0)
     contact = il.Contact("m", il.WALL, il.LinearContact(20.0), clearance=0.5)
-    network = il.Network({"m": body}, {"stop": contact}, {"m": Harmonic(1.0, frequency=frequency)})
+    network = il.Network({"m": body}, {"stop": contact}, {"m": il.Harmonic(1.0, frequency=frequency)})
     period = 2 * np.pi / frequency
     ds = il.simulate(network, 40 * period, spin_up=60 * period, initial={}, rng=1)
     assert ds.contact_rate.item() * period == pytest.approx(number, abs=1e-9)

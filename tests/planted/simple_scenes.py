@@ -10,7 +10,6 @@ import numpy as np
 import scipy.integrate
 import scipy.linalg
 from impactlab_numerics.laws.contacts import KelvinVoigtContact
-from impactlab_numerics.laws.excitations import Harmonic
 from scenes import base
 
 import impactlab as il
@@ -179,7 +178,7 @@ class Driven(Scene):
             wall = {}
             if clearance < math.inf:
                 wall["w"] = il.Contact("a", il.WALL, il.HertzContact(1e3), clearance=clearance)
-            push = {"a": Harmonic(amplitude, frequency=frequency)}
+            push = {"a": il.Harmonic(amplitude, frequency=frequency)}
             start = {"displacement": {"a": 0.1}}
             found[name] = il.simulate(il.Network({"a": body}, wall, push), duration, initial=start, step=step)
         return found

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.integrate
 import scipy.linalg
 from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, KelvinVoigtContact
-from impactlab_numerics.laws.excitations import GustNoise, Harmonic
+from impactlab_numerics.laws.excitations import GustNoise
 
 import impactlab as il
 from planted.detectors import Distances, Scene, of_statistics
@@ -114,7 +114,7 @@ class Forced(Scene):
 
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
-        network = il.Network({"a": body}, None, {"a": Harmonic(1.0, frequency=self.frequency)})
+        network = il.Network({"a": body}, None, {"a": il.Harmonic(1.0, frequency=self.frequency)})
         return il.simulate(network, self.duration, initial={}, rng=1)
 
     def distances(self, found: Any, law: Any) -> Distances:

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from impactlab_numerics import TrustStudy
-from impactlab_numerics.laws.excitations import Harmonic
 from impactlab_numerics.trust import compound
 from impactlab_numerics.trust.collect import found_of, tree_of
 from impactlab_numerics.trust.drawing import Scene
@@ -135,7 +134,7 @@ def test_references_agree_with_each_other():
 
 
 def test_the_path_without_noise_is_that_of_a_linear_body():
-    network = lone(contacts=None, excitations={"a": Harmonic(3.0, frequency=2.0)})
+    network = lone(contacts=None, excitations={"a": il.Harmonic(3.0, frequency=2.0)})
     network = il.Network(network.oscillators, None, network.excitations)
     scene = Scene(network, {"duration": 20.0 * math.pi, "realizations": 1}, fine=0.02, deterministic=True)
     found = reference_of(scene, 0.1, 1, 1e8)

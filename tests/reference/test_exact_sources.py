@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
 from scipy.integrate import quad
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.stats import multivariate_normal
@@ -90,7 +89,7 @@ def test_contacts_far_away_are_left_out():
         (pair({"gap": GAP}), r"one noise, 'ground', drives 'a' and 'b': their motions are correlated"),
         (pair({"gap": GAP}, {"g": il.Source(SERIES, on="b"), "a": NOISE}), r"'b' is excited by ShinozukaNoise"),
         (
-            pair(None, {"g": il.Source(Harmonic(1.0, frequency=1.0), on="b"), "a": NOISE}),
+            pair(None, {"g": il.Source(il.Harmonic(1.0, frequency=1.0), on="b"), "a": NOISE}),
             r"'b' is excited by Harmonic, which depends on time",
         ),
     ],

@@ -13,7 +13,6 @@ import time
 import numpy as np
 import pytest
 from impactlab_numerics.laws.contacts import HuntCrossleyContact
-from impactlab_numerics.laws.excitations import Harmonic
 from laws import DampedCubicCoupling, RunawayContact
 from scenes import base, linear
 
@@ -98,7 +97,7 @@ def everything():
         "soft": il.Coupling("g", "i", il.LinearCoupling(2.0)),
     }
     excitations = {name: il.WhiteNoise(2.0) for name in "acdegk"}
-    excitations |= {"b": Harmonic(2.0, frequency=3.0), "l": il.ShinozukaNoise(1.0, band=(0.0, 8.0), components=100)}
+    excitations |= {"b": il.Harmonic(2.0, frequency=3.0), "l": il.ShinozukaNoise(1.0, band=(0.0, 8.0), components=100)}
     return il.Network({name: cubic if name in "dej" else soft for name in names}, contacts, excitations, couplings)
 
 

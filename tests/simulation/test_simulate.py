@@ -6,7 +6,6 @@ import textwrap
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
 from laws import LossyContact
 from scenes import base, deviations, linear
 from scipy.linalg import expm
@@ -200,7 +199,7 @@ def test_a_users_own_lines_have_their_mean_square():
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4()])
 def test_a_given_force_has_its_closed_response(integrator):
-    network = linear(ratio=0.2).replace(excitations={"a": Harmonic(3.0, frequency=4.0)})
+    network = linear(ratio=0.2).replace(excitations={"a": il.Harmonic(3.0, frequency=4.0)})
     body = network.oscillators["a"]
     ds = il.simulate(
         network, 4.0, step=1e-3, initial="rest", spin_up=0.0, integrator=integrator, record=il.Trajectory(0.1)

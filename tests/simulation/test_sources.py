@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic, ModulatedNoise
+from impactlab_numerics.laws.excitations import ModulatedNoise
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -149,7 +149,7 @@ def test_a_heavy_base_and_the_motion_of_the_ground():
         il.WhiteNoise(1.0),
         pytest.param(ModulatedNoise(1.0, frequency=1.0), marks=pytest.mark.campaign),
         pytest.param(il.ShinozukaNoise(1.0, band=(0.0, 2.0), components=40), marks=pytest.mark.campaign),
-        pytest.param(Harmonic(2.0, frequency=2.0), marks=pytest.mark.campaign),
+        pytest.param(il.Harmonic(2.0, frequency=2.0), marks=pytest.mark.campaign),
     ],
     ids=lambda item: type(item).__name__,
 )
@@ -174,8 +174,8 @@ def test_motions_under_several_excitations_add_up():
         "a": il.WhiteNoise(0.5),
         "ground": GROUND,
         "sea": il.Source(il.ShinozukaNoise(1.0, band=(0.0, 2.0), components=40), on={"a": 1.0, "b": 0.5}),
-        "motor": il.Source(Harmonic(2.0, frequency=2.0), on={"b": -1.0, "a": 3.0}),
-        "push": il.Source(Harmonic(1.0, frequency=1.0), on="b"),
+        "motor": il.Source(il.Harmonic(2.0, frequency=2.0), on={"b": -1.0, "a": 3.0}),
+        "push": il.Source(il.Harmonic(1.0, frequency=1.0), on="b"),
     }
     for contacts in (None, {"far": FAR}):
         for couplings in (None, {"s": SPRING}):
@@ -211,7 +211,7 @@ def test_a_source_changes_no_numbers_of_others():
 
 def test_a_given_force_on_two_bodies_that_collide():
     stop = {"stop": il.Contact("a", "b", il.LinearContact(200.0), clearance=0.1)}
-    network = pair(stop, {"motor": il.Source(Harmonic(3.0, frequency=2.0), on={"a": 1.0, "b": -2.0})})
+    network = pair(stop, {"motor": il.Source(il.Harmonic(3.0, frequency=2.0), on={"a": 1.0, "b": -2.0})})
     data = il.simulate(network, duration=10.0, step=1e-3, spin_up=0.0, initial="rest", record=il.Trajectory(1.0))
 
     def slope(t, y):
@@ -258,3 +258,20 @@ def test_a_source_that_drives_bodies_apart_keeps_statistics_right():
     apart = pair(walls, {"a": il.WhiteNoise(1.0), "b": il.WhiteNoise(4.0)})
     statistics = il.compare(together, il.exact(apart)).to_dataframe()  # of each body alone, as if it were
     assert statistics.z.abs().max() < 4.0
+
+
+def test_a_harmonic_force_and_noise_on_a_body_that_collides():
+    """Rates and means over whole periods at the step that is chosen, and at a 20th of it under other noise."""
+    period = 2.0 * np.pi / 5.0
+    network = il.Network(
+        {"a": il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)},
+        {"stop": il.Contact("a", il.WALL, il.HertzContact(1e5), clearance=0.1)},
+        {"a": il.WhiteNoise(0.02), "motor": il.Source(il.Harmonic(1.5, frequency=5.0), on="a")},
+    )
+    chosen = il.simulate(network, 40.0 * period, realizations=256, rng=1)
+    fine = il.simulate(network, 40.0 * period, realizations=256, step=period / 6000.0, rng=2)
+    assert chosen.step > 15.0 * fine.step
+    for name in ("contact_rate", "contact_ratio", "mean_contact_force", "mean_square_displacement"):
+        values, errors = ([data[item].item() for data in (chosen, fine)] for item in (name, f"{name}_standard_error"))
+        assert abs(values[0] - values[1]) < 3.0 * np.hypot(*errors), name
+        assert np.hypot(*errors) < 0.02 * values[0]

@@ -11,7 +11,7 @@ from impactlab_numerics.laws.contacts import (
     BilinearContact,
     ClampedKelvinVoigtContact,
 )
-from impactlab_numerics.laws.excitations import ConstantForce, ModulatedNoise
+from impactlab_numerics.laws.excitations import ModulatedNoise
 from laws import Cosine, Interval
 from scenes import plan_of
 
@@ -310,7 +310,7 @@ def test_a_body_that_a_load_holds_still_asks_for_no_step():
         "still": il.LinearOscillator(mass=0.26, damping=0.94, stiffness=12.0),
         "shaken": il.LinearOscillator(mass=0.95, damping=1.8, stiffness=24.0),
     }
-    network = il.Network(bodies, contacts, {"still": ConstantForce(74.0), "shaken": HEAT})
+    network = il.Network(bodies, contacts, {"still": il.ConstantForce(74.0), "shaken": HEAT})
     result = il.simulate(network, 65.0, realizations=64, rng=1)
     assert result.attrs["step"] > 2e-3
 

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
 
 import impactlab as il
 from impactlab.kernels.rows import STATE_ROWS, VV, XX
@@ -23,7 +22,7 @@ def driven(frequency):
             "wall": il.Contact("driven", il.WALL, il.LinearContact(45.0)),
             "knock": il.Contact("shaken", "driven", il.LinearContact(1.4), clearance=0.9),
         },
-        {"driven": Harmonic(60.0, frequency=frequency), "shaken": il.WhiteNoise(0.3)},
+        {"driven": il.Harmonic(60.0, frequency=frequency), "shaken": il.WhiteNoise(0.3)},
     )
 
 
@@ -47,7 +46,7 @@ def alone(frequency):
     return il.Network(
         {"a": il.LinearOscillator(damping=0.3, stiffness=1.0)},
         {"wall": il.Contact("a", il.WALL, il.LinearContact(1000.0))},
-        {"a": Harmonic(frequency**2, frequency=frequency)},
+        {"a": il.Harmonic(frequency**2, frequency=frequency)},
     )
 
 

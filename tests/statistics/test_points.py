@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import Harmonic
 from scenes import deviations
 from scipy.linalg import eigh, solve_continuous_lyapunov
 from scipy.special import ndtr
@@ -31,8 +30,8 @@ STOP = {"stop": il.Contact("beam.tip", il.WALL, HERTZ, clearance=0.1)}
         ({"beam.tip": il.WhiteNoise(1.0)}, {"spin_up": 2.0}),
         ({"beam.tip": il.WhiteNoise(1.0)}, {"initial": {"velocity": {"beam.1": 1.0}}}),
         ({"beam.tip": il.ShinozukaNoise(1.0, band=(0.0, 20.0), components=500)}, {"spin_up": 2.0}),
-        ({"beam.tip": Harmonic(amplitude=3.0, frequency=7.0)}, {}),
-        ({"beam.tip": Harmonic(amplitude=3.0, frequency=7.0)}, {"integrator": il.RungeKutta4()}),
+        ({"beam.tip": il.Harmonic(amplitude=3.0, frequency=7.0)}, {}),
+        ({"beam.tip": il.Harmonic(amplitude=3.0, frequency=7.0)}, {"integrator": il.RungeKutta4()}),
     ],
     ids=["white", "given start", "cosines", "given force", "Runge-Kutta"],
 )
@@ -88,7 +87,7 @@ def at_floors(result, name):
 @pytest.mark.parametrize("force", [False, True])
 def test_one_motion_three_ways(force):
     """Where nothing is random, paths with contacts and their statistics are the same up to rounding."""
-    push = {"excitations": {"tower.third": Harmonic(amplitude=20.0, frequency=9.0)}} if force else {}
+    push = {"excitations": {"tower.third": il.Harmonic(amplitude=20.0, frequency=9.0)}} if force else {}
     contacts = {"stop": il.Contact("tower.roof", il.WALL, HERTZ, clearance=0.05)}
     start = {"velocity": {"tower.roof": 1.0, "tower.second": 0.4}, "displacement": {"tower.first": -0.02}}
     options = {"duration": 6.0, "spin_up": 0.0, "step": 2e-3, "initial": start, "rng": 1, "record": il.Trajectory(0.2)}

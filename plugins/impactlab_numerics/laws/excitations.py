@@ -9,27 +9,6 @@ import numpy as np
 import impactlab as il
 
 
-class ConstantForce(il.Excitation):
-    """A static load."""
-
-    load: float = il.parameter(units="N")
-
-    @staticmethod
-    def force(load):  # type: ignore[no-untyped-def]
-        return load
-
-
-class Harmonic(il.Excitation):
-    """Given force ``amplitude sin(frequency t)``."""
-
-    amplitude: float = il.parameter(units="N")
-    frequency: float = il.parameter(units="rad s-1", above=0.0)
-
-    @staticmethod
-    def force(time, amplitude, frequency):  # type: ignore[no-untyped-def]
-        return amplitude * math.sin(frequency * time)
-
-
 class TwoTones(il.Excitation):
     """Given force of two cosines."""
 
@@ -53,18 +32,6 @@ class SquareWave(il.Excitation):
         return amplitude if math.sin(frequency * time) >= 0.0 else -amplitude
 
 
-class Pulse(il.Excitation):
-    """Given force, half of a sine: ``amplitude sin(π (t − begin)/width)`` while it lasts."""
-
-    amplitude: float = il.parameter(units="N")
-    begin: float = il.parameter(units="s")
-    width: float = il.parameter(units="s", above=0.0)
-
-    @staticmethod
-    def force(time, amplitude, begin, width):  # type: ignore[no-untyped-def]
-        return amplitude * math.sin(math.pi * (time - begin) / width) if begin < time < begin + width else 0.0
-
-
 class Blasts(il.Excitation):
     """Given force that decays after each of equally distant blasts."""
 
@@ -75,18 +42,6 @@ class Blasts(il.Excitation):
     @staticmethod
     def force(time, amplitude, interval, decay):  # type: ignore[no-untyped-def]
         return amplitude * math.exp(-(time - interval * math.floor(time / interval)) / decay)
-
-
-class Chirp(il.Excitation):
-    """Given force whose angular frequency ``first + rate t`` grows."""
-
-    amplitude: float = il.parameter(units="N")
-    first: float = il.parameter(units="rad s-1", minimum=0.0)
-    rate: float = il.parameter(units="rad s-2", minimum=0.0)
-
-    @staticmethod
-    def force(time, amplitude, first, rate):  # type: ignore[no-untyped-def]
-        return amplitude * math.sin((first + 0.5 * rate * time) * time) if time > 0.0 else 0.0
 
 
 class ModulatedNoise(il.Excitation):

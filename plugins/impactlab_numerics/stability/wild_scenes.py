@@ -10,7 +10,7 @@ import numpy as np
 import impactlab as il
 from impactlab_numerics.laws.contacts import HuntCrossleyContact
 from impactlab_numerics.laws.couplings import CubicCoupling
-from impactlab_numerics.laws.excitations import Burst, Harmonic
+from impactlab_numerics.laws.excitations import Burst
 from impactlab_numerics.laws.oscillators import DragOscillator, SofteningOscillator
 
 FAMILIES = 32
@@ -135,7 +135,7 @@ def _noise(draw: _Draw, kind: str, body: il.Oscillator, heat: float, frequency: 
     if kind == "burst":
         return Burst(density, frequency=frequency * draw.scale())
     if kind == "drive":
-        return Harmonic(math.sqrt(density * frequency), frequency=frequency * draw.scale())
+        return il.Harmonic(math.sqrt(density * frequency), frequency=frequency * draw.scale())
     if kind == "series":
         top = (body.natural_frequency or frequency) / math.pi * draw.scale(1.0)
         return il.ShinozukaNoise(

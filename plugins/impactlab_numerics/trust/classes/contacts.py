@@ -19,7 +19,6 @@ from impactlab_numerics.laws.contacts import (
     SaturatingContact,
 )
 from impactlab_numerics.laws.couplings import DeadBandCoupling
-from impactlab_numerics.laws.excitations import ConstantForce
 from impactlab_numerics.laws.oscillators import SoftOscillator, StopOscillator
 from impactlab_numerics.trust.drawing import Scene, Sketch, between, number, one_of
 
@@ -118,7 +117,7 @@ def preloads(rng: np.random.Generator) -> Scene:
     sketch.tree(number(rng, 2, 3), clearance=(-1.0, 2.0), wall=1.0)
     body = sketch.bodies["body_0"]
     load = depth * math.sqrt(sketch.temperature * body.stiffness)
-    sketch.excitations["body_0"] = ConstantForce(one_of(rng, -1.0, 1.0) * load)
+    sketch.excitations["body_0"] = il.ConstantForce(one_of(rng, -1.0, 1.0) * load)
     sketch.fastest *= depth**0.25
     return sketch.scene()
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 import impactlab as il
-from impactlab_numerics.laws.excitations import Chirp, GustNoise, Harmonic, ModulatedNoise, Pulse
+from impactlab_numerics.laws.excitations import GustNoise, ModulatedNoise
 from impactlab_numerics.trust.drawing import RELAXATIONS, Costly, Scene, Sketch, between, number, one_of, relaxation
 
 
@@ -46,16 +46,16 @@ def _given_force(sketch: Sketch, name: str, duration: float) -> il.Excitation:
         width = between(rng, 0.03, 10.0) / own
         sketch.resolve(width / 100.0)
         begin = float(rng.uniform(0.0, 0.3)) * duration
-        return Pulse(force * max(1.0, 1.0 / (own * width)), begin=begin, width=width)
+        return il.Pulse(force * max(1.0, 1.0 / (own * width)), duration=width, start=begin)
     if kind == 1:
         first, last = own * between(rng, 0.1, 1.0), own * between(rng, 1.0, 10.0)
         sketch.resolve(0.05 / last)
-        return Chirp(force, first=first, rate=(last - first) / duration)
+        return il.Chirp(force, start_frequency=first, end_frequency=last, duration=duration)
     frequency = own * between(rng, 0.1, 15.0)
     if rng.random() < 0.3:  # a whole number of times as often as the run is looked at in 256 parts
         frequency = 2.0 * math.pi * 256.0 / duration * max(1, round(frequency * duration / (2.0 * math.pi * 256.0)))
     sketch.resolve(0.05 / frequency)
-    return Harmonic(force * between(rng, 0.5, 5.0) * max(1.0, (frequency / own) ** 2), frequency=frequency)
+    return il.Harmonic(force * between(rng, 0.5, 5.0) * max(1.0, (frequency / own) ** 2), frequency=frequency)
 
 
 def varying_noise(rng: np.random.Generator) -> Scene:
@@ -117,7 +117,7 @@ def heavy_bases(rng: np.random.Generator) -> Scene:
         options = sketch.scene(times=10.0).options
         frequency = own * between(rng, 0.3, 3.0)
         sketch.resolve(0.05 / frequency)
-        sketch.excitations["base"] = Harmonic(mass * own**2 * amplitude, frequency=frequency)
+        sketch.excitations["base"] = il.Harmonic(mass * own**2 * amplitude, frequency=frequency)
         for name in list(sketch.bodies)[:count]:
             damping = sketch.couplings[f"mount_{name}"].law.linear[1]
             sketch.excitations[name] = il.WhiteNoise(0.1 * sketch.temperature * damping / math.pi)
