@@ -24,7 +24,7 @@ _HOME = {
         "PowerLawContact",
     ],
     "components.excitation": ["Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
-    "components.loads": ["Chirp", "ConstantForce", "Harmonic", "Pulse"],
+    "components.loads": ["Chirp", "ConstantForce", "Harmonic", "Pulse", "SampledForce"],
     "components.coupling": ["BoucWenCoupling", "Coupling", "CouplingLaw", "LinearCoupling", "MaxwellCoupling"],
     "networks.network": ["Network", "chain"],
     "networks.check": ["NetworkCheck"],

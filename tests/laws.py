@@ -30,6 +30,18 @@ class SofteningContact(il.ContactLaw):
         return stiffness * (0.5 * first**2 + depth * rest + 0.5 * softening * rest**2)
 
 
+class TabulatedContact(il.ContactLaw):
+    """A force given at equally distant indentations, linear between and beyond them."""
+
+    forces: tuple[float, ...] = il.parameter(units="N")
+    distance: float = il.parameter(units="m", above=0.0)
+
+    @staticmethod
+    def force(indentation, forces, distance):
+        last = min(int(indentation / distance), len(forces) - 2)
+        return forces[last] + (indentation / distance - last) * (forces[last + 1] - forces[last])
+
+
 class LossyContact(il.ContactLaw):
     """A spring with a damper that grows with the indentation."""
 

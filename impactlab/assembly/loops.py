@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
@@ -77,11 +78,12 @@ class Loop(NamedTuple):
         """
         kind, leading, at = self.kind, LEADING[self.kind.role], PLACES + HEADER * self.number
         # those of a member inside the loop; clearance and mobility are no fields
-        names = [*kind.parameters[: len(kind.parameters) - len(kind.fields)], *map(_local, kind.fields)]
+        names = [*kind.leading, *map(_local, kind.fields)]
         entries = [*leading, "count", *(["start"] if names else [])]
         at_states, size = f"indices[at + {len(leading) + 2}]", len(leading) + 2 + bool(kind.states)
         parts = [item.replace("= ", "= rows(").replace("[", ", ").replace("]", ", count)") for item in slices]
-        parts += [f"column_{k} = rows(parameters, start{_times('+', k)}, count)" for k in range(len(names))]
+        width = len(names) + len(kind.sampled)
+        parts += [f"column_{k} = rows(parameters, start{_times('+', k)}, count)" for k in range(width)]
         parts += [
             f"{row} = remembered(parameters, {at_states}{_times('-', k)}, count, x)" for k, row in enumerate(self.rows)
         ]
@@ -95,10 +97,19 @@ class Loop(NamedTuple):
             *(f"    {name} = indices[at{f' + {k}' if k else ''}]" for k, name in enumerate(entries)),
             *(f"    {part}" for part in parts),
             f"    for member in range({f'{slices[0].split()[0]}.shape[0]' if slices else 'count'}):",
-            *(f"        {name} = column_{k}[member]" for k, name in enumerate(names)),
+            *(f"        {line}" for line in self._parameters(names)),
             *(f"        {line}" for line in lines),
         ]
         return textwrap.indent("\n".join(text), "    ") + "\n"
+
+    def _parameters(self, names: Sequence[str]) -> Iterator[str]:
+        """Give the lines that read the parameters of a member under some names; rows of numbers have two columns."""
+        columns = (f"column_{k}[member]" for k in itertools.count())
+        for parameter, name in zip(self.kind.parameters, names, strict=True):
+            if parameter in self.kind.sampled:
+                yield f"{name} = rows(parameters, int({next(columns)}), int({next(columns)}))"
+            else:
+                yield f"{name} = {next(columns)}"
 
     @property
     def rows(self) -> list[str]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +47,15 @@ class Kind:
     role: str  # a key of `LEADING`
     component: type[Component]
     kernel: str  # its name
+    sampled: tuple[str, ...] = ()  # fields that are rows of numbers
+
+    @staticmethod
+    def of(role: str, component: Component, kernel: str) -> Kind:
+        """Return the kind of a member."""
+        cls: Any = type(component)
+        kind, fields = _without_samples(role, cls, kernel)
+        sampled = tuple([name for name in fields if isinstance(getattr(component, name), tuple)])
+        return replace(kind, sampled=sampled) if sampled else kind
 
     @property
     def kinematic(self) -> tuple[str, ...]:
@@ -81,14 +92,45 @@ class Kind:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters of a row."""
+        return (*self.leading, *self.fields)
+
+    @property
+    def leading(self) -> tuple[str, ...]:
+        """Names of the parameters before those that are fields."""
         leading = ("clearance",) if self.role == "force" else ()
-        return (*leading, "mobility", *self.fields) if self.slows else (*leading, *self.fields)
+        return (*leading, "mobility") if self.slows else leading
 
     @property
     def slows(self) -> bool:
         """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
         own = self.component.arguments(self.kernel)[0]
         return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual")
+
+
+@functools.cache
+def _without_samples(role: str, component: type[Component], kernel: str) -> tuple[Kind, tuple[str, ...]]:
+    """Return a kind, and its fields, which many members share."""
+    kind = Kind(role, component, kernel)
+    return kind, kind.fields
+
+
+@dataclass
+class Samples:
+    """Rows of numbers that kernels take as fields, one after the other; equal ones are there once."""
+
+    end: int  # place behind the last one among the parameters
+    places: dict[tuple[float, ...], int] = field(default_factory=dict)
+
+    def place(self, row: tuple[float, ...]) -> int:
+        """Return the place of a row, at the end if it is new."""
+        if row not in self.places:
+            self.places[row], self.end = self.end, self.end + len(row)
+        return self.places[row]
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All of them."""
+        return np.array([number for row in self.places for number in row], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +140,9 @@ class Members:
     kinds: tuple[Kind, ...]  # in canonical order
     tables: tuple[Table, ...]  # members of each kind
     parameters: np.ndarray
-    """Of all kinds, run by run, one name after the other; before them the weights of links that have some."""
+    """Of all kinds, run by run, one name after the other; before them the weights of links that have some, and samples.
+    In the place of a field that is a row of numbers stand the place of its first one and how many they are.
+    """
     indices: np.ndarray
     """Members whose indices follow each other make a run, along which loops vectorise. Three places: of what
     `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
@@ -107,29 +151,38 @@ class Members:
     have them, of the states, in rows from the end.
     """
     states: np.ndarray  # states of all members at the start, run by run, one name after the other
+    samples: np.ndarray  # numbers of all rows that are fields
 
     @classmethod
     def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
         kinds = tuple(sorted(rows, key=_canonical))
-        tables = tuple(_table(kind, rows[kind]) for kind in kinds)
+        links = ends if ends.plain else joined(ends, coupled)
+        samples = Samples(len(links.weights) if isinstance(links, Combinations) else 0)
+        tables = tuple(_table(kind, rows[kind], samples) for kind in kinds)
         starts = [_numbers(rows[kind], kind.states) for kind in kinds]
-        return cls(kinds, tables, *packed(tables, ends if ends.plain else joined(ends, coupled), starts=starts))
+        return cls(kinds, tables, *packed(tables, links, samples.numbers, starts=starts), samples.numbers)
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
         """Return the kinds of some roles."""
         return tuple(kind for kind in self.kinds if kind.role in roles)
 
 
-def _canonical(kind: Kind) -> tuple[bool, str, str, str]:
+def _canonical(kind: Kind) -> tuple[bool, str, str, str, tuple[str, ...]]:
     """Return what kinds are sorted by: intensities come last, so that all other loops are the same without noise."""
-    return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__
+    return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__, kind.sampled
 
 
-def _table(kind: Kind, rows: Sequence[Row]) -> Table:
+def _table(kind: Kind, rows: Sequence[Row], samples: Samples) -> Table:
     leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
-    extra = np.array([extra for *_, extra in rows]).reshape(len(rows), len(kind.parameters) - len(kind.fields))
-    return leading, np.concatenate([extra, _numbers(rows, kind.fields)], axis=1)
+    columns = [np.array([extra for *_, extra in rows]).reshape(len(rows), len(kind.leading))]
+    for name in kind.fields:
+        if name in kind.sampled:
+            values = [_row(item, name) for item, *_ in rows]
+            columns.append(np.array([(samples.place(row), len(row)) for row in values], dtype=float).reshape(-1, 2))
+        else:
+            columns.append(_numbers(rows, (name,)))
+    return leading, np.concatenate(columns, axis=1)
 
 
 def _numbers(rows: Sequence[Row], fields: Sequence[str]) -> np.ndarray:
@@ -139,17 +192,18 @@ def _numbers(rows: Sequence[Row], fields: Sequence[str]) -> np.ndarray:
 
 
 def packed(
-    members: Sequence[Table], links: Links, order: np.ndarray | None = None, starts: Sequence[np.ndarray] = ()
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    members: Sequence[Table], links: Links, samples: np.ndarray, order: np.ndarray | None = None,
+    starts: Sequence[np.ndarray] = (),
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Lay out the runs of all kinds in one array of numbers, one of indices and one of states; see `Members`.
 
     The forces on a body are added in the order of the contacts, or in another `order`, (contact,). States at the start
     are (member, state) of each kind, none where nothing is given.
     """
-    columns, header = [np.zeros(0)], []
+    columns, header = [samples], []
     if isinstance(links, Combinations):
         table = np.concatenate([[len(links) + 2], links.begin, links.slots])
-        tables, columns = [table, table[:0], table[:0]], [links.weights]
+        tables, columns = [table, table[:0], table[:0]], [links.weights, samples]
     else:
         ends = links.pairs
         tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
@@ -175,5 +229,14 @@ def packed(
 def _number(component: Component, field: str) -> float:
     """Return the value of a field that a kernel takes: a number or a truth value."""
     value = getattr(component, field)
-    place = f"{type(component).__name__}.{field}, which a kernel takes,"
-    return float(value) if isinstance(value, bool) else finite(place, value)
+    return float(value) if isinstance(value, bool) else finite(_taken(component, field), value)
+
+
+def _row(component: Component, field: str) -> tuple[float, ...]:
+    """Return the numbers of a field that a kernel takes as a row of them."""
+    place = _taken(component, field)
+    return tuple(finite(f"{place} of which each number", value) for value in getattr(component, field))
+
+
+def _taken(component: Component, field: str) -> str:
+    return f"{type(component).__name__}.{field}, which a kernel takes,"

@@ -338,22 +338,22 @@ def _members(
     mobilities = ends.squares(np.array([1.0 / body.mass for body in bodies])).tolist()
     result: dict[Kind, list[Row]] = {}
     for slot, contact in enumerate(network.contacts.values()):
-        kind = Kind("force", type(contact.law), "force")
+        kind = Kind.of("force", contact.law, "force")
         extra = (contact.clearance, mobilities[slot]) if kind.slows else (contact.clearance,)
         result.setdefault(kind, []).append((contact.law, (slot,), extra))
     slots = {name: slot for slot, name in enumerate(network.oscillators)}
     for index, (name, coupling) in enumerate(network.couplings.items()):
-        kind = Kind("coupling" if ends.plain else "combination", type(coupling.law), "force")
+        kind = Kind.of("coupling" if ends.plain else "combination", coupling.law, "force")
         result.setdefault(kind, [])  # also without a row: the text does not depend on what flows
         if name not in flowing:
             result[kind].append((coupling.law, _pair(slots, coupling) if ends.plain else (len(ends) + index,), ()))
     for slot, body in enumerate(bodies):
         if body.has_kernel("residual"):
-            kind = Kind("residual", type(body), "residual")
+            kind = Kind.of("residual", body, "residual")
             result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
     for role, kernel in (("forcing", "force"), ("intensity", "intensity")):
         for row, item in enumerate(sources[kernel].excitations):
-            result.setdefault(Kind(role, type(item), kernel), []).append((item, (row,), ()))
+            result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
     return result
 
 

@@ -52,6 +52,11 @@ class Excitation(Component):
         """Time after which the force repeats and a longer run is refused (s)."""
         return math.inf
 
+    @property
+    def end(self) -> float:
+        """Time up to which the force is known; a longer run is refused (s)."""
+        return math.inf
+
 
 class WhiteNoise(Excitation):
     """Gaussian white noise: ``E[f(t) f(t+τ)] = 2π S δ(τ)``.

@@ -1,15 +1,30 @@
-"""Loads: given forces of common shapes in time."""
+"""Loads: given forces of common shapes in time, and of any shape by samples."""
 
 from __future__ import annotations
 
 import math
+import reprlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from impactlab.components.component import known_name
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
+from impactlab.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _SHAPES = {"rectangle": 0, "half-sine": 1, "versed-sine": 2}
 """Powers of half a wave of a sine by the name of a pulse."""
+
+_AFTER = "error", "zero", "repeat"
+"""What may follow the last sample."""
+
+_SHOWN = 6
+"""Samples up to which all are printed."""
 
 
 class ConstantForce(Excitation):
@@ -121,3 +136,125 @@ class Pulse(Excitation):
         if not start <= time <= start + duration:
             return 0.0
         return amplitude * math.sin(math.pi * (time - start) / duration) ** power
+
+
+class SampledForce(Excitation):
+    """Force given by samples, linear between them; 0 before the first one.
+
+    Parameters
+    ----------
+    times : (sample,) array_like
+        Increasing times of the samples, at equal or other distances (s). The measurement begins at 0.
+    values : (sample,) array_like
+        Forces (N), or what a `Source` multiplies by its weights: accelerations of the ground (m s-2), say.
+    scale : float
+        Factor of the values.
+    after : str
+        What follows the last sample: "error" refuses runs that are longer, "zero" is no force, and "repeat" the samples
+        again, with the last one in the place of the first, so that they repeat before the first one as well.
+
+    Raises
+    ------
+    InvalidInput
+        If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
+    """
+
+    times: Sequence[float] | np.ndarray = parameter(units="s")
+    values: Sequence[float] | np.ndarray = parameter(units="N", kw_only=False)
+    scale: float = parameter(1.0)
+    after: str = parameter("error")
+
+    def __post_init__(self) -> None:
+        times, values = (_samples(f"SampledForce.{name}", getattr(self, name)) for name in ("times", "values"))
+        if len(times) != len(values):
+            raise InvalidInput(f"SampledForce takes a value for each time, not {len(values)} for {len(times)} times.")
+        if len(times) < 2:
+            raise InvalidInput("SampledForce needs two samples at least.")
+        back = np.flatnonzero(np.diff(times) <= 0.0)
+        if len(back):
+            raise InvalidInput(
+                f"SampledForce.times must increase, but sample {back[0] + 1} (from 0) at {times[back[0] + 1]:g} s "
+                f"follows one at {times[back[0]]:g} s."
+            )
+        object.__setattr__(self, "times", tuple(times.tolist()))
+        object.__setattr__(self, "values", tuple(values.tolist()))
+        super().__post_init__()
+        known_name("value of SampledForce.after", self.after, _AFTER)
+
+    @classmethod
+    def from_dataarray(cls, record: xr.DataArray, **fields: Any) -> Self:
+        """Make the force from a labelled array over one dimension, whose coordinate are the times (s).
+
+        Parameters
+        ----------
+        record : (time,) DataArray
+            Values, with a coordinate of times.
+        **fields
+            ``scale`` and ``after``.
+        """
+        dimensions: tuple[Any, ...] = getattr(record, "dims", ())
+        if len(dimensions) != 1 or dimensions[0] not in record.coords:
+            raise InvalidInput(
+                "SampledForce.from_dataarray takes a DataArray of one dimension, with a coordinate of times (s), not "
+                f"{reprlib.repr(getattr(record, 'sizes', record))}."
+            )
+        times = record[dimensions[0]]
+        if times.dtype.kind not in "fiu":
+            raise InvalidInput(f"SampledForce.from_dataarray takes times in seconds, not of the type {times.dtype}.")
+        return cls(times.values, record.values, **fields)
+
+    def __repr__(self) -> str:
+        if len(self.times) <= _SHOWN:
+            return super().__repr__()
+        return f"SampledForce of {len(self.times)} samples from {self.times[0]:g} to {self.times[-1]:g} s"
+
+    @property
+    def end(self) -> float:
+        return float(self.times[-1]) if self.after == "error" else math.inf
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the samples repeat."""
+        return self.after == "repeat"
+
+    @staticmethod
+    def force(time, times, values, scale, repeats):  # type: ignore[no-untyped-def]
+        if repeats:
+            length = times[-1] - times[0]
+            time = min(max(time - length * math.floor((time - times[0]) / length), times[0]), times[-1])
+        if not times[0] <= time <= times[-1]:
+            return 0.0
+        before = _last_before(time, times)
+        share = (time - times[before]) / (times[before + 1] - times[before])
+        return scale * ((1.0 - share) * values[before] + share * values[before + 1])
+
+
+def _last_before(time: float, times: Sequence[float]) -> int:
+    """Return which sample is the last one before a time: by bisection, unless samples are at equal distances."""
+    low, high = 0, len(times) - 1
+    guess = min(int((time - times[0]) / (times[high] - times[0]) * high), high - 1)
+    if times[guess] <= time <= times[guess + 1]:
+        return guess
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _samples(place: str, given: Any) -> np.ndarray:
+    """Return a row of finite numbers, or refuse it."""
+    try:
+        array = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{place} must be numbers, not {reprlib.repr(given)}.") from None
+    if array.ndim != 1:
+        raise InvalidInput(f"{place} must be a row of numbers, not of shape {array.shape}.")
+    wrong = np.flatnonzero(~np.isfinite(array))
+    if len(wrong):
+        raise InvalidInput(
+            f"{place} must be finite, but {len(wrong)} of {len(array)} are not, the first at {wrong[0]} (from 0)."
+        )
+    return array

@@ -101,5 +101,5 @@ def _tile(model: Model, slots: np.ndarray, own: int) -> Tile:
         else:  # nothing that a tile evaluates
             tables.append((leading[:0], numbers[:0]))
     ends = place[pairs[contacts]]
-    parameters, indices, _ = packed(tables, Pairs(len(slots), ends), contacts)
+    parameters, indices, _ = packed(tables, Pairs(len(slots), ends), model.members.samples, contacts)
     return Tile(slots, contacts, int(own), int(np.count_nonzero(mine)), ends, parameters, indices)

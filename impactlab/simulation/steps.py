@@ -15,7 +15,7 @@ from impactlab.integrators.jumps import Jumps
 from impactlab.linear.given_functions import kinds_of
 from impactlab.nonlinear.closings import counts_closings
 from impactlab.plan.clock import MOST_SAMPLES, MOST_STEPS, TRANSIENT, batch_count, fit_step
-from impactlab.plan.driving import check_periods
+from impactlab.plan.driving import check_ends, check_periods
 from impactlab.plan.start import Start
 from impactlab.results.schema import BODY, sampled_of
 from impactlab.simulation.expected import Expected
@@ -54,6 +54,7 @@ class Steps:
         """
         intervals, duration, given = request.intervals(), request.duration, request.step is not None
         period = check_periods(model, duration + expected.spin_up)
+        check_ends(model, duration)
         every_step = any(record.every_step for record in request.records) or bool(sampled_of(BODY))
         may_sample = expected.stationary and sampled_will_do(model, request.integrator, every_step)
         chosen = _step_before_fitting(model, request, expected, may_sample)

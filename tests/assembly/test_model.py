@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from laws import TabulatedContact
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import impactlab as il
+from impactlab.assembly.build import build
+from impactlab.assembly.generate import generate
 from impactlab.assembly.members import HEADER, PLACES, Kind
 from impactlab.assembly.model import Model
+from impactlab.kernels.jit import evaluate
 
 HERTZ, LINEAR = il.HertzContact(1e4), il.LinearContact(50.0)
 
@@ -97,6 +101,23 @@ def test_rows_of_each_kind():
     assert rows(model, Kind("forcing", Ramp, "force")) == ([0], [[0.5]])
     assert rows(model, Kind("intensity", il.WhiteNoise, "intensity")) == ([0, 1], [[2.0], [5.0]])
     assert len(model.members.parameters) == 2 * 2 + 2 + 1 + 1 + 2
+
+
+@pytest.mark.parametrize("lever", [False, True])
+def test_laws_with_rows_of_numbers(lever):
+    """Of several lengths, in networks of bodies and of combinations; equal rows are there once."""
+    laws = [TabulatedContact(row, distance=0.2) for row in ([0.0, 1.0, 4.0], [0.0, 3.0], [0.0, 1.0, 4.0])]
+    ends = [il.Combination({"a": 1.0, "b": 0.5}) if lever else "a", "b", "c"]
+    contacts = {f"{k}": il.Contact(ends[k], il.WALL, law, clearance=0.1 * k) for k, law in enumerate(laws)}
+    model = Model.of(il.Network(dict.fromkeys("abc", il.LinearOscillator()), contacts))
+    assert model.members.samples.tolist() == [0.0, 1.0, 4.0, 0.0, 3.0]
+    x = np.random.default_rng(1).uniform(-0.5, 1.0, (1, 4, 50))
+    x[0, 3] = 0.0  # the wall
+    found, indentation, total = np.zeros((1, 3, 50)), np.zeros((1, 3, 50)), np.zeros((1, 4, 50))
+    members = model.members
+    evaluate(build(generate(model)).forces, x, 0.0 * x, members.parameters, members.indices, indentation, found, total)
+    gaps = [x[0, 0] + 0.5 * lever * x[0, 1], x[0, 1] - 0.1, x[0, 2] - 0.2]
+    np.testing.assert_allclose(found[0], [law.evaluate(gap) for law, gap in zip(laws, gaps, strict=True)], rtol=1e-12)
 
 
 def test_kinds_do_not_depend_on_the_order_of_members():

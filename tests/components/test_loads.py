@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import quad, solve_ivp
+from scipy.signal import lsim
 
 import impactlab as il
+from impactlab.kernels.jit import compilations
 
 MASS, FREQUENCY = 2.0, 2.0 * np.pi
 BODY = il.LinearOscillator.from_frequency(FREQUENCY, mass=MASS)
@@ -96,3 +99,113 @@ def test_a_harmonic_force_acts_in_the_spin_up():
 def test_bad_load(make, message):
     with pytest.raises(il.InvalidInput, match=message):
         make()
+
+
+TIMES = 0.02 * np.arange(400)
+VALUES = np.random.default_rng(3).normal(size=400) * np.exp(-(((TIMES - 4.0) / 2.0) ** 2))
+
+
+def shaken(load, **body):
+    body = il.LinearOscillator(mass=MASS, damping=0.8, stiffness=60.0)
+    return il.Network(
+        {"a": body, "b": body}, {}, {"a": load, "b": il.SampledForce([0.0, 1.0], [0.0, 1.0], after="zero")}
+    )
+
+
+def path(network, duration=7.0, **options):
+    return il.simulate(network, duration, initial={}, record=il.Trajectory(0.25), **options)
+
+
+def test_samples_move_a_body_as_a_piecewise_linear_force():
+    """Exactly, at steps that divide the distance of samples; the other body after its samples is free."""
+    data = path(shaken(il.SampledForce(TIMES, VALUES, scale=2.0)), step=0.01)
+    system = [[0.0, 1.0], [-60.0 / MASS, -0.8 / MASS]], [[0.0], [1.0 / MASS]], [[1.0, 0.0]], [[0.0]]
+    grid = 0.005 * np.arange(1401)
+    forces = {"a": 2.0 * np.interp(grid, TIMES, VALUES), "b": np.where(grid <= 1.0, grid, 0.0)}
+    forces["b"][grid > 1.0] = 0.0
+    _, expected, _ = lsim(system, forces["a"], grid)
+    np.testing.assert_allclose(data.displacement[0, :, 0], expected[::50], atol=1e-9 * np.abs(expected).max())
+    ramp = lsim(system, grid[:201], grid[:201])
+    free = lsim(system, np.zeros(1201), grid[:1201], X0=ramp[2][-1])[1]
+    found, expected = data.displacement[0, :, 1], np.concatenate([ramp[1][:-1], free])
+    np.testing.assert_allclose(found, expected[::50], atol=1e-7 * np.abs(expected).max())
+
+
+def test_at_the_chosen_step_samples_are_resolved():
+    network = shaken(il.SampledForce(TIMES, VALUES))
+    data, fine = path(network), path(network, step=0.002)
+    assert data.step > 0.002
+    np.testing.assert_allclose(data.displacement, fine.displacement, atol=2e-3 * np.abs(fine.displacement).max())
+
+
+def test_samples_of_a_sine_do_what_the_sine_does():
+    times = np.sort(np.append(np.linspace(0.0, 8.0, 8001), np.linspace(0.0, 8.0, 771)[1:-1] + 1e-4))
+    data = [path(shaken(load), step=0.01) for load in (
+        il.Harmonic(2.0, frequency=5.0), il.SampledForce(times, 2.0 * np.sin(5.0 * times)))]  # fmt: skip
+    np.testing.assert_allclose(data[0].displacement, data[1].displacement, atol=3e-6)
+
+
+@pytest.mark.parametrize("unequal", [False, True])
+def test_values_between_and_outside_of_samples(unequal):
+    times = 2.0 + (np.linspace(0.0, 3.0, 31) ** 2 if unequal else 0.3 * np.arange(31))
+    values = np.cos(times)
+    at = np.concatenate([times, np.random.default_rng(4).uniform(-20.0, 30.0, 300)])
+    inside = np.where((at >= 2.0) & (at <= 11.0), np.interp(at, times, values), 0.0)
+    for after in ("error", "zero"):
+        load = il.SampledForce(times, values, after=after)
+        np.testing.assert_allclose(load.call("force", at), inside, atol=1e-12)
+    again = il.SampledForce(times, values, after="repeat").call("force", at[31:])
+    np.testing.assert_allclose(again, np.interp((at[31:] - 2.0) % 9.0 + 2.0, times, values), atol=1e-12)
+
+
+def test_other_samples_compile_nothing_and_a_file_gives_the_same_numbers(tmp_path):
+    first = path(shaken(il.SampledForce(TIMES, VALUES)))
+    before = compilations()
+    other = path(shaken(il.SampledForce(TIMES[:-7] ** 1.01, VALUES[7:] + 0.1, after="repeat")))
+    assert compilations() == before
+    assert (first.displacement != other.displacement).any()
+    il.save(other, tmp_path / "run.nc")
+    again = il.rerun(tmp_path / "run.nc")
+    np.testing.assert_array_equal(again.displacement, other.displacement)
+    assert il.network_of(tmp_path / "run.nc") == il.network_of(other)
+
+
+def test_samples_from_labelled_arrays():
+    record = xr.DataArray(VALUES, {"time": TIMES}, dims="time")
+    assert il.SampledForce.from_dataarray(record, scale=3.0) == il.SampledForce(TIMES, VALUES, scale=3.0)
+    assert il.SampledForce(record.time, record) == il.SampledForce(list(TIMES), list(VALUES))
+    assert repr(il.SampledForce(TIMES, VALUES)) == "SampledForce of 400 samples from 0 to 7.98 s"
+    for wrong in (record.expand_dims("x"), record.drop_vars("time"), VALUES):
+        with pytest.raises(il.InvalidInput, match="takes a DataArray of one dimension, with a coordinate of times"):
+            il.SampledForce.from_dataarray(wrong)
+    with pytest.raises(il.InvalidInput, match="takes times in seconds, not of the type datetime64"):
+        il.SampledForce.from_dataarray(record.assign_coords(time=np.arange(400).astype("datetime64[s]")))
+
+
+def test_a_record_that_is_shorter_than_the_run():
+    load = il.SampledForce(TIMES, VALUES)
+    with pytest.raises(il.InvalidInput, match=r"samples of 'a' end at 7.98 s, 2.02 s before the run .* after=\"zero\""):
+        path(shaken(load), 10.0)
+    assert path(shaken(load.replace(after="zero")), 10.0).displacement[0, -1, 0] != 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0, 1.0], [1.0]), r"SampledForce takes a value for each time, not 1 for 2 times"),
+        (([0.0], [1.0]), r"SampledForce needs two samples at least"),
+        (([0.0, 0.2, 0.2], [1.0] * 3), r"times must increase, but sample 2 \(from 0\) at 0.2 s follows one at 0.2 s"),
+        (
+            ([0.0, 1.0, 2.0], [1.0, np.nan, 0.0]),
+            r"SampledForce.values must be finite, but 1 of 3 are not, the first at 1",
+        ),
+        (([0.0, np.inf], [1.0, 1.0]), r"SampledForce.times must be finite"),
+        (([0.0, 1.0], ["a", "b"]), r"SampledForce.values must be numbers"),
+        (([[0.0, 1.0]], [1.0, 1.0]), r"SampledForce.times must be a row of numbers, not of shape \(1, 2\)"),
+    ],
+)
+def test_bad_samples(arguments, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.SampledForce(*arguments)
+    with pytest.raises(il.InvalidInput, match=r"no value of SampledForce.after 'cycle'; allowed are 'error', 'zero'"):
+        il.SampledForce([0.0, 1.0], [1.0, 1.0], after="cycle")
