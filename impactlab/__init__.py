@@ -23,7 +23,7 @@ _HOME = {
         "LinearContact",
         "PowerLawContact",
     ],
-    "components.excitation": ["Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
+    "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
     "components.loads": ["Chirp", "ConstantForce", "Harmonic", "Pulse", "SampledForce"],
     "components.coupling": ["BoucWenCoupling", "Coupling", "CouplingLaw", "LinearCoupling", "MaxwellCoupling"],
     "networks.network": ["Network", "chain"],
@@ -46,6 +46,7 @@ _HOME = {
     "reference.fokker_planck.law": ["FokkerPlanckReference"],
     "reference.fokker_planck.solution": ["fokker_planck"],
     "results.dataset": ["save"],
+    "results.time_series": ["read_time_series"],
     "studies": ["Study"],
     "studies.running": ["run_study"],
     "errors": [

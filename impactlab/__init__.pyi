@@ -12,6 +12,7 @@ from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
 from impactlab.components.coupling import MaxwellCoupling as MaxwellCoupling
+from impactlab.components.excitation import BaseMotion as BaseMotion
 from impactlab.components.excitation import Excitation as Excitation
 from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
 from impactlab.components.excitation import Source as Source
@@ -57,6 +58,7 @@ from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_p
 from impactlab.reference.reference import ExactReference as ExactReference
 from impactlab.reference.reference import exact as exact
 from impactlab.results.dataset import save as save
+from impactlab.results.time_series import read_time_series as read_time_series
 from impactlab.simulation.simulate import simulate as simulate
 from impactlab.statistics.jackknife import effective_samples as effective_samples
 from impactlab.statistics.jackknife import jackknife as jackknife

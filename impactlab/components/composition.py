@@ -13,7 +13,7 @@ import numpy as np
 from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
-from impactlab.components.excitation import Excitation, Source
+from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.oscillator import LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
@@ -34,7 +34,7 @@ _NOT_IN_FILES = ("Cc", "Cs")
 _FAMILIES: dict[str, tuple[type[Component], ...]] = {
     "oscillators": (Oscillator, LinearStructure, ModalStructure),
     "contacts": (Contact,),
-    "excitations": (Excitation, Source),
+    "excitations": (Excitation, Source, BaseMotion),
     "couplings": (Coupling,),
 }
 """Families of a network, in the order in which it takes them, and what their members may be."""
@@ -65,7 +65,7 @@ class Composition:
         self,
         oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure | ModalStructure],
         contacts: Family[Contact] | None = None,
-        excitations: Family[Excitation | Source] | None = None,
+        excitations: Family[Excitation | Source | BaseMotion] | None = None,
         couplings: Family[Coupling] | None = None,
     ) -> None:
         self._oscillators = _family("oscillators", oscillators)
@@ -80,7 +80,7 @@ class Composition:
             bodies,
             points,
             {name: _without_points(name, contact, points) for name, contact in self._contacts.items()},
-            {name: _at_bodies(name, item, points) for name, item in self._excitations.items()},
+            {name: _at_bodies(name, self._forces(name, item), points) for name, item in self._excitations.items()},
             {name: _without_points(name, item, points) for name, item in self._couplings.items()} | terms,
         )
         laws = ((name, contact.law) for name, contact in self._contacts.items())
@@ -103,7 +103,7 @@ class Composition:
                         f"{self._instead(body, places)}"
                     )
         for name, item in self._excitations.items():
-            if not isinstance(item, Source):
+            if isinstance(item, Excitation):
                 if name not in places:
                     raise InvalidInput(
                         f"There is an excitation for {name!r}, which is not in the network; "
@@ -115,11 +115,35 @@ class Composition:
                     f"The source {name!r} has the name of a body, by which the body's own noise is drawn; give it a "
                     "name of its own."
                 )
+            known = self._followers() if isinstance(item, BaseMotion) else places
             for body in item.on:
-                if body not in places:
+                if body not in known:
+                    kind = type(item).__name__
                     raise InvalidInput(
-                        f"Source {name!r} drives {body!r}, which is not in the network; {self._instead(body, places)}"
+                        f"{kind} {name!r} drives {body!r}, which is not in the network; {self._instead(body, known)}"
                     )
+
+    def _forces(self, name: str, item: Excitation | Source | BaseMotion) -> Excitation | Source:
+        """Return an excitation; in the place of a motion of the ground, the source of forces on all that follows it."""
+        if not isinstance(item, BaseMotion):
+            return item
+        inertia: dict[str, float] = {}
+        for place, body in self._oscillators.items():
+            whole = not item.on or place in item.on
+            if not isinstance(body, Structure):
+                inertia |= {place: body.mass} if whole else {}
+                continue
+            following = [own for own in body.places() if whole or f"{place}.{own}" in item.on]
+            try:
+                inertia |= _named(place, body.inertia(following)) if whole or following else {}
+            except InvalidInput as error:
+                raise InvalidInput(f"BaseMotion {name!r} cannot move {place!r}: {error}") from None
+        return Source(item.acceleration, on={body: -force for body, force in inertia.items() if force})
+
+    def _followers(self) -> set[str]:
+        """Return the names of all that may follow the ground."""
+        structures = self.structures.items()
+        return {*self._oscillators, *(f"{name}.{own}" for name, body in structures for own in body.places())}
 
     @property
     def oscillators(self) -> Mapping[str, Oscillator]:
@@ -212,7 +236,7 @@ class Composition:
         *,
         oscillators: Mapping[str, Oscillator | LinearStructure | ModalStructure | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
-        excitations: Mapping[str, Excitation | Source | None] | None = None,
+        excitations: Mapping[str, Excitation | Source | BaseMotion | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
     ) -> Self:
         """Return a network in which some members are changed, added or, with None, removed.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -175,6 +175,44 @@ class Source(Component):
 
     def to_dict(self) -> dict[str, Any]:
         return {**super().to_dict(), "on": dict(self.on)}
+
+
+class BaseMotion(Component):
+    """Motion of the ground below bodies, by its acceleration a(t): a force −m a on each of them (N).
+
+    Displacements and velocities are then those beside the ground, and so are all statistics: walls, and springs to the
+    ground, move with it. For a structure of coordinates x the forces are ``−M ι a``, where ι is 1 for the coordinates
+    that follow the ground, all unless some are named, and 0 for others, such as rotations (Chopra, Dynamics of
+    Structures, 4th ed., 2012, section 9.4). In a network it has a name of its own, as in
+    ``excitations={"ground": il.BaseMotion(il.SampledForce(times, accelerations))}``.
+
+    A constant acceleration is gravity: ``il.BaseMotion(il.ConstantForce(9.80665))`` pulls all bodies to the left, where
+    displacements are negative.
+
+    Parameters
+    ----------
+    acceleration : Excitation
+        Any excitation, whose numbers are accelerations (m s-2), or of white noise their spectral density
+        (m2 s-3 rad-1).
+    on : sequence of str
+        Names of bodies, structures or coordinates of structures that follow the ground; all by default.
+
+    Raises
+    ------
+    InvalidInput
+        If `on` is not made of names.
+    """
+
+    acceleration: Excitation = parameter(kw_only=False)
+    on: tuple[str, ...] = parameter(())
+
+    def __post_init__(self) -> None:
+        take_part(self, "acceleration", Excitation, "an excitation such as il.SampledForce(times, accelerations)")
+        names = (self.on,) if isinstance(self.on, str) else self.on
+        if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+            raise InvalidInput(f"BaseMotion.on must be names of bodies, not {reprlib.repr(self.on)}.")
+        object.__setattr__(self, "on", tuple(names))
+        super().__post_init__()
 
 
 def _two_sided(cls: type, per_hertz: float) -> float:

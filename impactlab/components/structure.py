@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -59,6 +59,14 @@ class Structure(ABC):
     @abstractmethod
     def weights(self) -> dict[str, dict[str, float]]:
         """Return the weights of the coordinates by the name of each point."""
+
+    @abstractmethod
+    def places(self) -> tuple[str, ...]:
+        """Return the names of what may follow a motion of the base."""
+
+    @abstractmethod
+    def inertia(self, names: Collection[str]) -> dict[str, float]:
+        """Return the forces ``M ι`` on the bodies that accelerate some places by 1 m s-2, and others not."""
 
 
 class LinearStructure(Component, Structure):
@@ -168,6 +176,16 @@ class LinearStructure(Component, Structure):
             return {}
         rows = zip(self.names, own.shapes.tolist(), strict=True)
         return {name: _moved(own.names, row) for name, row in rows}
+
+    def places(self) -> tuple[str, ...]:
+        return self.names
+
+    def inertia(self, names: Collection[str]) -> dict[str, float]:
+        own, following = self._own, np.array([name in names for name in self.names], dtype=float)
+        # with modes of Φᵀ M Φ = 1 the forces Φᵀ M ι on them are Φ⁻¹ ι
+        forces = own.mass * following if own.shapes is None else np.linalg.solve(own.shapes, following)
+        forces[np.abs(forces) <= NEGLIGIBLE * np.abs(forces).max()] = 0.0
+        return dict(zip(own.names, forces.tolist(), strict=True))
 
     @cached_property
     def _own(self) -> _Coordinates:
@@ -318,6 +336,15 @@ class ModalStructure(Component, Structure):
         """Return the weights of the modes by the name of each point."""
         modes = [str(number) for number in range(1, len(self.natural_frequencies) + 1)]
         return {name: _moved(modes, row) for name, row in self.points.items()}
+
+    def places(self) -> tuple[str, ...]:
+        return tuple(self.points)
+
+    def inertia(self, names: Collection[str]) -> dict[str, float]:
+        raise InvalidInput(
+            "a ModalStructure does not know by which forces φᵀ M ι its modes feel the motion of their base. Give the "
+            "structure by its matrices, il.LinearStructure, or these forces L by il.Source(…, on={'1': -L, …})."
+        )
 
 
 def _moved(modes: Sequence[str], row: Iterable[float]) -> dict[str, float]:

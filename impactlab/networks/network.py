@@ -30,9 +30,9 @@ class Network(Composition):
         The bodies by name (a sequence of pairs will do as well).
     contacts : mapping of str to Contact, optional
         The places where bodies can touch, by name.
-    excitations : mapping of str to Excitation or Source, optional
-        The excitation of a body, by the body's name; and excitations of several bodies, or more of one, by names of
-        their own.
+    excitations : mapping of str to Excitation, Source or BaseMotion, optional
+        The excitation of a body, by the body's name; and excitations of several bodies, or more of one, or motions of
+        the ground, by names of their own.
     couplings : mapping of str to Coupling, optional
         Springs and dampers between bodies, by name.
 

@@ -1,0 +1,105 @@
+"""Measured time series from files, with their times and units."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from impactlab.errors import InvalidInput
+from impactlab.results.dataset import load
+
+GRAVITY = 9.80665
+"""Standard acceleration of gravity (m s-2)."""
+
+_HEADING = 4
+"""Lines before the values of a PEER file."""
+
+_NUMBERS = r"NPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.E+-]+)", r"(\d+)\s+([\d.E+-]+)\s+NPTS\s*,\s*DT"
+"""How the last of them gives the number of values and the time between them (s), in newer and in older files."""
+
+
+def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
+    """Read a measured time series from a file, for `SampledForce.from_dataarray`.
+
+    Parameters
+    ----------
+    path : str or path
+        An accelerogram of the PEER ground motion database, ``.AT2``; a netCDF file, ``.nc``, with one variable over
+        one dimension, whose coordinate are the times; or any other text of two columns, times (s) and values, with
+        commas, semicolons or spaces between them and headings, if any, above.
+
+    Returns
+    -------
+    (time,) DataArray
+        Its coordinate ``time`` is in seconds. Accelerations of ``.AT2`` files are in m s-2, 9.80665 times what these
+        hold; other values are what the file holds.
+
+    Raises
+    ------
+    InvalidInput
+        If the file does not exist, or does not hold one series.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"There is no file {path}.")
+    if path.suffix.lower() == ".nc":
+        return _netcdf(path)
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return _at2(path, lines) if path.suffix.lower() == ".at2" else _columns(path, lines)
+
+
+def _series(times: np.ndarray, values: np.ndarray, attributes: dict[str, str]) -> xr.DataArray:
+    return xr.DataArray(values, {"time": ("time", times, {"units": "s"})}, "time", attrs=attributes)
+
+
+def _netcdf(path: Path) -> xr.DataArray:
+    data = load(path)
+    found = [item for item in data.data_vars.values() if item.ndim == 1 and item.dims[0] in item.coords]
+    if len(found) != 1:
+        raise InvalidInput(
+            f"{path} holds {len(found)} variables of one dimension with a coordinate, not one; choose one with xarray."
+        )
+    return xr.DataArray(found[0].rename({found[0].dims[0]: "time"}))
+
+
+def _at2(path: Path, lines: list[str]) -> xr.DataArray:
+    heading = [line.strip().upper() for line in lines[:_HEADING]]
+    numbers = [match for form in _NUMBERS if len(heading) == _HEADING and (match := re.search(form, heading[-1]))]
+    if not numbers or "ACCELERATION" not in heading[2] or not heading[2].endswith("UNITS OF G"):
+        raise InvalidInput(
+            f"{path} does not begin as PEER's files of accelerations do: the third of four lines says "
+            '"ACCELERATION TIME SERIES IN UNITS OF G", the fourth "NPTS= …, DT= … SEC".'
+        )
+    count, interval = int(numbers[0][1]), float(numbers[0][2])
+    values = [value for _, row in _rows(path, lines, _HEADING) for value in row]
+    if len(values) != count:
+        raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {count}.")
+    attributes = {"units": "m s-2", "long_name": f"acceleration, {lines[1].strip()}"}
+    return _series(interval * np.arange(count), GRAVITY * np.array(values), attributes)
+
+
+def _columns(path: Path, lines: list[str]) -> xr.DataArray:
+    heading = next((place for place, line in enumerate(lines) if re.match(r"\s*[+-]?\.?\d", line)), len(lines))
+    rows = list(_rows(path, lines, heading))
+    for place, row in rows:
+        if len(row) != 2:
+            raise InvalidInput(f"{path}, line {place}: a time and a value are needed, not {len(row)} numbers.")
+    times, values = np.array([row for _, row in rows]).reshape(-1, 2).T
+    return _series(times, values, {})
+
+
+def _rows(path: Path, lines: list[str], heading: int) -> Iterator[tuple[int, list[float]]]:
+    """Give the number of each line below a heading that is not empty, from 1, and the numbers in it."""
+    for place, line in enumerate(lines[heading:], heading + 1):
+        words = re.split(r"[,;\s]+", line.strip(",; \t"))
+        try:
+            row = [float(word) for word in words if word]
+        except ValueError:
+            raise InvalidInput(f"{path}, line {place}: {line.strip()!r} holds more than numbers.") from None
+        if row:
+            yield place, row

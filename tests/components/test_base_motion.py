@@ -1,0 +1,132 @@
+"""Motions of the ground: what they are for bodies and structures, and buildings that pound in an earthquake."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import impactlab as il
+
+RECORD = il.SampledForce([0.0, 0.5, 2.0], [0.0, 3.0, -1.0], after="zero")
+BALL = il.LinearOscillator(mass=0.5)
+LUMPED = il.LinearStructure([2.0, 3.0], np.zeros((2, 2)), [[50.0, -20.0], [-20.0, 20.0]], names=["low", "high"])
+FULL = il.LinearStructure(
+    [[2.0, 0.5], [0.5, 3.0]], np.zeros((2, 2)), [[50.0, -20.0], [-20.0, 20.0]], names=["u", "turn"]
+)
+MODAL = il.ModalStructure([6.0], 0.02, points={"tip": [1.0]})
+
+
+def shaken(motion, **oscillators):
+    return il.Network(oscillators, {}, {"ground": motion})
+
+
+def test_forces_on_bodies_and_coordinates():
+    network = shaken(il.BaseMotion(RECORD), ball=BALL, tower=LUMPED)
+    assert network.sources["ground"] == il.Source(RECORD, on={"ball": -0.5, "tower.low": -2.0, "tower.high": -3.0})
+    for on in ("ball", ["ball"], ("tower.high", "ball"), ["tower"]):
+        some = shaken(il.BaseMotion(RECORD, on=on), ball=BALL, tower=LUMPED).sources["ground"].on
+        named = [on] if isinstance(on, str) else list(on)
+        assert set(some) == {"tower.low", "tower.high"} if named == ["tower"] else set(named)
+    heavier = network.replace(oscillators={"ball": BALL.replace(mass=0.75)})
+    assert heavier.sources["ground"].on["ball"] == -0.75
+
+
+def test_a_full_mass_matrix():
+    """The forces at the coordinates are −M ι, of which the modes get Φᵀ, with 0 for a rotation that does not follow."""
+    for on, influence in (((), [1.0, 1.0]), (("slab.u",), [1.0, 0.0])):
+        network = shaken(il.BaseMotion(RECORD, on=on), slab=FULL)
+        shapes = np.array([list(network.points[f"slab.{name}"].values()) for name in ("u", "turn")])
+        expected = -shapes.T @ np.array(FULL.mass) @ influence
+        np.testing.assert_allclose(list(network.sources["ground"].on.values()), expected, rtol=1e-12)
+
+
+def test_copies():
+    network = shaken(il.BaseMotion(RECORD, on=["tower"]), ball=BALL, tower=LUMPED)
+    assert il.Network.from_dict(json.loads(json.dumps(network.to_dict()))) == network
+    assert "BaseMotion(SampledForce" not in repr(network)
+    assert "ground: BaseMotion(acceleration=SampledForce(" in repr(network)
+
+
+def test_gravity():
+    """A ball that falls on the ground and comes back."""
+    network = il.Network(
+        {"ball": il.LinearOscillator(mass=3.0)},
+        {"ground": il.Contact(il.WALL, "ball", il.HertzContact(1e6))},
+        {"gravity": il.BaseMotion(il.ConstantForce(9.80665))},
+    )
+    path = il.simulate(network, 0.25, initial={"displacement": {"ball": 0.1}}, step=1e-4, record=il.Trajectory(0.01))
+    falling = np.arange(15) * 0.01
+    np.testing.assert_allclose(path.displacement[0, :15, 0], 0.1 - 0.5 * 9.80665 * falling**2, atol=1e-9)
+    height, speed = path.displacement[0, -1, 0].item(), path.velocity[0, -1, 0].item()
+    assert speed > 0.3
+    assert 0.5 * speed**2 + 9.80665 * height == pytest.approx(9.80665 * 0.1, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (
+            il.BaseMotion(RECORD, on="bal"),
+            r"BaseMotion 'ground' drives 'bal', which is not in the network; did you mean",
+        ),
+        (il.BaseMotion(RECORD, on=["beam.1"]), r"BaseMotion 'ground' drives 'beam.1', which is not in the network"),
+        (il.BaseMotion(RECORD), r"'ground' cannot move 'beam': a ModalStructure does not know by which forces"),
+        (il.BaseMotion(RECORD, on=["beam.tip"]), r"'ground' cannot move 'beam': a ModalStructure does not know"),
+    ],
+)
+def test_bad_motion(motion, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        shaken(motion, ball=BALL, beam=MODAL)
+    assert shaken(il.BaseMotion(RECORD, on="ball"), ball=BALL, beam=MODAL).sources["ground"].on == {"ball": -0.5}
+
+
+def test_bad_fields():
+    with pytest.raises(il.InvalidInput, match=r"BaseMotion.acceleration must be an excitation such as il.SampledForce"):
+        il.BaseMotion([0.0, 1.0])
+    with pytest.raises(il.InvalidInput, match=r"BaseMotion.on must be names of bodies, not \{'a': 1.0\}"):
+        il.BaseMotion(RECORD, on={"a": 1.0})
+    with pytest.raises(il.InvalidInput, match=r"The source 'ball' has the name of a body"):
+        il.Network({"ball": BALL}, {}, {"ball": il.BaseMotion(RECORD)})
+
+
+def of_storeys(mass, stiffness):
+    matrix = stiffness * (2.0 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1))
+    matrix[-1, -1] = stiffness
+    return il.LinearStructure.from_damping_ratio(np.full(5, mass), matrix, 0.05)
+
+
+def test_two_buildings_that_pound_in_an_earthquake():
+    """Peaks of displacements and contact forces, against a solver of ordinary differential equations."""
+    left, right = of_storeys(2.0e4, 1.0e7), of_storeys(1.5e4, 2.4e7)
+    times, rng = 0.005 * np.arange(1560), np.random.default_rng(11)
+    accelerations = (
+        9.0 * np.exp(-(((times - 3.0) / 2.0) ** 2)) * np.convolve(rng.normal(size=1560), np.full(20, 0.1), "same")
+    )
+    law, clearance = il.LinearContact(5e7), 0.01
+    contacts = {f"floor {k}": il.Contact(f"left.{k}", f"right.{k}", law, clearance=clearance) for k in range(1, 6)}
+    ground = il.BaseMotion(il.SampledForce(times, accelerations))
+    network = il.Network({"left": left, "right": right}, contacts, {"ground": ground})
+    duration = float(times[-1])
+    data = il.simulate(network, duration, step=duration / 31180, initial={}, record=il.Trajectory(duration / 15590))
+
+    mass = np.concatenate([left.mass, right.mass])
+    stiffness, damping = (
+        np.block([[np.array(one), np.zeros((5, 5))], [np.zeros((5, 5)), np.array(other)]])
+        for one, other in ((left.stiffness, right.stiffness), (left.damping, right.damping))
+    )
+
+    def push(x):
+        return 5e7 * np.maximum(x[:5] - x[5:] - clearance, 0.0)
+
+    def slope(time, y):
+        force = push(y[:10])
+        total = np.concatenate([-force, force]) - stiffness @ y[:10] - damping @ y[10:]
+        return np.concatenate([y[10:], total / mass - np.interp(time, times, accelerations)])
+
+    path = solve_ivp(
+        slope, (0.0, duration), np.zeros(20), method="LSODA", rtol=1e-9, atol=1e-12, max_step=0.005, t_eval=data.time
+    ).y[:10]
+    np.testing.assert_allclose(np.abs(data.displacement[0]).max("time"), np.abs(path).max(axis=1), rtol=1e-4)
+    np.testing.assert_allclose(data.contact_force[0].max("time"), push(path).max(axis=1), rtol=1e-4)
+    assert (data.contact_rate * duration > 3.0).all()

@@ -1,0 +1,63 @@
+"""Measured time series: PEER's accelerograms, columns of text, netCDF files."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import impactlab as il
+
+HEADING = """PEER NGA STRONG MOTION DATABASE RECORD
+Somewhere, 5/1/2001, Station 7, 90
+ACCELERATION TIME SERIES IN UNITS OF G
+"""
+ROWS = "  .1000000E-02 -.2000000E-02  .3000000E-02\n  .4000000E-02  0.0\n"
+
+
+def written(folder, name, text):
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder / name
+
+
+@pytest.mark.parametrize("last", ["NPTS=      5, DT=   .0050 SEC,", "    5    0.0050    NPTS, DT"])
+def test_accelerograms_of_peer(tmp_path, last):
+    record = il.read_time_series(written(tmp_path, "record.AT2", f"{HEADING}{last}\n{ROWS}"))
+    assert record.attrs == {"units": "m s-2", "long_name": "acceleration, Somewhere, 5/1/2001, Station 7, 90"}
+    np.testing.assert_allclose(record.time, [0.0, 0.005, 0.01, 0.015, 0.02], rtol=1e-15)
+    np.testing.assert_allclose(record, 9.80665 * np.array([1e-3, -2e-3, 3e-3, 4e-3, 0.0]), rtol=1e-15)
+    assert il.SampledForce.from_dataarray(record).end == 0.02
+
+
+@pytest.mark.parametrize(
+    "text", ["time (s), a\n0.0, 1.0\n0.5, -2e-1\n", "# made in 2001\n\n0 1\n.5 -0.2\n", "0;1\n0.5;-.2;\n"]
+)
+def test_two_columns(tmp_path, text):
+    record = il.read_time_series(written(tmp_path, "record.csv", text))
+    assert (record.time.values.tolist(), record.values.tolist()) == ([0.0, 0.5], [1.0, -0.2])
+    assert record.time.attrs["units"] == "s"
+
+
+def test_netcdf(tmp_path):
+    record = xr.DataArray([1.0, 2.0, 4.0], {"t": [0.0, 1.0, 3.0]}, "t", "push", {"units": "N"})
+    il.save(record.to_dataset(), tmp_path / "one.nc")
+    read = il.read_time_series(tmp_path / "one.nc")
+    assert (read.dims, read.attrs["units"], read.values.tolist()) == (("time",), "N", [1.0, 2.0, 4.0])
+    il.save(xr.Dataset({"a": record, "b": record}), tmp_path / "two.nc")
+    with pytest.raises(il.InvalidInput, match=r"two.nc holds 2 variables of one dimension with a coordinate, not one"):
+        il.read_time_series(tmp_path / "two.nc")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.csv", "0 1\n0.1 2 3\n", r"a.csv, line 2: a time and a value are needed, not 3 numbers"),
+        ("a.csv", "0 1\n0.1 two\n", r"a.csv, line 2: '0.1 two' holds more than numbers"),
+        ("a.at2", HEADING + "NPTS= 6, DT= .005 SEC\n" + ROWS, r"holds 5 values, but its heading announces 6"),
+        ("a.at2", HEADING.replace("OF G", "OF CM/S") + "NPTS= 5, DT= .005 SEC\n" + ROWS, r"does not begin as PEER's"),
+        ("a.at2", "0 1\n", r"does not begin as PEER's files of accelerations do"),
+    ],
+)
+def test_bad_file(tmp_path, name, text, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.read_time_series(written(tmp_path, name, text))
+    with pytest.raises(il.InvalidInput, match=r"There is no file .*other\.csv"):
+        il.read_time_series(tmp_path / "other.csv")
