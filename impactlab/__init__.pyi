@@ -4,7 +4,6 @@ from impactlab.components.component import Component as Component
 from impactlab.components.contact import Contact as Contact
 from impactlab.components.contact import ContactLaw as ContactLaw
 from impactlab.components.contact import HertzContact as HertzContact
-from impactlab.components.contact import LankaraniNikraveshContact as LankaraniNikraveshContact
 from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
 from impactlab.components.coupling import BoucWenCoupling as BoucWenCoupling
@@ -12,6 +11,15 @@ from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
 from impactlab.components.coupling import MaxwellCoupling as MaxwellCoupling
+from impactlab.components.dissipative import CarvalhoMartinsContact as CarvalhoMartinsContact
+from impactlab.components.dissipative import FloresContact as FloresContact
+from impactlab.components.dissipative import GonthierContact as GonthierContact
+from impactlab.components.dissipative import HertzdampContact as HertzdampContact
+from impactlab.components.dissipative import HuntCrossleyContact as HuntCrossleyContact
+from impactlab.components.dissipative import JankowskiContact as JankowskiContact
+from impactlab.components.dissipative import KelvinVoigtContact as KelvinVoigtContact
+from impactlab.components.dissipative import LankaraniNikraveshContact as LankaraniNikraveshContact
+from impactlab.components.dissipative import TsujiContact as TsujiContact
 from impactlab.components.excitation import BaseMotion as BaseMotion
 from impactlab.components.excitation import Excitation as Excitation
 from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
@@ -27,6 +35,9 @@ from impactlab.components.loads import SampledForce as SampledForce
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator
 from impactlab.components.oscillator import Oscillator as Oscillator
+from impactlab.components.plastic import AdhesiveContact as AdhesiveContact
+from impactlab.components.plastic import ThorntonContact as ThorntonContact
+from impactlab.components.plastic import WaltonBraunContact as WaltonBraunContact
 from impactlab.components.sides import WALL as WALL
 from impactlab.components.sides import Combination as Combination
 from impactlab.components.structure import LinearStructure as LinearStructure

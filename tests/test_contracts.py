@@ -106,7 +106,11 @@ def test_component_is_a_value(cls):
         if type_of(field) in ("float", "int"):
             value, high = getattr(one, field.name), field.metadata["maximum"]
             new = 2 * value + (not value) if high is None else type(value)(high)
-            changed = one.replace(**{field.name: new})
+            try:
+                changed = one.replace(**{field.name: new})
+            except il.InvalidInput:  # beyond another field
+                new = value / 2
+                changed = one.replace(**{field.name: new})
             assert changed != one
             assert getattr(changed, field.name) == new
 
@@ -165,14 +169,20 @@ def test_physical_constants_of_a_force_are_not_negative(cls):
             sample(cls).replace(**{field.name: -1.0})
 
 
+ATTRACTIVE = (il.AdhesiveContact,)
+
+
 @each_law
 def test_law_at_zero_indentation(cls):
     law = sample(cls)
     for rate in (-2.0, 0.0, 3.0):
         assert np.isfinite(law.call("force", 0.0, rate))
-    assert law.call("force", 0.0, 0.0) == 0.0
     assert law.evaluate([-1.0, -1e-300, 0.0]).tolist() == [0.0] * 3
-    assert (law.evaluate([1e-9, 1.0, 1e3]) > 0.0).all()
+    if cls in ATTRACTIVE:
+        assert law.evaluate(1e-9) < 0.0 < law.evaluate(1e3)
+    else:
+        assert law.call("force", 0.0, 0.0) == 0.0
+        assert (law.evaluate([1e-9, 1.0, 1e3]) > 0.0).all()
 
 
 @each_with("potential", LAWS)
@@ -205,16 +215,22 @@ def compiled_forces(network, y):
     return contact_force[0], total[0, :-1]
 
 
-@each_law
+ALIKE = il.FloresContact, il.GonthierContact, il.CarvalhoMartinsContact, il.HertzdampContact
+"""Laws that differ from `LankaraniNikraveshContact` by a number only; each takes a second to compile."""
+
+
+@pytest.mark.parametrize(
+    "cls", [pytest.param(cls, marks=[pytest.mark.campaign] if cls in ALIKE else []) for cls in LAWS]
+)
 def test_compiled_and_plain_force_agree(cls):
     """To one unit in the last place on random states, open and closed."""
     law = sample(cls)
     bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
     network = il.Network(bodies, {"c": il.Contact("a", "b", law, clearance=0.25)})
-    y = np.random.default_rng(1).normal(size=(4, 400))
+    y = np.random.default_rng(1).normal(size=(4, 500))
     force = compiled_forces(network, y)[0][0]
     plain = law.evaluate(y[0] - y[1] - 0.25, y[2] - y[3])
-    assert 100 < np.count_nonzero(plain) < 300
+    assert 100 < np.count_nonzero(plain) < 400
     np.testing.assert_array_max_ulp(force, plain, maxulp=1)
 
 

@@ -409,11 +409,11 @@ def finite(place: str, value: Any) -> float:
     return number
 
 
-def positive(name: str, value: Any) -> float:
-    """Return a positive finite time (s), or raise `InvalidInput` that names it."""
+def positive(name: str, value: Any, units: str = "s") -> float:
+    """Return a positive finite number, or raise `InvalidInput` that names it."""
     number = finite(name, value)
     if number <= 0.0:
-        raise InvalidInput(f"{name} must be larger than 0 s, not {value!r}.")
+        raise InvalidInput(f"{name} must be larger than 0 {units}, not {value!r}.")
     return number
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from impactlab.components.component import Component, take_part
+from impactlab.components.component import Component, finite, positive, take_part
 from impactlab.components.evaluation import call_each
-from impactlab.components.fields import parameter, state
+from impactlab.components.fields import parameter
 from impactlab.components.sides import Side, check_sides, plain_sides
+from impactlab.errors import InvalidInput
 
 
 class ContactLaw(Component):
@@ -35,6 +36,9 @@ class ContactLaw(Component):
     }
     required: ClassVar[tuple[str, ...]] = ("force",)
 
+    restitution_field: ClassVar[str] = ""
+    """Name of the field that `calibrate` changes; of laws that can lose energy."""
+
     def evaluate(self, indentation: Any, rate: Any = 0.0, time: Any = 0.0) -> np.ndarray:
         """Return the contact force for arrays of indentations and their rates, from the start values of states.
 
@@ -55,6 +59,58 @@ class ContactLaw(Component):
         indentation = np.asarray(indentation, dtype=float)
         force = self.call("force", np.maximum(indentation, 0.0), rate, time)
         return np.where(indentation > 0.0, force, 0.0)
+
+    def restitution_at(self, velocity: float, mass: float) -> float:
+        """Return the coefficient of restitution of a free collision, without springs and other forces.
+
+        Parameters
+        ----------
+        velocity : float
+            Closing velocity (m s-1).
+        mass : float
+            Effective mass of the bodies, ``m₁ m₂/(m₁ + m₂)``, m₁ at a wall (kg).
+
+        Returns
+        -------
+        float
+            Velocity at which the bodies part over that at which they meet; 0 if they stay together.
+
+        Raises
+        ------
+        InvalidInput
+            If a value is not positive, or the law does not stop the bodies.
+        """
+        from impactlab.components.collision import restitution
+
+        return restitution(self, positive("velocity", velocity, "m s-1"), positive("mass", mass, "kg"))
+
+    def calibrate(self, *, restitution: float, velocity: float, mass: float) -> Self:
+        """Return the law that gives a coefficient of restitution: with another damping, or what it has instead.
+
+        Parameters
+        ----------
+        restitution : float
+            What :meth:`restitution_at` of the new law is to be, more than 0 and less than 1.
+        velocity, mass : float
+            Closing velocity (m s-1) and effective mass (kg).
+
+        Returns
+        -------
+        ContactLaw
+            The law with another value of the field that its class names as `restitution_field`.
+
+        Raises
+        ------
+        InvalidInput
+            If the law has no such field, or no value of it gives the restitution.
+        """
+        from impactlab.components.collision import calibrated
+
+        wanted = finite("restitution", restitution)
+        if not 0.0 < wanted < 1.0:
+            raise InvalidInput(f"restitution must be more than 0 and less than 1, not {restitution!r}.")
+        law: Self = calibrated(self, wanted, positive("velocity", velocity, "m s-1"), positive("mass", mass, "kg"))
+        return law
 
 
 _BEGIN = np.zeros((1, 1))
@@ -131,42 +187,6 @@ class PowerLawContact(ContactLaw):
     @staticmethod
     def potential(indentation, stiffness, exponent):  # type: ignore[no-untyped-def]
         return stiffness * indentation ** (exponent + 1.0) / (exponent + 1.0)
-
-
-class LankaraniNikraveshContact(ContactLaw):
-    """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
-
-    H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
-    closed, until it opens again; one that is closed at the start has no damping before. The force never pulls. Bodies
-    rebound with nearly the restitution e where that is close to 1, and with more where it is not.
-
-    Parameters
-    ----------
-    stiffness : float
-        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
-    restitution : float
-        Coefficient of restitution e, from 0 to 1.
-    exponent : float
-        Exponent p, more than 0 and at most 20.
-    closing : float
-        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
-    """
-
-    stiffness: float = parameter(units="N", minimum=0.0)
-    restitution: float = parameter(minimum=0.0, maximum=1.0)
-    exponent: float = parameter(1.5, above=0.0, maximum=20.0)
-    closing: float = state(0.0, units="m s-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
-        damping = 0.75 * (1.0 - restitution * restitution) * rate / closing if closing > 0.0 else 0.0
-        return stiffness * indentation**exponent * max(1.0 + damping, 0.0)
-
-    @staticmethod
-    def update(indentation, rate, closing):  # type: ignore[no-untyped-def]
-        if indentation <= 0.0:
-            return 0.0
-        return closing if closing > 0.0 else max(rate, 0.0)
 
 
 class Contact(Component):

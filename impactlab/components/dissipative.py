@@ -1,0 +1,300 @@
+"""Contact laws with viscous damping: coefficients of one's own, or set by a restitution and the closing velocity."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+from impactlab.components.contact import ContactLaw
+from impactlab.components.fields import parameter, state
+
+
+class DashpotContact(ContactLaw):
+    """Base of laws with a dashpot of its own beside the spring, as `damping`; abstract."""
+
+    restitution_field = "damping"
+
+    @classmethod
+    def from_damping_ratio(cls, stiffness: float, damping_ratio: float, mass: float, **fields: Any) -> Self:
+        """Make a law with the damping ``2 ζ sqrt(stiffness mass)``.
+
+        Parameters
+        ----------
+        stiffness : float
+            Contact stiffness, in the units of the law.
+        damping_ratio : float
+            Damping ratio ζ.
+        mass : float
+            Effective mass of the bodies that collide, ``m₁ m₂/(m₁ + m₂)``, m₁ at a wall (kg).
+        **fields
+            Further fields of the law.
+        """
+        return cls(stiffness=stiffness, damping=2.0 * damping_ratio * math.sqrt(stiffness * mass), **fields)
+
+
+class KelvinVoigtContact(DashpotContact):
+    """Linear spring and dashpot in parallel: force ``stiffness δ + damping δ'``.
+
+    The dashpot acts at once when bodies touch, and pulls before they part, unless it is not allowed to: without
+    `tension` the force is at least 0, and the bodies are free from where it vanishes. Of a damping ratio ζ < 1 the
+    restitution is exp(−π ζ/sqrt(1 − ζ²)) with tension, and larger without; T. Schwager and T. Pöschel, Granular
+    Matter 9 (2007) 465. It does not depend on the velocity. S. A. Anagnostopoulos, Earthq. Eng. Struct. Dyn. 16 (1988)
+    443, is the usual source in pounding.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness κ (N m-1).
+    damping : float
+        Coefficient of the dashpot (N s m-1).
+    tension : bool
+        Whether the force may pull.
+    """
+
+    stiffness: float = parameter(units="N m-1", minimum=0.0)
+    damping: float = parameter(units="N s m-1", minimum=0.0)
+    tension: bool = parameter(False)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, damping, tension):  # type: ignore[no-untyped-def]
+        return _allowed(stiffness * indentation + damping * rate, tension)
+
+
+class TsujiContact(DashpotContact):
+    """Hertz contact with a dashpot of constant restitution: force ``stiffness δ^(3/2) + damping δ^(1/4) δ'``.
+
+    Y. Tsuji, T. Tanaka and T. Ishida, Powder Technol. 71 (1992) 239, with ``damping = α sqrt(m stiffness)``. The
+    restitution does not depend on the velocity; with tension it is exp(−π α/sqrt(5 − α²)), Y. A. Antypov and
+    J. A. Elliott, Europhys. Lett. 94 (2011) 50004.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness η (N m-3/2).
+    damping : float
+        Coefficient of the dashpot (N s m-5/4).
+    tension : bool
+        Whether the force may pull; without tension it is at least 0.
+    """
+
+    stiffness: float = parameter(units="N m-3/2", minimum=0.0)
+    damping: float = parameter(units="N s m-5/4", minimum=0.0)
+    tension: bool = parameter(False)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, damping, tension):  # type: ignore[no-untyped-def]
+        root = math.sqrt(indentation)
+        return _allowed(stiffness * indentation * root + damping * math.sqrt(root) * rate, tension)
+
+
+class JankowskiContact(DashpotContact):
+    """Hertz contact with damping while bodies approach: force ``stiffness δ^(3/2) + damping δ^(1/4) max(δ', 0)``.
+
+    R. Jankowski, Earthq. Eng. Struct. Dyn. 34 (2005) 595, with ``damping = 2 ξ sqrt(m stiffness)``. The restitution e
+    does not depend on the velocity; ibid. 35 (2006) 517 gives
+    ``ξ ≈ (9 sqrt(5)/2) (1 − e²)/(e (e (9π − 16) + 16))``, within 0.01 of e.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness β (N m-3/2).
+    damping : float
+        Coefficient of the dashpot (N s m-5/4).
+    """
+
+    stiffness: float = parameter(units="N m-3/2", minimum=0.0)
+    damping: float = parameter(units="N s m-5/4", minimum=0.0)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, damping):  # type: ignore[no-untyped-def]
+        root = math.sqrt(indentation)
+        return stiffness * indentation * root + damping * math.sqrt(root) * max(rate, 0.0)
+
+
+class HuntCrossleyContact(ContactLaw):
+    """Power law with damping in proportion to it: force ``K (δ/1 m)^p (1 + χ δ')``, at least 0.
+
+    K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440. The force begins and ends at 0. At a closing
+    velocity v the restitution e follows from ``(1 + e) χ v = ln((1 + χ v)/(1 − e χ v))``, whatever the exponent;
+    ``χ ≈ 3/2 (1 − e)/v`` is good for e close to 1 only.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    dissipation : float
+        Dissipation χ (s m-1).
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    """
+
+    stiffness: float = parameter(units="N", minimum=0.0)
+    dissipation: float = parameter(units="s m-1", minimum=0.0)
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0)
+
+    restitution_field = "dissipation"
+
+    @staticmethod
+    def force(indentation, rate, stiffness, dissipation, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * indentation**exponent * max(1.0 + dissipation * rate, 0.0)
+
+
+class ClosingVelocityContact(ContactLaw):
+    """Base of laws whose damping follows from a restitution and the closing velocity; abstract.
+
+    They are Hunt and Crossley's law with ``χ = c/δ'₀``, of a number c for each restitution, so that the true one does
+    not depend on the velocity. δ'₀ is the velocity at which the contact has closed, until it opens again; one that is
+    closed at the start has no damping before. The force never pulls.
+    """
+
+    stiffness: float = parameter(units="N", minimum=0.0)
+    restitution: float = parameter(minimum=0.0, maximum=1.0, kw_only=True)
+    closing: float = state(0.0, units="m s-1", minimum=0.0)
+
+    restitution_field = "restitution"
+
+    @staticmethod
+    def update(indentation, rate, closing):  # type: ignore[no-untyped-def]
+        if indentation <= 0.0:
+            return 0.0
+        return closing if closing > 0.0 else max(rate, 0.0)
+
+
+class LankaraniNikraveshContact(ClosingVelocityContact):
+    """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
+
+    H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
+    closed, until it opens again; one that is closed at the start has no damping before. The force never pulls. Bodies
+    rebound with nearly the restitution e where that is close to 1, and with more where it is not.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    restitution : float
+        Coefficient of restitution e, from 0 to 1.
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
+        return _damped(stiffness * indentation**exponent, 0.75 * (1.0 - restitution * restitution), rate, closing)
+
+
+class HertzdampContact(ClosingVelocityContact):
+    """Hertz contact with damping by the closing velocity: force ``k δ^(3/2) (1 + 3/4 (1 − e²) δ'/δ'₀)``.
+
+    The Hertzdamp model of structural pounding, S. Muthukumar and R. DesRoches, Earthq. Eng. Struct. Dyn. 35 (2006) 811:
+    `LankaraniNikraveshContact` with the exponent 3/2, and faster.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness k (N m-3/2).
+    restitution : float
+        Coefficient of restitution e, from 0 to 1; bodies rebound with more.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    stiffness: float = parameter(units="N m-3/2", minimum=0.0, kw_only=False)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, closing):  # type: ignore[no-untyped-def]
+        elastic = stiffness * indentation * math.sqrt(indentation)
+        return _damped(elastic, 0.75 * (1.0 - restitution * restitution), rate, closing)
+
+
+class FloresContact(ClosingVelocityContact):
+    """Power law for all restitutions: force ``K (δ/1 m)^p (1 + 8/5 (1 − e)/e δ'/δ'₀)``, at least 0.
+
+    P. Flores, M. Machado, M. T. Silva and J. M. Martins, Multibody Syst. Dyn. 25 (2011) 357. Bodies rebound with up to
+    0.05 less than e.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    restitution : float
+        Coefficient of restitution e, more than 0 and at most 1.
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    restitution: float = parameter(above=0.0, maximum=1.0)
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
+        return _damped(stiffness * indentation**exponent, 1.6 * (1.0 - restitution) / restitution, rate, closing)
+
+
+class GonthierContact(ClosingVelocityContact):
+    """Power law for all restitutions: force ``K (δ/1 m)^p (1 + (1 − e²)/e δ'/δ'₀)``, at least 0.
+
+    Y. Gonthier, J. McPhee, C. Lange and J.-C. Piedbœuf, Multibody Syst. Dyn. 11 (2004) 209, with their approximation
+    d = 1 − e² of the solution of ``(1 + d/e)/(1 − d) = exp(d (1 + 1/e))``. Bodies rebound within 0.04 of e.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    restitution : float
+        Coefficient of restitution e, more than 0 and at most 1.
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    restitution: float = parameter(above=0.0, maximum=1.0)
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
+        loss = (1.0 - restitution * restitution) / restitution
+        return _damped(stiffness * indentation**exponent, loss, rate, closing)
+
+
+class CarvalhoMartinsContact(ClosingVelocityContact):
+    """Power law for all restitutions: force ``K (δ/1 m)^p (1 + 3/2 (1 − e)(11 − e)/(1 + 9e) δ'/δ'₀)``, at least 0.
+
+    A. S. Carvalho and J. M. Martins, Mech. Mach. Theory 139 (2019) 174; their approximation of the exact relation. Bodies
+    rebound within 0.01 of e where it is 0.2 or more, and with up to 0.07 more below.
+
+    Parameters
+    ----------
+    stiffness : float
+        Contact stiffness K, given as the elastic force at an indentation of 1 m (N).
+    restitution : float
+        Coefficient of restitution e, from 0 to 1.
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    closing : float
+        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    """
+
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+
+    @staticmethod
+    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
+        loss = 1.5 * (1.0 - restitution) * (11.0 - restitution) / (1.0 + 9.0 * restitution)
+        return _damped(stiffness * indentation**exponent, loss, rate, closing)
+
+
+def _allowed(force: float, tension: bool) -> float:
+    """Return a force, or 0 where it would pull and must not."""
+    return force if tension else max(force, 0.0)
+
+
+def _damped(elastic: float, loss: float, rate: float, closing: float) -> float:
+    """Return an elastic force with damping in proportion to it, of a part `loss` at the closing velocity."""
+    damping = loss * rate / closing if closing > 0.0 else 0.0
+    return elastic * max(1.0 + damping, 0.0)
