@@ -216,7 +216,7 @@ def compiled_forces(network, y):
 
 
 ALIKE = il.FloresContact, il.GonthierContact, il.CarvalhoMartinsContact, il.HertzdampContact
-"""Laws that differ from `LankaraniNikraveshContact` by a number only; each takes a second to compile."""
+"""Laws with the kernel of `LankaraniNikraveshContact`, which takes a second to compile."""
 
 
 @pytest.mark.parametrize(

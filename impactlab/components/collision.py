@@ -108,7 +108,8 @@ class _Collision:
         self.deceleration = self.length / (mass * velocity**2)
 
     def _begin(self) -> None:
-        self.values = {name: getattr(self.law, name) for name in self.law.field_names()}
+        used = (*self.of_update[1], *self.of_force[1], *self.law.state_names())
+        self.values = {name: getattr(self.law, name) for name in used}
         self.accepted = 0.0
         self.values.update(self._states(0.0, _TOUCHING, self.velocity))
 

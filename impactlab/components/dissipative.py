@@ -1,4 +1,4 @@
-"""Contact laws with viscous damping: coefficients of one's own, or set by a restitution and the closing velocity."""
+"""Contact laws with viscous damping: by coefficients, or by a restitution and the closing velocity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ from impactlab.components.contact import ContactLaw
 from impactlab.components.fields import parameter, state
 
 
-class DashpotContact(ContactLaw):
+def _pushing(force: float, tension: bool) -> float:
+    """Return a force, or 0 where it would pull and must not."""
+    return force if tension else max(force, 0.0)
+
+
+class _DashpotContact(ContactLaw):
     """Base of laws with a dashpot of its own beside the spring, as `damping`; abstract."""
 
     restitution_field = "damping"
@@ -32,7 +37,7 @@ class DashpotContact(ContactLaw):
         return cls(stiffness=stiffness, damping=2.0 * damping_ratio * math.sqrt(stiffness * mass), **fields)
 
 
-class KelvinVoigtContact(DashpotContact):
+class KelvinVoigtContact(_DashpotContact):
     """Linear spring and dashpot in parallel: force ``stiffness δ + damping δ'``.
 
     The dashpot acts at once when bodies touch, and pulls before they part, unless it is not allowed to: without
@@ -57,10 +62,10 @@ class KelvinVoigtContact(DashpotContact):
 
     @staticmethod
     def force(indentation, rate, stiffness, damping, tension):  # type: ignore[no-untyped-def]
-        return _allowed(stiffness * indentation + damping * rate, tension)
+        return _pushing(stiffness * indentation + damping * rate, tension)
 
 
-class TsujiContact(DashpotContact):
+class TsujiContact(_DashpotContact):
     """Hertz contact with a dashpot of constant restitution: force ``stiffness δ^(3/2) + damping δ^(1/4) δ'``.
 
     Y. Tsuji, T. Tanaka and T. Ishida, Powder Technol. 71 (1992) 239, with ``damping = α sqrt(m stiffness)``. The
@@ -84,10 +89,10 @@ class TsujiContact(DashpotContact):
     @staticmethod
     def force(indentation, rate, stiffness, damping, tension):  # type: ignore[no-untyped-def]
         root = math.sqrt(indentation)
-        return _allowed(stiffness * indentation * root + damping * math.sqrt(root) * rate, tension)
+        return _pushing(stiffness * indentation * root + damping * math.sqrt(root) * rate, tension)
 
 
-class JankowskiContact(DashpotContact):
+class JankowskiContact(_DashpotContact):
     """Hertz contact with damping while bodies approach: force ``stiffness δ^(3/2) + damping δ^(1/4) max(δ', 0)``.
 
     R. Jankowski, Earthq. Eng. Struct. Dyn. 34 (2005) 595, with ``damping = 2 ξ sqrt(m stiffness)``. The restitution e
@@ -139,18 +144,19 @@ class HuntCrossleyContact(ContactLaw):
         return stiffness * indentation**exponent * max(1.0 + dissipation * rate, 0.0)
 
 
-class ClosingVelocityContact(ContactLaw):
+class _ClosingVelocityContact(ContactLaw):
     """Base of laws whose damping follows from a restitution and the closing velocity; abstract.
 
-    They are Hunt and Crossley's law with ``χ = c/δ'₀``, of a number c for each restitution, so that the true one does
-    not depend on the velocity. δ'₀ is the velocity at which the contact has closed, until it opens again; one that is
-    closed at the start has no damping before. The force never pulls.
+    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity.
+    Subclasses have the property `loss`, a number for each restitution.
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
     restitution: float = parameter(minimum=0.0, maximum=1.0, kw_only=True)
+    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
     closing: float = state(0.0, units="m s-1", minimum=0.0)
 
+    required = ("force", "loss")
     restitution_field = "restitution"
 
     @staticmethod
@@ -160,7 +166,13 @@ class ClosingVelocityContact(ContactLaw):
         return closing if closing > 0.0 else max(rate, 0.0)
 
 
-class LankaraniNikraveshContact(ClosingVelocityContact):
+def _damped(indentation, rate, stiffness, exponent, loss, closing):  # type: ignore[no-untyped-def]
+    """Return the force of these laws, which never pulls."""
+    damping = loss * rate / closing if closing > 0.0 else 0.0
+    return stiffness * indentation**exponent * max(1.0 + damping, 0.0)
+
+
+class LankaraniNikraveshContact(_ClosingVelocityContact):
     """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
 
     H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
@@ -179,42 +191,26 @@ class LankaraniNikraveshContact(ClosingVelocityContact):
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
 
-    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+    @property
+    def loss(self) -> float:
+        """Damping at the closing velocity, as a part of the elastic force."""
+        return 0.75 * (1.0 - self.restitution * self.restitution)
 
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
-        return _damped(stiffness * indentation**exponent, 0.75 * (1.0 - restitution * restitution), rate, closing)
+    force = _damped
 
 
-class HertzdampContact(ClosingVelocityContact):
-    """Hertz contact with damping by the closing velocity: force ``k δ^(3/2) (1 + 3/4 (1 − e²) δ'/δ'₀)``.
+class HertzdampContact(LankaraniNikraveshContact):
+    """The Hertzdamp model of structural pounding: `LankaraniNikraveshContact` with the exponent 3/2.
 
-    The Hertzdamp model of structural pounding, S. Muthukumar and R. DesRoches, Earthq. Eng. Struct. Dyn. 35 (2006) 811:
-    `LankaraniNikraveshContact` with the exponent 3/2, and faster.
-
-    Parameters
-    ----------
-    stiffness : float
-        Contact stiffness k (N m-3/2).
-    restitution : float
-        Coefficient of restitution e, from 0 to 1; bodies rebound with more.
-    closing : float
-        State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
+    S. Muthukumar and R. DesRoches, Earthq. Eng. Struct. Dyn. 35 (2006) 811.
     """
 
-    stiffness: float = parameter(units="N m-3/2", minimum=0.0, kw_only=False)
 
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, closing):  # type: ignore[no-untyped-def]
-        elastic = stiffness * indentation * math.sqrt(indentation)
-        return _damped(elastic, 0.75 * (1.0 - restitution * restitution), rate, closing)
-
-
-class FloresContact(ClosingVelocityContact):
+class FloresContact(_ClosingVelocityContact):
     """Power law for all restitutions: force ``K (δ/1 m)^p (1 + 8/5 (1 − e)/e δ'/δ'₀)``, at least 0.
 
     P. Flores, M. Machado, M. T. Silva and J. M. Martins, Multibody Syst. Dyn. 25 (2011) 357. Bodies rebound with up to
-    0.05 less than e.
+    0.05 less than e. The damping has no limit for e = 0, which is refused.
 
     Parameters
     ----------
@@ -229,18 +225,21 @@ class FloresContact(ClosingVelocityContact):
     """
 
     restitution: float = parameter(above=0.0, maximum=1.0)
-    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
 
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
-        return _damped(stiffness * indentation**exponent, 1.6 * (1.0 - restitution) / restitution, rate, closing)
+    @property
+    def loss(self) -> float:
+        """Damping at the closing velocity, as a part of the elastic force."""
+        return 1.6 * (1.0 - self.restitution) / self.restitution
+
+    force = _damped
 
 
-class GonthierContact(ClosingVelocityContact):
+class GonthierContact(_ClosingVelocityContact):
     """Power law for all restitutions: force ``K (δ/1 m)^p (1 + (1 − e²)/e δ'/δ'₀)``, at least 0.
 
     Y. Gonthier, J. McPhee, C. Lange and J.-C. Piedbœuf, Multibody Syst. Dyn. 11 (2004) 209, with their approximation
-    d = 1 − e² of the solution of ``(1 + d/e)/(1 − d) = exp(d (1 + 1/e))``. Bodies rebound within 0.04 of e.
+    d = 1 − e² of the solution of ``(1 + d/e)/(1 − d) = exp(d (1 + 1/e))``. Bodies rebound within 0.04 of e. The damping
+    has no limit for e = 0, which is refused.
 
     Parameters
     ----------
@@ -255,19 +254,20 @@ class GonthierContact(ClosingVelocityContact):
     """
 
     restitution: float = parameter(above=0.0, maximum=1.0)
-    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
 
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
-        loss = (1.0 - restitution * restitution) / restitution
-        return _damped(stiffness * indentation**exponent, loss, rate, closing)
+    @property
+    def loss(self) -> float:
+        """Damping at the closing velocity, as a part of the elastic force."""
+        return (1.0 - self.restitution**2) / self.restitution
+
+    force = _damped
 
 
-class CarvalhoMartinsContact(ClosingVelocityContact):
-    """Power law for all restitutions: force ``K (δ/1 m)^p (1 + 3/2 (1 − e)(11 − e)/(1 + 9e) δ'/δ'₀)``, at least 0.
+class CarvalhoMartinsContact(_ClosingVelocityContact):
+    """Power law for all restitutions: ``K (δ/1 m)^p (1 + 3/2 (1 − e)(11 − e)/(1 + 9e) δ'/δ'₀)``, at least 0.
 
-    A. S. Carvalho and J. M. Martins, Mech. Mach. Theory 139 (2019) 174; their approximation of the exact relation. Bodies
-    rebound within 0.01 of e where it is 0.2 or more, and with up to 0.07 more below.
+    A. S. Carvalho and J. M. Martins, Mech. Mach. Theory 139 (2019) 174; their approximation of the exact relation.
+    Bodies rebound within 0.01 of e where it is 0.2 or more, and with up to 0.07 more below.
 
     Parameters
     ----------
@@ -281,20 +281,9 @@ class CarvalhoMartinsContact(ClosingVelocityContact):
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
 
-    exponent: float = parameter(1.5, above=0.0, maximum=20.0, kw_only=True)
+    @property
+    def loss(self) -> float:
+        """Damping at the closing velocity, as a part of the elastic force."""
+        return 1.5 * (1.0 - self.restitution) * (11.0 - self.restitution) / (1.0 + 9.0 * self.restitution)
 
-    @staticmethod
-    def force(indentation, rate, stiffness, restitution, exponent, closing):  # type: ignore[no-untyped-def]
-        loss = 1.5 * (1.0 - restitution) * (11.0 - restitution) / (1.0 + 9.0 * restitution)
-        return _damped(stiffness * indentation**exponent, loss, rate, closing)
-
-
-def _allowed(force: float, tension: bool) -> float:
-    """Return a force, or 0 where it would pull and must not."""
-    return force if tension else max(force, 0.0)
-
-
-def _damped(elastic: float, loss: float, rate: float, closing: float) -> float:
-    """Return an elastic force with damping in proportion to it, of a part `loss` at the closing velocity."""
-    damping = loss * rate / closing if closing > 0.0 else 0.0
-    return elastic * max(1.0 + damping, 0.0)
+    force = _damped

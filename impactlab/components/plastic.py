@@ -9,7 +9,7 @@ from impactlab.components.fields import parameter, state
 from impactlab.errors import InvalidInput
 
 
-class YieldingContact(ContactLaw):
+class _DentedContact(ContactLaw):
     """Base of laws that remember the largest indentation of a contact until it opens; abstract.
 
     Each contact begins on a fresh surface, so that motion under noise can be stationary.
@@ -22,7 +22,7 @@ class YieldingContact(ContactLaw):
         return max(indentation, largest) if indentation > 0.0 else 0.0
 
 
-class WaltonBraunContact(YieldingContact):
+class WaltonBraunContact(_DentedContact):
     """Linear spring that unloads on a stiffer line: force ``k₁ δ``, or ``k₁ δ_max − k₂ (δ_max − δ)``, at least 0.
 
     O. R. Walton and R. L. Braun, J. Rheol. 30 (1986) 949. The restitution is sqrt(k₁/k₂) at all velocities. Bodies
@@ -61,7 +61,7 @@ class WaltonBraunContact(YieldingContact):
         return max(loading * largest - unloading * (largest - indentation), 0.0)
 
 
-class ThorntonContact(YieldingContact):
+class ThorntonContact(_DentedContact):
     """Elastic, perfectly plastic spheres: Hertz contact up to the yield indentation, then linear; unloading by Hertz.
 
     C. Thornton, J. Appl. Mech. 64 (1997) 383. Beyond δ_y the force goes on along its tangent, ``F_y + 3/2 η sqrt(δ_y)

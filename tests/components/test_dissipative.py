@@ -180,9 +180,7 @@ def test_the_approximate_formula_of_hunt_and_crossley_is_far_off():
 
 def test_what_cannot_be_had_is_refused_with_the_reason():
     law = il.LankaraniNikraveshContact(1e5, restitution=0.5)
-    with pytest.raises(
-        il.InvalidInput, match=r"cannot have the restitution 0.5: for restitution from .* to 1 it has"
-    ):
+    with pytest.raises(il.InvalidInput, match=r"cannot have the restitution 0.5: for restitution from .* to 1 it has"):
         law.calibrate(restitution=0.5, velocity=1.0, mass=1.0)
     with pytest.raises(il.InvalidInput, match=r"HertzContact cannot be calibrated: it has no field that changes"):
         il.HertzContact(1e4).calibrate(restitution=0.5, velocity=1.0, mass=1.0)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from impactlab_numerics.laws.contacts import KelvinVoigtContact
 from laws import Cosine
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.special import beta
@@ -51,7 +50,7 @@ def networks(draw):
     linear = {"mass": positive, "damping": positive, "stiffness": positive}
     duffing = st.builds(il.DuffingOscillator, cubic=positive, **linear)
     oscillator = st.builds(il.LinearOscillator, **linear) | duffing
-    laws = st.builds(il.HertzContact, positive), st.builds(KelvinVoigtContact, stiffness=positive, damping=positive)
+    laws = st.builds(il.HertzContact, positive), st.builds(il.KelvinVoigtContact, stiffness=positive, damping=positive)
     ends = st.tuples(*[st.sampled_from([*names, il.WALL])] * 2).filter(lambda pair: pair[0] != pair[1])
     contacts = draw(st.just([]) | st.lists(st.tuples(ends, st.floats(-2.0, 1.0)), min_size=2, max_size=6))
     cosine = st.builds(Cosine, amplitude=positive, frequency=positive)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, JumpContact
+from impactlab_numerics.laws.contacts import JumpContact
 
 import impactlab as il
 from impactlab.kernels.sums import closings
@@ -105,7 +105,7 @@ def test_closings_of_bodies_that_friction_would_stop_within_a_step():
         contact = il.Contact("a", il.WALL, law, clearance=0.3)
         return il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(200.0 / np.pi)})
 
-    method, dashpot = il.ExactFlow(measured=False), ClampedKelvinVoigtContact(20.0, damping=1e-6)
+    method, dashpot = il.ExactFlow(measured=False), il.KelvinVoigtContact(20.0, damping=1e-6)
     ds = il.simulate(touching(dashpot), 400.0, realizations=64, rng=1, integrator=method)
     assert 200.0 * ds.attrs["step"] <= 1.0
     exact = float(il.exact(touching(il.LinearContact(20.0))).statistics().contact_rate[0])
@@ -160,7 +160,7 @@ def test_what_noise_hides_within_steps(damping, monkeypatch):
 def test_a_strong_dashpot():
     """The speed is gone within less than the window of a flux; 0.306 was counted with a step of 0.2 ms."""
     ds = il.simulate(
-        wall(ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=0.2), 100.0, realizations=512, step=1e-3, rng=1
+        wall(il.KelvinVoigtContact(100.0, damping=40.0), clearance=0.2), 100.0, realizations=512, step=1e-3, rng=1
     )
     assert float(ds.contact_rate[0]) == pytest.approx(0.306, abs=0.006)
 
@@ -179,7 +179,7 @@ def test_bounded_noise():
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()], ids=repr)
 def test_rates_are_the_closings_of_the_path(integrator):
     ds = il.simulate(
-        wall(ClampedKelvinVoigtContact(100.0, damping=1.0)), 5.0, realizations=64, step=1e-3, integrator=integrator,
+        wall(il.KelvinVoigtContact(100.0, damping=1.0)), 5.0, realizations=64, step=1e-3, integrator=integrator,
         record=il.Trajectory(1e-3), rng=1,
     )  # fmt: skip
     closed = ds.displacement.values[:, :, 0] > 0.5
@@ -206,7 +206,7 @@ def test_a_rate_is_never_negative():
 
 def test_the_first_step_counts():
     """A body that its spring presses against the wall closes the contact and stays: once, whenever it begins."""
-    network = wall(ClampedKelvinVoigtContact(100.0, damping=40.0), clearance=-1.0).replace(excitations={"a": None})
+    network = wall(il.KelvinVoigtContact(100.0, damping=40.0), clearance=-1.0).replace(excitations={"a": None})
     ds = il.simulate(network, 1.0, initial={"displacement": {"a": -1.0 - 1e-6}, "velocity": {"a": 1.0}}, rng=1)
     assert ds.contact_rate.item() == pytest.approx(1.0)
 

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
 from impactlab_numerics.laws.oscillators import ViscousOscillator
 from laws import DoubleWell
 
@@ -85,7 +84,7 @@ def test_check_simulate_and_tolerance_agree_on_what_damps_a_body():
 
 
 def test_damping_by_laws_alone_is_said_not_to_be_known():
-    wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(100.0, damping=1.0), clearance=0.1)
+    wall = il.Contact("a", il.WALL, il.KelvinVoigtContact(100.0, damping=1.0), clearance=0.1)
     network = alone(il.LinearOscillator(mass=1.0, stiffness=1.0), 0.1).replace(contacts={"w": wall})
     assert damped_by_laws_alone(Model.of(network)).all()
     with pytest.warns(il.AccuracyWarning, match="'a' is excited and damped by contacts or couplings only"):

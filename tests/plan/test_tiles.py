@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import HuntCrossleyContact
 from scenes import plan_of
 
 import impactlab as il
@@ -60,7 +59,7 @@ def assert_same(first, second):
 
 
 @pytest.mark.parametrize(
-    "network", [chain(), chain(HuntCrossleyContact(1e4, loss=0.3)), grid()], ids=["chain", "damped", "grid"]
+    "network", [chain(), chain(il.HuntCrossleyContact(1e4, dissipation=0.3)), grid()], ids=["chain", "damped", "grid"]
 )
 def test_tiles_give_the_bits_of_the_whole(network, small):
     tiled = planned(network)

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.integrate
 import scipy.linalg
-from impactlab_numerics.laws.contacts import KelvinVoigtContact
 from scenes import base
 
 import impactlab as il
@@ -197,7 +196,7 @@ class Pressed(Scene):
     name = "pressed"
 
     def network(self) -> il.Network:
-        contact = il.Contact("a", il.WALL, KelvinVoigtContact(60.0, damping=6.0), clearance=-8.0)
+        contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(60.0, damping=6.0, tension=True), clearance=-8.0)
         return il.Network(
             {"a": il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)},
             {"wall": contact},

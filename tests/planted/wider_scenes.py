@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import scipy.integrate
 import scipy.linalg
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact, KelvinVoigtContact
 from impactlab_numerics.laws.excitations import GustNoise
 
 import impactlab as il
@@ -57,7 +56,7 @@ class Dashpot(Scene):
 
     def evidence(self) -> Any:
         body = il.LinearOscillator(mass=2.0, damping=1.0, stiffness=40.0)
-        contact = il.Contact("a", il.WALL, KelvinVoigtContact(60.0, damping=50.0), clearance=-8.0)
+        contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(60.0, damping=50.0, tension=True), clearance=-8.0)
         network = il.Network({"a": body}, {"wall": contact}, {"a": il.WhiteNoise(1.0)})
         return il.simulate(network, 40.0, realizations=1024, rng=1)
 
@@ -86,7 +85,7 @@ class Clamp(Scene):
         return of_path(found.sol, self.duration)
 
     def evidence(self) -> Any:
-        law = ClampedKelvinVoigtContact(self.stiffness, damping=self.damping)
+        law = il.KelvinVoigtContact(self.stiffness, damping=self.damping)
         network = il.Network({"a": il.LinearOscillator(mass=self.mass)},
                              {"wall": il.Contact("a", il.WALL, law, clearance=self.gap)})  # fmt: skip
         return il.simulate(network, self.duration, initial={"velocity": {"a": self.speed}}, rng=1)

@@ -49,9 +49,7 @@ def test_networks_of_a_class_have_what_it_is_about():
         name: {type(item.law).__name__ for scene in scenes for item in scene.network.contacts.values()}
         for name, scenes in drawn.items()
     }
-    assert {"KelvinVoigtContact", "ClampedKelvinVoigtContact", "HuntCrossleyContact"} <= kinds[
-        "rate-dependent contacts"
-    ]
+    assert kinds["rate-dependent contacts"] == {"KelvinVoigtContact", "HuntCrossleyContact"}
     assert kinds["home"] <= {"HertzContact", "LinearContact", "PowerLawContact"}
     ratios = {
         name: [body.damping_ratio for scene in scenes for body in scene.network.oscillators.values() if body.damping]

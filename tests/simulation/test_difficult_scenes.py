@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
 from scenes import base, deviations, plan_of
 from scipy.integrate import solve_ivp
 
@@ -34,7 +33,7 @@ def test_an_undamped_body_is_heated_by_contacts_alone():
 @pytest.mark.parametrize("undamped", [True, False])
 def test_no_error_bars_from_batches_of_unknown_memory(undamped):
     body = il.LinearOscillator(stiffness=10.0, damping=0.0 if undamped else 2.0)
-    wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(100.0, damping=5.0))
+    wall = il.Contact("a", il.WALL, il.KelvinVoigtContact(100.0, damping=5.0))
     network = il.Network({"a": body}, {"wall": wall}, {"a": il.WhiteNoise(1.0)})
     options = {"spin_up": 20.0, "record": il.Density(bins=10, limits=(-2.0, 2.0)), "rng": 1}
     if undamped:

@@ -12,7 +12,6 @@ import time
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.contacts import HuntCrossleyContact
 from laws import DampedCubicCoupling, RunawayContact
 from scenes import base, linear
 
@@ -86,7 +85,12 @@ def everything():
     names = "abcdefghijkl"
     hertz = il.HertzContact(1e4)
     pairs = [*itertools.pairwise(names), ("a", "l"), ("c", "a"), (il.WALL, "d"), ("f", "a")]
-    laws = [hertz] * 12 + [il.LinearContact(1e3), il.HertzContact(2e4), hertz, HuntCrossleyContact(1e4, loss=0.3)]
+    laws = [hertz] * 12 + [
+        il.LinearContact(1e3),
+        il.HertzContact(2e4),
+        hertz,
+        il.HuntCrossleyContact(1e4, dissipation=0.3),
+    ]
     contacts = {
         str(k): il.Contact(*pair, law, clearance=0.02) for k, (pair, law) in enumerate(zip(pairs, laws, strict=False))
     }

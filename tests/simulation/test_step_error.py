@@ -7,10 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from impactlab_numerics.laws.contacts import (
-    BilinearContact,
-    ClampedKelvinVoigtContact,
-)
+from impactlab_numerics.laws.contacts import BilinearContact
 from impactlab_numerics.laws.excitations import ModulatedNoise
 from laws import Cosine, Interval
 from scenes import plan_of
@@ -59,7 +56,7 @@ def is_certified(network):
         (at_wall(il.HertzContact(100.0), il.LinearOscillator.from_frequency(1.0, 6.0)), False),
         (at_wall(il.PowerLawContact(100.0, exponent=0.3)), False),
         (at_wall(BilinearContact(30.0, second=1000.0, distance=0.1)), False),
-        (at_wall(ClampedKelvinVoigtContact(100.0, damping=1.0)), False),
+        (at_wall(il.KelvinVoigtContact(100.0, damping=1.0)), False),
         (at_wall(il.HertzContact(100.0), excitation=Cosine(1.0, frequency=1.3)), False),
         (at_wall(il.HertzContact(100.0), excitation=ModulatedNoise(1.0, frequency=1.0)), False),
         (at_wall(il.HertzContact(100.0), excitation=il.ShinozukaNoise(0.1, band=(0.0, 1.0), components=100)), False),
@@ -76,7 +73,7 @@ def test_certified_networks_are_not_measured():
 
 
 def test_a_measured_step_does_not_depend_on_the_seed():
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0))
     one, other = (il.simulate(network, 20.0, realizations=64, rng=seed) for seed in (1, 2))
     assert one.attrs["step"] == other.attrs["step"]
     assert one.mean_square_velocity_step_bias.identical(other.mean_square_velocity_step_bias)
@@ -166,7 +163,7 @@ def test_the_fine_path_begins_where_the_coarse_one_is_under_friction_too():
 def test_a_bounce_has_the_restitution_of_its_dashpot(start):
     """One event of a path: restarted in segments, at states of the coarse one, it was up to 0.9 % off and not told."""
     ratio, stiffness = 0.2, 1e6
-    law = ClampedKelvinVoigtContact(stiffness, damping=2.0 * ratio * math.sqrt(stiffness))
+    law = il.KelvinVoigtContact(stiffness, damping=2.0 * ratio * math.sqrt(stiffness))
     angle = math.sqrt(1.0 - ratio**2)
     network = il.Network({"ball": il.LinearOscillator()}, {"floor": il.Contact("ball", il.WALL, law)})
     begin = {"displacement": {"ball": start}, "velocity": {"ball": 1.0}}
@@ -188,7 +185,7 @@ def test_a_path_from_rest_is_right_to_its_end():
 
 
 def test_it_is_made_again(tmp_path):
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, 20.0, realizations=64, rng=1)
     il.save(result, tmp_path / "a.nc")
     again = il.rerun(tmp_path / "a.nc")
@@ -201,7 +198,7 @@ def test_it_is_made_again(tmp_path):
 )
 def test_what_is_measured_is_what_is_true(damping, step):
     """Sign and size of the bias of a step that is too large, within a factor of three."""
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=damping))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=damping))
     options = {"duration": 200.0, "realizations": 512, "spin_up": 50.0}
     with pytest.warns(il.AccuracyWarning, match=r"At the step of .* is about .* too (large|small), as measured"):
         coarse = il.simulate(network, **options, step=step, rng=1)
@@ -244,7 +241,7 @@ def test_the_allowance_is_the_root_mean_square_of_a_bias_that_was_measured():
 
 def test_standard_errors_allow_for_the_bias_of_a_measured_step():
     """They are those of the scatter beside the allowance, for the plain means too; the scatter is not lost."""
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, 20.0, realizations=64, rng=1)
     plain = il.simulate(
         network, 20.0, realizations=64, rng=1, step=result.attrs["step"], integrator=il.ExactFlow(measured=False)
@@ -273,7 +270,7 @@ def test_bodies_that_nothing_touches_have_no_bias():
 
 
 def test_a_tolerance_counts_the_bias_for_itself():
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0))
     result = il.simulate(network, tolerance={"mean_square_displacement": 0.1}, rng=1)
     assert "mean_square_displacement_bias" in result
     assert "mean_square_displacement_step_allowance" not in result
@@ -292,7 +289,7 @@ def test_a_coarse_step_of_a_certified_network_is_told():
 
 def test_one_path_without_noise_is_measured_whole():
     """The bias of a bounce at a dashpot is known from it alone, and made small."""
-    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, ClampedKelvinVoigtContact(400.0, damping=8.0))})
+    network = il.Network({"a": BODY}, {"wall": il.Contact("a", il.WALL, il.KelvinVoigtContact(400.0, damping=8.0))})
     result = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1)
     fine = il.simulate(network, 20.0, initial={"displacement": {"a": -1.0}}, rng=1, step=result.attrs["step"] / 16.0)
     assert result.mean_square_velocity.item() == pytest.approx(fine.mean_square_velocity.item(), rel=5e-3)
@@ -341,8 +338,8 @@ def test_a_step_that_is_twice_enlarged_is_measured_with_the_velocities_that_it_w
 
 
 def test_a_body_that_nothing_moves_makes_no_step_smaller():
-    pressed = il.Contact("b", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
-    wall = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)
+    pressed = il.Contact("b", il.WALL, il.KelvinVoigtContact(1e3, damping=5.0), clearance=-0.3)
+    wall = il.Contact("a", il.WALL, il.KelvinVoigtContact(1e3, damping=5.0), clearance=0.1)
     alone = il.Network({"a": BODY}, {"wall": wall}, {"a": HEAT})
     both = il.Network({"a": BODY, "b": BODY}, {"wall": wall, "pressed": pressed}, {"a": HEAT})
     one, two = (il.simulate(network, 50.0, realizations=64, rng=1) for network in (alone, both))
@@ -351,7 +348,7 @@ def test_a_body_that_nothing_moves_makes_no_step_smaller():
 
 def test_a_path_of_few_steps_is_measured():
     network = il.Network(
-        {"a": BODY}, {"wall": il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=5.0), clearance=0.1)}
+        {"a": BODY}, {"wall": il.Contact("a", il.WALL, il.KelvinVoigtContact(1e3, damping=5.0), clearance=0.1)}
     )
     result = il.simulate(network, 0.01, initial={"displacement": {"a": 0.2}})
     assert np.isfinite(result.mean_square_velocity.item())
@@ -360,7 +357,7 @@ def test_a_path_of_few_steps_is_measured():
 def test_noise_that_comes_late_is_measured():
     """After most of a run in which hardly anything moves."""
     network = at_wall(
-        ClampedKelvinVoigtContact(100.0, damping=30.0), excitation=Interval(6.0 / np.pi, begin=120.0, end=150.0)
+        il.KelvinVoigtContact(100.0, damping=30.0), excitation=Interval(6.0 / np.pi, begin=120.0, end=150.0)
     )
     options = {"duration": 200.0, "realizations": 256}
     with pytest.warns(il.AccuracyWarning, match="as measured on this network"):
@@ -379,7 +376,7 @@ def test_noise_that_comes_late_is_measured():
 def test_what_a_path_gains_at_first_it_keeps_to_its_end(ratio, damping, duration):
     """A bias of the energy of a free motion decays as friction takes energy away, not as its ripple does."""
     body = il.LinearOscillator.from_frequency(1.0, ratio)
-    network = at_wall(ClampedKelvinVoigtContact(300.0, damping=damping), body, il.WhiteNoise(1e-9))
+    network = at_wall(il.KelvinVoigtContact(300.0, damping=damping), body, il.WhiteNoise(1e-9))
     options = {"duration": duration, "realizations": 64, "initial": {"displacement": {"a": -2.0}}, "rng": 1}
     with pytest.warns(il.AccuracyWarning, match="as measured on this network"):
         coarse = il.simulate(network, **options, step=0.035)
@@ -392,7 +389,7 @@ def test_what_a_path_gains_at_first_it_keeps_to_its_end(ratio, damping, duration
 
 def test_segments_meet_all_of_a_path_that_decays():
     """Nothing warns: neither of a bias, nor that the path was faster than where it was measured."""
-    network = at_wall(ClampedKelvinVoigtContact(100.0, damping=30.0), excitation=il.WhiteNoise(1e-9))
+    network = at_wall(il.KelvinVoigtContact(100.0, damping=30.0), excitation=il.WhiteNoise(1e-9))
     options = {"duration": 60.0, "realizations": 64, "initial": {"displacement": {"a": -5.0}}, "rng": 1}
     result = il.simulate(network, **options)
     fine = il.simulate(network, **options, step=result.attrs["step"] / 8.0, integrator=il.ExactFlow(measured=False))
@@ -435,7 +432,7 @@ def test_a_measurement_that_diverges_is_told_if_the_run_does_not():
 @pytest.mark.campaign
 def test_the_step_of_a_network_in_tiles_is_measured():
     bodies = 8192
-    law = ClampedKelvinVoigtContact(1e3, damping=5.0)
+    law = il.KelvinVoigtContact(1e3, damping=5.0)
     network = il.chain(bodies, BODY, law, clearance=0.3, excitation=HEAT)
     assert plan_of(network, duration=0.1, spin_up=0.0).subdomains.tiles
     with pytest.warns(il.AccuracyWarning, match="Too few independent samples"):
@@ -448,7 +445,7 @@ def test_the_step_of_a_network_in_tiles_is_measured():
 def test_a_hit_in_the_last_steps_is_measured(duration, noise):
     """The stop is reached after 1.57 s."""
     body = il.LinearOscillator.from_frequency(1.0, 0.01)
-    contact = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(100.0, damping=30.0))
+    contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(100.0, damping=30.0))
     network = il.Network({"a": body}, {"w": contact}, {"a": il.WhiteNoise(1e-8)} if noise else {})
     options = {"initial": {"displacement": {"a": -1.0}}, "realizations": 64 if noise else 1, "rng": 1}
     result = il.simulate(network, duration, **options)
@@ -460,7 +457,7 @@ def test_a_hit_in_the_last_steps_is_measured(duration, noise):
 
 def test_a_measurement_that_does_not_reach_the_end_of_a_path_is_told():
     """A slow drift onto a stop, of which the measurement sees the beginning."""
-    contact = il.Contact("a", il.WALL, ClampedKelvinVoigtContact(1e3, damping=30.0))
+    contact = il.Contact("a", il.WALL, il.KelvinVoigtContact(1e3, damping=30.0))
     network = il.Network({"a": il.LinearOscillator(stiffness=1e-7)}, {"w": contact})
     with pytest.warns(il.AccuracyWarning, match=r"compare with step="):
         il.simulate(network, 6000.0, initial={"displacement": {"a": -1.0}})

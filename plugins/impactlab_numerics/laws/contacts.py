@@ -7,28 +7,6 @@ import math
 import impactlab as il
 
 
-class KelvinVoigtContact(il.ContactLaw):
-    """Spring and dashpot, which together may pull: force ``stiffness δ + damping δ'``."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping):  # type: ignore[no-untyped-def]
-        return stiffness * indentation + damping * rate
-
-
-class ClampedKelvinVoigtContact(il.ContactLaw):
-    """Spring and dashpot that never pull: force ``max(stiffness δ + damping δ', 0)``."""
-
-    stiffness: float = il.parameter(units="N m-1", minimum=0.0)
-    damping: float = il.parameter(units="N s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, damping):  # type: ignore[no-untyped-def]
-        return max(stiffness * indentation + damping * rate, 0.0)
-
-
 class SlidingPadContact(il.ContactLaw):
     """Spring with a damper that works inwards alone: force ``stiffness δ + damping max(δ', 0)``."""
 
@@ -38,17 +16,6 @@ class SlidingPadContact(il.ContactLaw):
     @staticmethod
     def force(indentation, rate, stiffness, damping):  # type: ignore[no-untyped-def]
         return stiffness * indentation + damping * max(rate, 0.0)
-
-
-class HuntCrossleyContact(il.ContactLaw):
-    """Hertz contact with loss that never pulls: force ``stiffness δ^(3/2) max(1 + loss δ', 0)``."""
-
-    stiffness: float = il.parameter(units="N m-3/2", minimum=0.0)
-    loss: float = il.parameter(units="s m-1", minimum=0.0)
-
-    @staticmethod
-    def force(indentation, rate, stiffness, loss):  # type: ignore[no-untyped-def]
-        return stiffness * indentation * math.sqrt(indentation) * max(1.0 + loss * rate, 0.0)
 
 
 class HysteresisDampingContact(il.ContactLaw):

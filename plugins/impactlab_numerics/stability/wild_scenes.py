@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import impactlab as il
-from impactlab_numerics.laws.contacts import HuntCrossleyContact
 from impactlab_numerics.laws.couplings import CubicCoupling
 from impactlab_numerics.laws.excitations import Burst
 from impactlab_numerics.laws.oscillators import DragOscillator, SofteningOscillator
@@ -153,7 +152,7 @@ def _law(draw: _Draw, kind: str, temperature: float, length: float) -> il.Contac
     if kind == "power":
         return il.PowerLawContact(stiffness, exponent=exponent)
     if kind == "lossy":
-        return HuntCrossleyContact(stiffness, loss=0.1 * draw.scale() / math.sqrt(temperature))
+        return il.HuntCrossleyContact(stiffness, dissipation=0.1 * draw.scale() / math.sqrt(temperature))
     return il.HertzContact(stiffness)
 
 

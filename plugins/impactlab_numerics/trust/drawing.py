@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import impactlab as il
-from impactlab_numerics.laws.contacts import ClampedKelvinVoigtContact
 
 BODY_STEPS = 1.2e7
 """Steps of a body that a run should take, if the step is half of the time in which its fastest motion turns by 1."""
@@ -168,7 +167,7 @@ class Sketch:
         stiffness, mass = self.power(1.0, *sides), self.reduced_mass(*sides)
         damping = 2.0 * between(self.rng, 0.1, 0.7) * math.sqrt(stiffness * mass)
         self.resolve(0.1 * mass / damping)
-        return ClampedKelvinVoigtContact(stiffness, damping=damping)
+        return il.KelvinVoigtContact(stiffness, damping=damping)
 
     def touch(
         self,
