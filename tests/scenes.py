@@ -7,8 +7,10 @@ import numpy as np
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.kernels.random import philox_words, stream
+from impactlab.results.schema import scatter_of
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
+from impactlab.simulation.step_error import BIASED, size_of
 
 
 def plan_of(network, **options):
@@ -54,6 +56,18 @@ def deviations(dataset, reference, names, relative=0.0):
         expected = np.asarray(reference[name])
         beyond = np.abs(np.asarray(dataset[name]) - expected) - relative * np.abs(expected)
         result[name] = float(np.max(beyond / error))
+    return result
+
+
+def off(found, reference, names=BIASED):
+    """Return by how much statistics are off, as a part of them, and the standard error of that, name by name."""
+    result = {}
+    for name in (name for name in names if name in found):
+        size = size_of(name, lambda item: reference[item].values)
+        difference = found[name].values - reference[name].values
+        errors = [np.nan_to_num(scatter_of(item, name).values) for item in (found, reference)]
+        with np.errstate(invalid="ignore"):
+            result[name] = np.nan_to_num(difference / size), np.nan_to_num(np.hypot(*errors) / size)
     return result
 
 

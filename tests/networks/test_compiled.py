@@ -50,7 +50,8 @@ def networks(draw):
     linear = {"mass": positive, "damping": positive, "stiffness": positive}
     duffing = st.builds(il.DuffingOscillator, cubic=positive, **linear)
     oscillator = st.builds(il.LinearOscillator, **linear) | duffing
-    laws = st.builds(il.HertzContact, positive), st.builds(il.KelvinVoigtContact, stiffness=positive, damping=positive)
+    dashpot = st.builds(il.KelvinVoigtContact, stiffness=positive, damping=positive, tension=st.just(True))
+    laws = st.builds(il.HertzContact, positive), dashpot
     ends = st.tuples(*[st.sampled_from([*names, il.WALL])] * 2).filter(lambda pair: pair[0] != pair[1])
     contacts = draw(st.just([]) | st.lists(st.tuples(ends, st.floats(-2.0, 1.0)), min_size=2, max_size=6))
     cosine = st.builds(Cosine, amplitude=positive, frequency=positive)

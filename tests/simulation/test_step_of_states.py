@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from laws import Cosine, Slider
-from scenes import plan_of
+from scenes import off, plan_of
 from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
@@ -15,7 +15,6 @@ from impactlab.assembly.model import Model
 from impactlab.results.schema import scatter_of
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.segments import step_error
-from impactlab.simulation.step_error import BIASED, size_of
 
 PLAIN = il.ExactFlow(measured=False)
 HEAT = il.WhiteNoise(1.0)
@@ -171,18 +170,6 @@ def measured(network, **options):
     """Return the measured bias of a step."""
     plan_for = partial(make_plan, Model.of(network))
     return step_error(plan_for, Model.of(network), options.get("initial"), plan_of(network, **options))
-
-
-def off(found, reference, names=BIASED):
-    """Return by how much statistics are off, as a part of them, and the standard error of that, name by name."""
-    result = {}
-    for name in (name for name in names if name in found):
-        size = size_of(name, lambda item: reference[item].values)
-        difference = found[name].values - reference[name].values
-        errors = [np.nan_to_num(scatter_of(item, name).values) for item in (found, reference)]
-        with np.errstate(invalid="ignore"):
-            result[name] = np.nan_to_num(difference / size), np.nan_to_num(np.hypot(*errors) / size)
-    return result
 
 
 @pytest.mark.parametrize(

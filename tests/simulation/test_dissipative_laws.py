@@ -1,0 +1,94 @@
+"""Bundled laws that lose energy, at the default step: in one collision and under noise."""
+
+import functools
+import math
+import warnings
+
+import numpy as np
+import pytest
+from scenes import deviations, off
+
+import impactlab as il
+from impactlab.simulation.step_error import BIASED
+
+BODY = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.05)
+NOISE = il.WhiteNoise(0.2)
+SPEED = math.sqrt(math.pi * 0.2 / BODY.damping)  # standard deviations without the wall
+PLACE = SPEED / 6.0
+DEPTH = SPEED / 60.0
+SPRING, HERTZ = (SPEED / DEPTH) ** 2, 1.25 * SPEED**2 / DEPTH**2.5  # both store the energy of this speed at this depth
+
+LAWS = {
+    "Kelvin-Voigt": il.KelvinVoigtContact(SPRING, damping=1.0),
+    "Kelvin-Voigt with tension": il.KelvinVoigtContact(SPRING, damping=1.0, tension=True),
+    "Tsuji": il.TsujiContact(HERTZ, damping=1.0),
+    "Jankowski": il.JankowskiContact(HERTZ, damping=1.0),
+    "Hunt-Crossley": il.HuntCrossleyContact(HERTZ, dissipation=0.1),
+    "Lankarani-Nikravesh": il.LankaraniNikraveshContact(HERTZ, restitution=0.5),
+    "Hertzdamp": il.HertzdampContact(HERTZ, restitution=0.5),
+    "Flores": il.FloresContact(HERTZ, restitution=0.5),
+    "Gonthier": il.GonthierContact(HERTZ, restitution=0.5),
+    "Carvalho-Martins": il.CarvalhoMartinsContact(HERTZ, restitution=0.5),
+    "Walton-Braun": il.WaltonBraunContact(SPRING, unloading=2.0 * SPRING),
+    "Thornton": il.ThorntonContact(HERTZ, yield_indentation=0.25 * DEPTH),
+}  # fmt: skip
+READ_LATE = ("Hunt-Crossley",)
+each_law = pytest.mark.parametrize("name", LAWS)
+
+
+def law_of(name, restitution, mass=1.0):
+    return LAWS[name].calibrate(restitution=restitution, velocity=SPEED, mass=mass)
+
+
+def thrown(law, duration, mass=1.7):
+    """Velocity after a bounce over that before, of a ball that is thrown at a wall."""
+    network = il.Network({"a": il.LinearOscillator(mass=mass)}, {"w": il.Contact("a", il.WALL, law, clearance=0.1)})
+    options = {"initial": {"velocity": {"a": SPEED}}, "record": il.Trajectory(duration)}
+    return -float(il.simulate(network, duration, **options).velocity.isel(time=-1).item()) / SPEED
+
+
+QUICK = "Kelvin-Voigt"
+
+
+@pytest.mark.parametrize("duration", [0.5, 3.0])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.campaign] * (name != QUICK)) for name in LAWS])
+def test_a_ball_bounces_with_the_restitution_that_was_wanted(name, duration):
+    assert thrown(law_of(name, 0.8, mass=1.7), duration) == pytest.approx(0.8, abs=1e-3)
+
+
+@functools.cache
+def stopped(name):
+    """A body beside a wall under white noise, at the default step and at a sixteenth of it."""
+    contact = il.Contact("a", il.WALL, law_of(name, 0.7), clearance=PLACE)
+    network = il.Network({"a": BODY}, {"w": contact}, {"a": NOISE})
+    options = {"duration": 300.0, "realizations": 512}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", il.AccuracyWarning)
+        result = il.simulate(network, **options, rng=1)
+    step, method = result.attrs["step"] / 16.0, il.ExactFlow(measured=False)
+    return result, il.simulate(network, **options, rng=2, step=step, integrator=method)
+
+
+@pytest.mark.campaign
+@each_law
+def test_the_default_step_is_as_fine_as_the_law_needs(name):
+    for statistic, (difference, error) in off(*stopped(name), BIASED).items():
+        assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), statistic
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.xfail(strict=True, reason="peaks are read at steps")] * (name in READ_LATE))
+    for name in LAWS
+])  # fmt: skip
+def test_peaks_at_the_default_step(name):
+    ((difference, error),) = off(*stopped(name), ["peak_contact_force"]).values()
+    assert (np.abs(difference) < 5e-3 + 3.0 * error).all()
+
+
+@pytest.mark.campaign
+def test_an_adhesive_contact_has_the_exact_law_of_its_potential():
+    law = il.AdhesiveContact(HERTZ, pull_off=0.1 * HERTZ * DEPTH**1.5)
+    network = il.Network({"a": BODY}, {"w": il.Contact("a", il.WALL, law, clearance=PLACE)}, {"a": NOISE})
+    result, exact = il.simulate(network, 300.0, realizations=512, rng=1), il.exact(network).statistics()
+    assert max(deviations(result, exact, [item for item in BIASED if item in exact], 0.005).values()) < 3.5
