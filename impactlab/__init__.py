@@ -21,6 +21,7 @@ _HOME = {
         "HertzContact",
         "LinearContact",
         "PowerLawContact",
+        "backlash",
     ],
     "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
     "components.loads": ["Chirp", "ConstantForce", "Harmonic", "Pulse", "SampledForce"],

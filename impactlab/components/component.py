@@ -118,7 +118,7 @@ class Component:
     def to_dict(self) -> dict[str, Any]:
         """Return the class name, with its module where several have one of that name, and the fields as plain data."""
         cls = type(self)
-        alone = len(_REGISTRY[cls.__name__]) == 1
+        alone = len(_classes(cls.__name__)) == 1
         fields = {name: _plain(getattr(self, name)) for name in self.field_names()}
         return {"type": cls.__name__ if alone else f"{cls.__module__}.{cls.__name__}", **fields}
 
@@ -138,9 +138,7 @@ class Component:
             raise InvalidInput(f"A {cls.__name__} is stored as a mapping, not {reprlib.repr(data)}.")
         fields = {str(key): value for key, value in data.items()}
         module, _, name = str(fields.pop("type", cls.__name__)).rpartition(".")
-        found = [item for place, item in _REGISTRY.get(name, {}).items() if module in ("", place)]
-        if not found and name in dir(impactlab):
-            found = [item for item in [getattr(impactlab, name)] if isinstance(item, type)]  # its module is loaded now
+        found = [item for place, item in _classes(name).items() if module in ("", place)]
         if not found:
             raise InvalidInput(
                 f"No component class named {name!r} is defined; {suggestion(name, _REGISTRY)} "
@@ -215,6 +213,13 @@ class Component:
         with np.errstate(over="ignore"):
             result = np.vectorize(scalar, otypes=[float])(*arguments) if arguments else np.float64(scalar())
         return np.broadcast_to(result, shape)
+
+
+def _classes(name: str) -> dict[str, type[Component]]:
+    """Return the classes of a name by their modules, also the bundled one whose module nobody has needed yet."""
+    if name in dir(impactlab):
+        getattr(impactlab, name)
+    return _REGISTRY.get(name, {})
 
 
 def take_part(owner: Component, field: str, family: type[Component], example: str) -> None:

@@ -227,3 +227,32 @@ class Contact(Component):
 
     def to_dict(self) -> dict[str, Any]:
         return plain_sides(super().to_dict())
+
+
+def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, name: str) -> dict[str, Contact]:
+    """Return the contacts of a body between two stops, or of two bodies with play, for a network.
+
+    Parameters
+    ----------
+    first, second : str, Combination or WALL
+        Sides of the contacts.
+    law : ContactLaw
+        Law of both.
+    clearance : float
+        Half of the play (m): ``x_first − x_second`` can go as far up and down before the bodies touch.
+    name : str
+        The contacts are called ``name_upper`` and ``name_lower``.
+
+    Returns
+    -------
+    dict of str to Contact
+
+    Raises
+    ------
+    InvalidInput
+        If a contact cannot be made of a value.
+    """
+    return {
+        f"{name}_upper": Contact(first, second, law, clearance=clearance),
+        f"{name}_lower": Contact(second, first, law, clearance=clearance),
+    }

@@ -42,9 +42,9 @@ class KelvinVoigtContact(_DashpotContact):
 
     The dashpot acts at once when bodies touch, and pulls before they part, unless it is not allowed to: without
     `tension` the force is at least 0, and the bodies are free from where it vanishes. Of a damping ratio ζ < 1 the
-    restitution is exp(−π ζ/sqrt(1 − ζ²)) with tension, and larger without; T. Schwager and T. Pöschel, Granular
-    Matter 9 (2007) 465. It does not depend on the velocity. S. A. Anagnostopoulos, Earthq. Eng. Struct. Dyn. 16 (1988)
-    443, is the usual source in pounding.
+    restitution is exp(−π ζ/sqrt(1 − ζ²)) with tension, S. A. Anagnostopoulos, Earthq. Eng. Struct. Dyn. 16 (1988) 443,
+    and exp(−2 ζ arccos(ζ)/sqrt(1 − ζ²)) without, T. Schwager and T. Pöschel, Granular Matter 9 (2007) 465. It does not
+    depend on the velocity.
 
     Parameters
     ----------

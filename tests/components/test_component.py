@@ -207,5 +207,22 @@ def test_name_defined_in_two_modules_is_ambiguous():
     assert type(il.Oscillator.from_dict(data)) is scope["Twice"]
 
 
+def test_a_name_of_a_bundled_class_that_is_not_loaded_is_ambiguous_too(run_python):
+    text = """
+import impactlab as il
+class FloresContact(il.ContactLaw):
+    stiffness: float = il.parameter(units="N", minimum=0.0)
+    force = lambda indentation, stiffness: stiffness * indentation
+print(FloresContact(2.0).to_dict()["type"])
+try:
+    il.ContactLaw.from_dict({"type": "FloresContact", "stiffness": 1.0})
+except il.InvalidInput as error:
+    print(error)
+"""
+    own, refused = run_python("-c", text).splitlines()
+    assert own == "__main__.FloresContact"
+    assert "defined more than once (__main__, impactlab.components.dissipative)" in refused
+
+
 def test_suggestion_without_anything_known():
     assert suggestion("x", []) == "none is allowed here"

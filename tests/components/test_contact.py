@@ -126,6 +126,14 @@ def test_bad_contact(arguments, message):
         il.Contact(*arguments)
 
 
+def test_backlash_is_a_contact_on_either_side():
+    contacts = il.backlash("a", il.WALL, LAW, clearance=0.1, name="stop")
+    assert contacts == {
+        "stop_upper": il.Contact("a", il.WALL, LAW, clearance=0.1),
+        "stop_lower": il.Contact(il.WALL, "a", LAW, clearance=0.1),
+    }
+
+
 @pytest.mark.parametrize("clearance", [np.nan, np.inf, -np.inf, "0.1", None])
 def test_bad_clearance(clearance):
     with pytest.raises(il.InvalidInput, match=r"Contact.clearance must be a"):
