@@ -246,15 +246,16 @@ def test_compiled_and_plain_coupling_agree(cls):
     assert law.evaluate(0.0) == 0.0
 
 
-@pytest.mark.parametrize("cls", [cls for cls in subclasses(il.Excitation) if cls.kind == "force"])
-def test_compiled_and_plain_given_force_agree(cls):
-    """To two units in the last place, before, while and after it acts."""
-    load = sample(cls)
-    compiled = il.Network({"a": il.LinearOscillator()}, {}, {"a": load}).compile()
-    times = np.random.default_rng(5).uniform(-1.0, 4.0, 200)
-    force = np.array([compiled.rhs(time, np.zeros(2))[1] for time in times])
-    np.testing.assert_array_max_ulp(force, np.array(load.call("force", times)), maxulp=2)
-    assert force.any()
+def test_compiled_and_plain_given_forces_agree():
+    """To two units in the last place, before, while and after they act."""
+    loads = {cls.__name__: sample(cls) for cls in subclasses(il.Excitation) if cls.kind == "force"}
+    model = Model.of(il.Network(dict.fromkeys(loads, il.LinearOscillator()), {}, loads))
+    times, forces = np.random.default_rng(5).uniform(-1.0, 4.0, 200), np.zeros((200, len(loads)))
+    build(generate(model, single=True)).forcing(times, model.members.parameters, model.members.indices, forces)
+    plain = np.array([load.call("force", times) for load in loads.values()])
+    np.testing.assert_array_max_ulp(forces.T, plain, maxulp=2)
+    assert len(loads) > 4
+    assert forces.any(axis=0).all()
 
 
 @pytest.mark.parametrize("cls", [cls for cls in [*LAWS, *COUPLING_LAWS, *OSCILLATORS] if cls.state_names()])

@@ -103,20 +103,18 @@ def test_rows_of_each_kind():
     assert len(model.members.parameters) == 2 * 2 + 2 + 1 + 1 + 2
 
 
-@pytest.mark.parametrize("lever", [False, True])
-def test_laws_with_rows_of_numbers(lever):
-    """Of several lengths, in networks of bodies and of combinations; equal rows are there once."""
+def test_laws_with_rows_of_numbers():
+    """Of several lengths, behind the weights of combinations; equal rows are there once."""
     laws = [TabulatedContact(row, distance=0.2) for row in ([0.0, 1.0, 4.0], [0.0, 3.0], [0.0, 1.0, 4.0])]
-    ends = [il.Combination({"a": 1.0, "b": 0.5}) if lever else "a", "b", "c"]
+    ends = [il.Combination({"a": 1.0, "b": 0.5}), "b", "c"]
     contacts = {f"{k}": il.Contact(ends[k], il.WALL, law, clearance=0.1 * k) for k, law in enumerate(laws)}
     model = Model.of(il.Network(dict.fromkeys("abc", il.LinearOscillator()), contacts))
     assert model.members.samples.tolist() == [0.0, 1.0, 4.0, 0.0, 3.0]
     x = np.random.default_rng(1).uniform(-0.5, 1.0, (1, 4, 50))
-    x[0, 3] = 0.0  # the wall
     found, indentation, total = np.zeros((1, 3, 50)), np.zeros((1, 3, 50)), np.zeros((1, 4, 50))
     members = model.members
     evaluate(build(generate(model)).forces, x, 0.0 * x, members.parameters, members.indices, indentation, found, total)
-    gaps = [x[0, 0] + 0.5 * lever * x[0, 1], x[0, 1] - 0.1, x[0, 2] - 0.2]
+    gaps = [x[0, 0] + 0.5 * x[0, 1], x[0, 1] - 0.1, x[0, 2] - 0.2]
     np.testing.assert_allclose(found[0], [law.evaluate(gap) for law, gap in zip(laws, gaps, strict=True)], rtol=1e-12)
 
 
