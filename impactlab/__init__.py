@@ -24,7 +24,7 @@ _HOME = {
         "backlash",
     ],
     "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
-    "components.loads": ["Chirp", "ConstantForce", "Harmonic", "Pulse", "SampledForce"],
+    "components.loads": ["Chirp", "ConstantForce", "Harmonic", "ModulatedNoise", "Pulse", "SampledForce"],
     "components.dissipative": [
         "CarvalhoMartinsContact",
         "FloresContact",

@@ -31,6 +31,7 @@ from impactlab.components.fields import state as state
 from impactlab.components.loads import Chirp as Chirp
 from impactlab.components.loads import ConstantForce as ConstantForce
 from impactlab.components.loads import Harmonic as Harmonic
+from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator

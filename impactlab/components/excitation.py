@@ -53,7 +53,7 @@ class Excitation(Component):
         return math.inf
 
     @property
-    def end(self) -> float:
+    def known_until(self) -> float:
         """Time up to which the force is known; a longer run is refused (s)."""
         return math.inf
 

@@ -1,4 +1,4 @@
-"""Loads: given forces of common shapes in time, and of any shape by samples."""
+"""Loads: given forces of common shapes in time, and forces and envelopes of noise of any shape by samples."""
 
 from __future__ import annotations
 
@@ -165,19 +165,7 @@ class SampledForce(Excitation):
     after: str = parameter("error")
 
     def __post_init__(self) -> None:
-        times, values = (_samples(f"SampledForce.{name}", getattr(self, name)) for name in ("times", "values"))
-        if len(times) != len(values):
-            raise InvalidInput(f"SampledForce takes a value for each time, not {len(values)} for {len(times)} times.")
-        if len(times) < 2:
-            raise InvalidInput("SampledForce needs two samples at least.")
-        back = np.flatnonzero(np.diff(times) <= 0.0)
-        if len(back):
-            raise InvalidInput(
-                f"SampledForce.times must increase, but sample {back[0] + 1} (from 0) at {times[back[0] + 1]:g} s "
-                f"follows one at {times[back[0]]:g} s."
-            )
-        object.__setattr__(self, "times", tuple(times.tolist()))
-        object.__setattr__(self, "values", tuple(values.tolist()))
+        _take_samples(self, "values")
         super().__post_init__()
         known_name("value of SampledForce.after", self.after, _AFTER)
 
@@ -204,12 +192,10 @@ class SampledForce(Excitation):
         return cls(times.values, record.values, **fields)
 
     def __repr__(self) -> str:
-        if len(self.times) <= _SHOWN:
-            return super().__repr__()
-        return f"SampledForce of {len(self.times)} samples from {self.times[0]:g} to {self.times[-1]:g} s"
+        return super().__repr__() if len(self.times) <= _SHOWN else _shown(self)
 
     @property
-    def end(self) -> float:
+    def known_until(self) -> float:
         return float(self.times[-1]) if self.after == "error" else math.inf
 
     @property
@@ -222,11 +208,53 @@ class SampledForce(Excitation):
         if repeats:
             length = times[-1] - times[0]
             time = min(max(time - length * math.floor((time - times[0]) / length), times[0]), times[-1])
-        if not times[0] <= time <= times[-1]:
-            return 0.0
-        before = _last_before(time, times)
-        share = (time - times[before]) / (times[before + 1] - times[before])
-        return scale * ((1.0 - share) * values[before] + share * values[before + 1])
+        return scale * _between(time, times, values)
+
+
+class ModulatedNoise(Excitation):
+    """White noise of the spectral density ``S e(t)²``, with an envelope e given by samples: ``e(t) w(t)``.
+
+    The envelope is linear between its samples, and 0 before the first and after the last one (Priestley, Evolutionary
+    spectra and non-stationary processes, J. R. Stat. Soc. B 27, 1965, 204).
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S over angular frequency where the envelope is 1 (N2 s rad-1).
+    times : (sample,) array_like
+        Increasing times of the samples, at equal or other distances (s). The measurement begins at 0.
+    envelope : (sample,) array_like
+        Factor e of the noise.
+
+    Raises
+    ------
+    InvalidInput
+        If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
+    times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)
+    envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
+
+    def __post_init__(self) -> None:
+        _take_samples(self, "envelope")
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return super().__repr__() if len(self.times) <= _SHOWN else _shown(self)
+
+    @staticmethod
+    def intensity(time, spectral_density, times, envelope):  # type: ignore[no-untyped-def]
+        return spectral_density * _between(time, times, envelope) ** 2
+
+
+def _between(time: float, times: Sequence[float], values: Sequence[float]) -> float:
+    """Return what is linear between samples, and 0 elsewhere."""
+    if not times[0] <= time <= times[-1]:
+        return 0.0
+    before = _last_before(time, times)
+    share = (time - times[before]) / (times[before + 1] - times[before])
+    return (1.0 - share) * values[before] + share * values[before + 1]
 
 
 def _last_before(time: float, times: Sequence[float]) -> int:
@@ -242,6 +270,29 @@ def _last_before(time: float, times: Sequence[float]) -> int:
         else:
             high = middle
     return low
+
+
+def _take_samples(owner: Any, name: str) -> None:
+    """Make tuples of the times of a component and of the values of some name, or refuse them."""
+    kind = type(owner).__name__
+    times, values = (_samples(f"{kind}.{field}", getattr(owner, field)) for field in ("times", name))
+    if len(times) != len(values):
+        raise InvalidInput(f"{kind} takes a value for each time, not {len(values)} for {len(times)} times.")
+    if len(times) < 2:
+        raise InvalidInput(f"{kind} needs two samples at least.")
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(back):
+        raise InvalidInput(
+            f"{kind}.times must increase, but sample {back[0] + 1} (from 0) at {times[back[0] + 1]:g} s follows one at "
+            f"{times[back[0]]:g} s."
+        )
+    object.__setattr__(owner, "times", tuple(times.tolist()))
+    object.__setattr__(owner, name, tuple(values.tolist()))
+
+
+def _shown(owner: Any) -> str:
+    times = owner.times
+    return f"{type(owner).__name__} of {len(times)} samples from {times[0]:g} to {times[-1]:g} s"
 
 
 def _samples(place: str, given: Any) -> np.ndarray:

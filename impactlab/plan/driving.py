@@ -96,9 +96,10 @@ def check_periods(model: Model, total: float) -> float | None:
 def check_ends(model: Model, duration: float) -> None:
     """Refuse a run that goes beyond what is known of an excitation."""
     for name, excitation in model.excitations:
-        if duration > excitation.end * (1.0 + 1e-9):
+        end = excitation.known_until
+        if duration > end * (1.0 + 1e-9):
             raise InvalidInput(
-                f"The samples of {name!r} end at {excitation.end:g} s, {duration - excitation.end:g} s before the run "
+                f"The samples of {name!r} end at {end:g} s, {duration - end:g} s before the run "
                 'does. Give a shorter duration=, or the excitation after="zero" or after="repeat".'
             )
 

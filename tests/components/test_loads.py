@@ -208,3 +208,23 @@ def test_bad_samples(arguments, message):
         il.SampledForce(*arguments)
     with pytest.raises(il.InvalidInput, match=r"no value of SampledForce.after 'cycle'; allowed are 'error', 'zero'"):
         il.SampledForce([0.0, 1.0], [1.0, 1.0], after="cycle")
+
+
+def test_modulated_noise_moves_an_oscillator_as_its_envelope_says():
+    """The mean square of the displacement is ``2π ∫ S e(s)² h(t − s)² ds`` with the response h to an impulse."""
+    times = np.linspace(1.0, 5.0, 40)
+    noise = il.ModulatedNoise(0.5, times, np.sin(times) + 0.2)
+    body = il.LinearOscillator(mass=MASS, damping=0.8, stiffness=60.0)
+    data = il.simulate(
+        il.Network({"a": body}, {}, {"a": noise}), 6.0, realizations=4000, initial={}, rng=1, record=il.Trajectory(1.5)
+    )
+    decay, own = 0.2, np.sqrt(30.0 - 0.04)
+    for time, squares in zip(data.time.values[1:], data.displacement.values[:, 1:, 0].T ** 2, strict=True):
+        at = np.linspace(0.0, time, 4001)
+        response = np.exp(-decay * (time - at)) * np.sin(own * (time - at)) / (MASS * own)
+        envelope = np.interp(at, times, np.sin(times) + 0.2, left=0.0, right=0.0)
+        expected = 2.0 * np.pi * 0.5 * np.trapezoid((envelope * response) ** 2, at)
+        assert abs(squares.mean() - expected) < 3.5 * squares.std(ddof=1) / np.sqrt(4000), time
+    assert repr(noise) == "ModulatedNoise of 40 samples from 1 to 5 s"
+    with pytest.raises(il.InvalidInput, match=r"ModulatedNoise takes a value for each time, not 1 for 2 times"):
+        il.ModulatedNoise(0.5, [0.0, 1.0], [1.0])

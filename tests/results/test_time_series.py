@@ -24,7 +24,7 @@ def test_accelerograms_of_peer(tmp_path, last):
     assert record.attrs == {"units": "m s-2", "long_name": "acceleration, Somewhere, 5/1/2001, Station 7, 90"}
     np.testing.assert_allclose(record.time, [0.0, 0.005, 0.01, 0.015, 0.02], rtol=1e-15)
     np.testing.assert_allclose(record, 9.80665 * np.array([1e-3, -2e-3, 3e-3, 4e-3, 0.0]), rtol=1e-15)
-    assert il.SampledForce.from_dataarray(record).end == 0.02
+    assert il.SampledForce.from_dataarray(record).known_until == 0.02
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.excitations import ModulatedNoise
+from impactlab_numerics.laws.excitations import PulsatingNoise
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -147,7 +147,7 @@ def test_a_heavy_base_and_the_motion_of_the_ground():
     "excitation",
     [
         il.WhiteNoise(1.0),
-        pytest.param(ModulatedNoise(1.0, frequency=1.0), marks=pytest.mark.campaign),
+        pytest.param(PulsatingNoise(1.0, frequency=1.0), marks=pytest.mark.campaign),
         pytest.param(il.ShinozukaNoise(1.0, band=(0.0, 2.0), components=40), marks=pytest.mark.campaign),
         pytest.param(il.Harmonic(2.0, frequency=2.0), marks=pytest.mark.campaign),
     ],

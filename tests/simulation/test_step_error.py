@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from impactlab_numerics.laws.contacts import BilinearContact
-from impactlab_numerics.laws.excitations import ModulatedNoise
+from impactlab_numerics.laws.excitations import PulsatingNoise
 from laws import Cosine, Interval
 from scenes import plan_of
 
@@ -58,7 +58,7 @@ def is_certified(network):
         (at_wall(BilinearContact(30.0, second=1000.0, distance=0.1)), False),
         (at_wall(il.KelvinVoigtContact(100.0, damping=1.0)), False),
         (at_wall(il.HertzContact(100.0), excitation=Cosine(1.0, frequency=1.3)), False),
-        (at_wall(il.HertzContact(100.0), excitation=ModulatedNoise(1.0, frequency=1.0)), False),
+        (at_wall(il.HertzContact(100.0), excitation=PulsatingNoise(1.0, frequency=1.0)), False),
         (at_wall(il.HertzContact(100.0), excitation=il.ShinozukaNoise(0.1, band=(0.0, 1.0), components=100)), False),
     ],
     ids=repr,

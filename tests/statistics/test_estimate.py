@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from impactlab_numerics.laws.couplings import DeadBandCoupling
-from impactlab_numerics.laws.excitations import ModulatedNoise
+from impactlab_numerics.laws.excitations import PulsatingNoise
 from impactlab_numerics.laws.oscillators import StopOscillator
 from scenes import base, linear, plan_of
 
@@ -257,7 +257,7 @@ def test_without_enough_spin_up_values_are_plain_means():
 
 
 @pytest.mark.parametrize(
-    ("led", "others"), [(il.Harmonic(amplitude=3.0, frequency=0.8), True), (ModulatedNoise(0.1, frequency=0.8), False)]
+    ("led", "others"), [(il.Harmonic(amplitude=3.0, frequency=0.8), True), (PulsatingNoise(0.1, frequency=0.8), False)]
 )
 def test_bodies_connected_to_one_that_a_function_of_time_moves_have_no_balances(led, others):
     """Their energies at both ends of a run differ by more than chance, as that of the body itself does."""

@@ -44,7 +44,7 @@ class Blasts(il.Excitation):
         return amplitude * math.exp(-(time - interval * math.floor(time / interval)) / decay)
 
 
-class ModulatedNoise(il.Excitation):
+class PulsatingNoise(il.Excitation):
     """White noise of density ``level (1 + cos(frequency t))``."""
 
     level: float = il.parameter(units="N2 s rad-1", minimum=0.0)

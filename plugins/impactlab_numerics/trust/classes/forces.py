@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 import impactlab as il
-from impactlab_numerics.laws.excitations import GustNoise, ModulatedNoise
+from impactlab_numerics.laws.excitations import GustNoise, PulsatingNoise
 from impactlab_numerics.trust.drawing import RELAXATIONS, Costly, Scene, Sketch, between, number, one_of, relaxation
 
 
@@ -72,7 +72,7 @@ def varying_noise(rng: np.random.Generator) -> Scene:
         if kind == 0:
             frequency = own * between(rng, 0.05, 20.0)
             sketch.resolve(0.1 / frequency)
-            sketch.excitations[name] = ModulatedNoise(level, frequency=frequency)
+            sketch.excitations[name] = PulsatingNoise(level, frequency=frequency)
         else:
             width = between(rng, 0.02, 10.0) / own
             sketch.resolve(0.05 * width)
