@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Self
 
+from impactlab.components.component import finite, positive
 from impactlab.components.contact import ContactLaw
 from impactlab.components.fields import parameter, state
 
@@ -33,8 +34,14 @@ class _DashpotContact(ContactLaw):
             Effective mass of the bodies that collide, ``m₁ m₂/(m₁ + m₂)``, m₁ at a wall (kg).
         **fields
             Further fields of the law.
+
+        Raises
+        ------
+        InvalidInput
+            If a value is not allowed.
         """
-        return cls(stiffness=stiffness, damping=2.0 * damping_ratio * math.sqrt(stiffness * mass), **fields)
+        product = positive("mass", mass, "kg") * max(finite("stiffness", stiffness), 0.0)
+        return cls(stiffness=stiffness, damping=2.0 * finite("damping_ratio", damping_ratio) * product**0.5, **fields)
 
 
 class KelvinVoigtContact(_DashpotContact):
@@ -147,8 +154,9 @@ class HuntCrossleyContact(ContactLaw):
 class _ClosingVelocityContact(ContactLaw):
     """Base of laws whose damping follows from a restitution and the closing velocity; abstract.
 
-    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity.
-    Subclasses have the property `loss`, a number for each restitution.
+    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity; a
+    contact that closes slowly is damped without a limit. Subclasses have the property `loss`, a number for each
+    restitution.
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
@@ -176,8 +184,9 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
     """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
 
     H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
-    closed, until it opens again; one that is closed at the start has no damping before. The force never pulls. Bodies
-    rebound with nearly the restitution e where that is close to 1, and with more where it is not.
+    closed, until it opens again; one that is closed at the start has no damping before, one that closes slowly is damped
+    without a limit. The force never pulls. Bodies rebound with nearly the restitution e where that is close to 1, and
+    with more where it is not.
 
     Parameters
     ----------
@@ -210,7 +219,7 @@ class FloresContact(_ClosingVelocityContact):
     """Power law for all restitutions: force ``K (δ/1 m)^p (1 + 8/5 (1 − e)/e δ'/δ'₀)``, at least 0.
 
     P. Flores, M. Machado, M. T. Silva and J. M. Martins, Multibody Syst. Dyn. 25 (2011) 357. Bodies rebound with up to
-    0.05 less than e. The damping has no limit for e = 0, which is refused.
+    0.05 less than e. The damping has no limit for e = 0, which is refused. δ'₀ is that of `LankaraniNikraveshContact`.
 
     Parameters
     ----------
@@ -239,7 +248,7 @@ class GonthierContact(_ClosingVelocityContact):
 
     Y. Gonthier, J. McPhee, C. Lange and J.-C. Piedbœuf, Multibody Syst. Dyn. 11 (2004) 209, with their approximation
     d = 1 − e² of the solution of ``(1 + d/e)/(1 − d) = exp(d (1 + 1/e))``. Bodies rebound within 0.04 of e. The damping
-    has no limit for e = 0, which is refused.
+    has no limit for e = 0, which is refused. δ'₀ is that of `LankaraniNikraveshContact`.
 
     Parameters
     ----------
@@ -267,7 +276,8 @@ class CarvalhoMartinsContact(_ClosingVelocityContact):
     """Power law for all restitutions: ``K (δ/1 m)^p (1 + 3/2 (1 − e)(11 − e)/(1 + 9e) δ'/δ'₀)``, at least 0.
 
     A. S. Carvalho and J. M. Martins, Mech. Mach. Theory 139 (2019) 174; their approximation of the exact relation.
-    Bodies rebound within 0.01 of e where it is 0.2 or more, and with up to 0.07 more below.
+    Bodies rebound within 0.01 of e where it is 0.2 or more, and with up to 0.07 more below. δ'₀ is that of
+    `LankaraniNikraveshContact`.
 
     Parameters
     ----------

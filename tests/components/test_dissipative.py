@@ -187,5 +187,7 @@ def test_what_cannot_be_had_is_refused_with_the_reason():
         law.calibrate(restitution=1.0, velocity=1.0, mass=1.0)
     with pytest.raises(il.InvalidInput, match=r"mass must be larger than 0 kg, not 0"):
         law.restitution_at(1.0, 0)
+    with pytest.raises(il.InvalidInput, match=r"stiffness must be at least 0 N m-1, not -1.0"):
+        il.KelvinVoigtContact.from_damping_ratio(-1.0, 0.1, mass=1.0)
     with pytest.raises(il.InvalidInput, match=r"does not stop a mass that closes with 1 m s-1"):
         il.HertzContact(0.0).restitution_at(1.0, 1.0)
