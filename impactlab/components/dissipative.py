@@ -184,9 +184,9 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
     """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
 
     H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
-    closed, until it opens again; one that is closed at the start has no damping before, one that closes slowly is damped
-    without a limit. The force never pulls. Bodies rebound with nearly the restitution e where that is close to 1, and
-    with more where it is not.
+    closed, until it opens again; one that is closed at the start has no damping before, one that closes slowly is
+    damped without a limit. The force never pulls. Bodies rebound with nearly the restitution e where that is close to
+    1, and with more where it is not.
 
     Parameters
     ----------
