@@ -57,6 +57,11 @@ class Excitation(Component):
         """Time up to which the force is known; a longer run is refused (s)."""
         return math.inf
 
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        """Times before and after which there is no force, between which it is looked at to choose a step (s)."""
+        return -math.inf, math.inf
+
 
 class WhiteNoise(Excitation):
     """Gaussian white noise: ``E[f(t) f(t+τ)] = 2π S δ(τ)``.

@@ -86,6 +86,10 @@ class Chirp(Excitation):
     end_frequency: float = parameter(units="rad s-1", minimum=0.0)
     duration: float = parameter(units="s", above=0.0)
 
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        return 0.0, self.duration
+
     @staticmethod
     def force(time, amplitude, start_frequency, end_frequency, duration):  # type: ignore[no-untyped-def]
         if not 0.0 <= time <= duration:
@@ -130,6 +134,10 @@ class Pulse(Excitation):
     def power(self) -> int:
         """Power of half a wave of a sine."""
         return _SHAPES[self.shape]
+
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        return self.start, self.start + self.duration
 
     @staticmethod
     def force(time, amplitude, duration, start, power):  # type: ignore[no-untyped-def]
@@ -199,6 +207,10 @@ class SampledForce(Excitation):
         return float(self.times[-1]) if self.after == "error" else math.inf
 
     @property
+    def acts_between(self) -> tuple[float, float]:
+        return super().acts_between if self.repeats else (self.times[0], self.times[-1])
+
+    @property
     def repeats(self) -> bool:
         """Whether the samples repeat."""
         return self.after == "repeat"
@@ -242,6 +254,10 @@ class ModulatedNoise(Excitation):
 
     def __repr__(self) -> str:
         return super().__repr__() if len(self.times) <= _SHOWN else _shown(self)
+
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        return self.times[0], self.times[-1]
 
     @staticmethod
     def intensity(time, spectral_density, times, envelope):  # type: ignore[no-untyped-def]

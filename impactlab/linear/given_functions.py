@@ -155,6 +155,17 @@ def look_at(
     return times, np.asarray(excitation.call(kind, times), dtype=float)
 
 
+def span_of(item: Excitation | LawInTime, begin: float, end: float) -> tuple[float, float]:
+    """Return the part of an interval in which a function acts, with half as much on either side.
+
+    What is known to be short is found however long the interval. It is all of it for what never acts in it.
+    """
+    first, last = item.acts_between if isinstance(item, Excitation) else (-np.inf, np.inf)
+    around = 0.5 * (last - first)
+    span = max(begin, first - around), min(end, last + around)
+    return span if span[0] < span[1] else (begin, end)
+
+
 def look(model: Model, excitation: Excitation | LawInTime, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return irregular times, fewer where a network has many functions, and the values of an excitation there."""
     of_time = kinds_of(model)
@@ -172,7 +183,8 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     step, of_time = longest, kinds_of(model)
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
     for excitation, kind in of_time.items():
-        times, values = look(model, excitation, begin, end)
+        earliest, latest = span_of(excitation, begin, end)
+        times, values = look(model, excitation, earliest, latest)
         mean_of_law = values.mean() if isinstance(excitation, LawInTime) else 0.0
         varying = np.abs(values - mean_of_law) > (FAINT * np.abs(values).max() if mean_of_law else 0.0)
         if not (np.isfinite(values).all() and varying.any()):
@@ -181,9 +193,9 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
         chosen = _drawn(values, spots)
         at, value = times[chosen], values[chosen]
         place = (np.sqrt(2.0) * np.arange(1, spots + 1)) % 1.0  # of the time within the step
-        step = min(step, end - begin)
+        step = min(step, latest - earliest)
         while True:
-            first = np.clip(at - place * step, begin, end - step)
+            first = np.clip(at - place * step, earliest, latest - step)
             mean, slope = mean_and_slope(excitation.call(kind, first[:, None] + step * NODES) - mean_of_law)
             unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
             if np.quantile(unseen, MOST) <= UNSEEN:
@@ -218,11 +230,25 @@ def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[st
 def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     """Return the largest energy that given forces, and laws at rest, bring to a body alone (J).
 
-    The body starts at rest. Where the force varies faster than it is looked at, it acts like noise of its
-    size, which brings more; where it is large it is looked at more closely, since it may be short.
+    Those that act in different parts of the time may bring theirs together: their velocities add up.
     """
     excitations: list[tuple[Excitation | LawInTime, float]] = [*model.sources["force"].on(slot)]
     excitations += [(LawInTime(law, 0.0), weight) for law, _, weight in laws_in_time(model)[model.bodies[slot]]]
+    parts: dict[tuple[float, float], list[tuple[Excitation | LawInTime, float]]] = {}
+    for item, weight in excitations:
+        parts.setdefault(span_of(item, begin, end), []).append((item, weight))
+    energies = [_largest_energy(model, slot, *span, items) for span, items in parts.items()]
+    return energies[0] if len(energies) == 1 else float(np.sqrt(energies).sum() ** 2)
+
+
+def _largest_energy(
+    model: Model, slot: int, begin: float, end: float, excitations: list[tuple[Excitation | LawInTime, float]]
+) -> float:
+    """Return the largest energy that some functions of time bring to a body that starts at rest (J).
+
+    Where the force varies faster than it is looked at, it acts like noise of its size, which brings more; where it is
+    large it is looked at more closely, since it may be short.
+    """
     kinds = kinds_of(model)
     looks = [look(model, excitation, begin, end) for excitation, _ in excitations]
     times = looks[0][0]

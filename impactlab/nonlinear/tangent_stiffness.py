@@ -14,7 +14,7 @@ from impactlab.components.contact import ContactLaw, HertzContact, LinearContact
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
-from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look
+from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look, span_of
 from impactlab.linear.laws import flexibility, hottest, line_variances, spread, white_variances
 from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
 
@@ -42,7 +42,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     noises, densities, of_time = model.sources["intensity"], model.initial_densities.copy(), kinds_of(model)
     for number, excitation in enumerate(noises.excitations):
         if excitation in of_time:
-            densities[number] = look(model, excitation, -spin_up, duration)[1].max()
+            densities[number] = look(model, excitation, *span_of(excitation, -spin_up, duration))[1].max()
     intensity = noises.added(densities, len(model.bodies))
     heat = model.mass * white_variances(damped(model)[0], densities)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts

@@ -7,7 +7,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.signal import lsim
 
 import impactlab as il
+from impactlab.assembly.model import Model
 from impactlab.kernels.jit import compilations
+from impactlab.linear.given_functions import largest_energy, resolving_step, span_of
 
 MASS, FREQUENCY = 2.0, 2.0 * np.pi
 BODY = il.LinearOscillator.from_frequency(FREQUENCY, mass=MASS)
@@ -228,3 +230,29 @@ def test_modulated_noise_moves_an_oscillator_as_its_envelope_says():
     assert repr(noise) == "ModulatedNoise of 40 samples from 1 to 5 s"
     with pytest.raises(il.InvalidInput, match=r"ModulatedNoise takes a value for each time, not 1 for 2 times"):
         il.ModulatedNoise(0.5, [0.0, 1.0], [1.0])
+
+
+@pytest.mark.parametrize("start", [0.2, 0.20777, 800.0])
+def test_a_short_pulse_in_a_long_run_is_found(start):
+    """Its step, and the energy that it brings; others of the body bring theirs as well, at the worst at one time."""
+    pulse = il.Pulse(1000.0, duration=1e-3, start=start)
+    body = {"a": il.LinearOscillator(mass=MASS)}
+    model = Model.of(il.Network(body, {}, {"a": pulse}))
+    assert 1e-4 < resolving_step(model, 0.0, 1000.0, 10.0) < 5e-4
+    energy = (2.0 / np.pi) ** 2 / (2.0 * MASS)
+    assert largest_energy(model, 0, -100.0, 1000.0) == pytest.approx(energy, rel=0.02)
+    force = il.ConstantForce(0.01)
+    both = Model.of(il.Network(body, {}, {"a": pulse, "b": il.Source(force, on="a")}))
+    other = largest_energy(Model.of(il.Network(body, {}, {"a": force})), 0, 0.0, 100.0)
+    assert largest_energy(both, 0, 0.0, 1000.0) == pytest.approx((energy**0.5 + 10.0 * other**0.5) ** 2, rel=0.02)
+
+
+def test_when_loads_act():
+    times = [1.0, 2.0, 4.0]
+    assert il.Pulse(1.0, duration=2.0, start=1.0).acts_between == (1.0, 3.0)
+    assert il.Chirp(1.0, start_frequency=1.0, end_frequency=2.0, duration=5.0).acts_between == (0.0, 5.0)
+    assert il.SampledForce(times, times, after="zero").acts_between == (1.0, 4.0)
+    assert il.SampledForce(times, times, after="repeat").acts_between == (-np.inf, np.inf)
+    assert il.ModulatedNoise(1.0, times, times).acts_between == (1.0, 4.0)
+    assert span_of(il.Pulse(1.0, duration=2.0, start=1.0), 0.5, 100.0) == (0.5, 4.0)
+    assert span_of(il.Pulse(1.0, duration=2.0, start=-9.0), 0.5, 100.0) == (0.5, 100.0)
