@@ -56,6 +56,31 @@ def test_gravity():
     np.testing.assert_allclose(path.displacement[0], np.stack([falling, 0.1 + falling], axis=1), atol=1e-12)
 
 
+def test_a_structure_on_a_heavy_soil_feels_the_noise_of_kanai_and_tajimi():
+    """Variances of its displacement beside the soil, and of the soil's acceleration, by integrals of the spectrum."""
+    soil = il.LinearOscillator.from_frequency(15.0, 0.6, mass=1e7)
+    network = il.Network(
+        {"soil": soil, "house": il.LinearOscillator()},
+        {},
+        {"rock": il.BaseMotion(il.WhiteNoise(1.0))},
+        {"column": il.Coupling("soil", "house", il.LinearCoupling(4.0 * np.pi**2, damping=0.2 * np.pi))},
+    )
+    law = il.exact(network)
+    beside = sum(
+        sign * law.covariance(one, other, "displacement")
+        for one, other, sign in (("soil", "soil", 1), ("soil", "house", -2), ("house", "house", 1))
+    )
+    of_soil = [law.covariance("soil", "soil", quantity) for quantity in ("displacement", "velocity")]
+    acceleration = 15.0**4 * of_soil[0] + 18.0**2 * of_soil[1]
+    frequency = np.linspace(0.0, 4000.0, 400_001)
+    filtered = (15.0**4 + (18.0 * frequency) ** 2) / ((225.0 - frequency**2) ** 2 + (18.0 * frequency) ** 2)
+    response = 1.0 / (((2.0 * np.pi) ** 2 - frequency**2) ** 2 + (0.2 * np.pi * frequency) ** 2)
+    tail = 2.0 * 18.0**2 / 4000.0
+    assert acceleration == pytest.approx(2.0 * np.trapezoid(filtered, frequency) + tail, rel=1e-6)
+    assert beside == pytest.approx(2.0 * np.trapezoid(filtered * response, frequency), rel=1e-6)
+    assert (acceleration, beside) == (pytest.approx(95.81858, rel=1e-6), pytest.approx(0.1682484, rel=1e-6))
+
+
 @pytest.mark.parametrize(
     ("motion", "message"),
     [
