@@ -50,6 +50,11 @@ def heard_by(listener: Listener) -> Iterator[None]:
         _listener.reset(token)
 
 
+def unheard() -> contextlib.AbstractContextManager[None]:
+    """Keep warnings to oneself that were given before."""
+    return heard_by(lambda message, category: None)
+
+
 def warn(message: str, category: type[Warning] = AccuracyWarning) -> None:
     """Give a warning at the line outside of impactlab that led to it."""
     listener = _listener.get()

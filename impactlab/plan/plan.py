@@ -101,7 +101,14 @@ class Plan:
         rounds = -(-realizations.blocks // workers)
         sampling = self.driving.seconds(self.method.integrator, clock.step, clock.all_steps)
         stepping = clock.all_steps / realizations.steps_per_call * tuning().call_seconds
-        return rounds * (stepping + min(realizations.lanes, realizations.number) * sampling)
+        return rounds * (stepping + min(realizations.lanes, realizations.left) * sampling)
+
+    def announced(self, seconds: float) -> str:
+        """Say what the run will do in some time (s)."""
+        return (
+            f"{self.realizations.number} realizations of {self.clock.all_steps:.3g} steps of {self.clock.step:.3g} s "
+            f"would take about {seconds:.2g} s"
+        )
 
     @property
     def work(self) -> float:

@@ -22,15 +22,22 @@ class Realizations:
     steps_per_call: int  # steps of a compiled call
     trusted: bool  # whether there are enough independent realizations or batches for standard errors
     seed: tuple[int, int]  # 128 bits
+    first: int = 0  # the first one that is still to be run, where those before it have been
+
+    @property
+    def left(self) -> int:
+        """How many are to be run."""
+        return self.number - self.first
 
     @property
     def blocks(self) -> int:
         """Number of blocks."""
-        return -(-self.number // self.lanes)
+        return -(-self.left // self.lanes)
 
     def of(self, block: int) -> np.ndarray:
         """Indices of the realizations in a block."""
-        return np.arange(block * self.lanes, min((block + 1) * self.lanes, self.number), dtype=np.uint32)
+        begin = self.first + block * self.lanes
+        return np.arange(begin, min(begin + self.lanes, self.number), dtype=np.uint32)
 
 
 OF_STATE = 5

@@ -26,7 +26,7 @@ def run(
     `progress` is called now and then with the part that is done. An error tells of a realization that left the range of
     finite numbers, and of a worker of the executor that died.
     """
-    total = plan.realizations.number * plan.clock.all_steps
+    total = plan.realizations.left * plan.clock.all_steps
     done, stop, lock = [0], threading.Event(), threading.Lock()
 
     def tick(steps: int) -> None:
@@ -74,6 +74,18 @@ def _add(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]]
                 sums[name] += array
             else:
                 sums[name] = array
+
+
+def continued(results: list[BlockResult], more: list[BlockResult], plan: Plan) -> list[BlockResult]:
+    """Return the results of all blocks of a run from those of its first realizations and those of the others."""
+    if not results:
+        return more
+    for sums, others, (record, _) in zip(results[0].records, more[0].records, plan.observed.records, strict=True):
+        for name in record.summed:
+            shorter, longer = sorted((sums[name], others.pop(name)), key=len)  # few realizations are few subsamples
+            longer[: len(shorter)] += shorter
+            sums[name] = longer
+    return [*results, *more]
 
 
 def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:

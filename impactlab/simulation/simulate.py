@@ -1,11 +1,11 @@
-"""Simulate a network: plan, run, estimate, label."""
+"""Simulate a network: plan, measure the step, run, estimate, label."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +19,7 @@ from impactlab.assembly.build import digest
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
-from impactlab.errors import Diverged, InvalidInput, heard_by, warn
+from impactlab.errors import Diverged, InvalidInput, unheard, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
@@ -33,23 +33,24 @@ from impactlab.progress import reporter, say
 from impactlab.records.record import Record
 from impactlab.records.trajectory import PairedRealizations, PerRealization, Trajectory, trajectory_size
 from impactlab.records.trajectory_file import written
-from impactlab.results.dataset import opened, path_of, provenance, replacing, told, write
-from impactlab.results.labels import Variables, labelled
-from impactlab.results.schema import Variable, statistics
+from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
-from impactlab.simulation.ensemble import merged, run, run_block
+from impactlab.simulation.block import BlockResult, compiled
+from impactlab.simulation.ensemble import continued, merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
+from impactlab.simulation.labelling import dataset_of
 from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
 from impactlab.simulation.segments import step_error
-from impactlab.simulation.tolerance import DRIFT, checked, reach, without_realizations
+from impactlab.simulation.step_error import StepError
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
+from impactlab.simulation.tolerance import checked, method_for, reach, without_realizations
+from impactlab.statistics.drift import DRIFT
 from impactlab.statistics.ergodicity import begun_elsewhere
-from impactlab.statistics.estimate import Estimates, estimate
+from impactlab.statistics.estimate import estimate
 from impactlab.statistics.heating import unequal_partition
-from impactlab.statistics.subsamples import samples_per_realization
 
 LONG = 3600.0
 """Time that a run may take without a warning before it begins (s)."""
@@ -87,10 +88,12 @@ def simulate(
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
         realizations are chosen so that |bias of the step| + 2 standard errors are within it
-        for every label; see `impactlab.simulation.tolerance`.
+        for every label; see `impactlab.simulation.tolerance`. The exact flow then has no friction that acts at one
+        moment of a step, for the sake of a smaller bias.
     max_seconds : float, optional
-        Time that may be spent (s): a run that is foreseen to take longer is refused. By default 600 with a
-        tolerance; without one any time, with a warning where it is more than an hour.
+        Time that may be spent (s). A run that is foreseen to take longer is refused; by default any time is
+        allowed, with a warning where it is more than an hour. With a tolerance, 600 by default, what was reached is
+        returned with a warning; ``error_over_tolerance`` tells how far it is.
     realizations : int
         Number of independent realizations; with a tolerance the least. One is run where nothing is random.
     step : float, optional
@@ -139,10 +142,11 @@ def simulate(
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
     method, seed = integrator or ExactFlow(), seed_of(rng)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
+    records = Record.all_of(record)
     if tolerance is None:
         if duration is None:
             raise InvalidInput("simulate needs a duration (s), or a tolerance.")
-        request = Request(duration, realizations, step, method, spin_up, initial, Record.all_of(record), seed)
+        request = Request(duration, realizations, step, method, spin_up, initial, records, seed)
         return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
     if out is not None:
         raise InvalidInput(
@@ -152,18 +156,31 @@ def simulate(
     tolerances = checked(tolerance, model)
     longest = math.inf if duration is None else positive("duration", duration)
     length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
-    records = Record.all_of(record)
     asked = any(isinstance(item, PerRealization) for item in records)
     kept = records if asked else [*records, PairedRealizations()]
+    request = Request(length, realizations, step, method_for(model, method), spin_up, initial, kept, seed)
 
-    request = Request(length, realizations, step, method, spin_up, initial, kept, seed)
+    def ensemble(number: int, chosen: float | None, coarse: bool) -> Ensemble:
+        one = replace(request, realizations=number, step=chosen, coarse=coarse)
+        return Ensemble(network, one, Execution(executor, growing=True), compared=chosen is not None)
 
-    def attempt(count: int, chosen: float | None, coarse: bool, seconds: float) -> xr.Dataset:
-        one = replace(request, realizations=count, step=chosen, coarse=coarse)
-        return _simulate(network, one, Execution(executor, progress, seconds, above=False), compared=chosen is not None)
-
-    result = reach(attempt, tolerances, SECONDS if allowed is None else allowed, realizations, step)
+    result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
     return result if asked else without_realizations(result)
+
+
+def _simulate(network: Network, request: Request, execution: Execution) -> xr.Dataset:
+    """Return the dataset of a request."""
+    out, progress = execution.out, reporter(execution.progress)
+    with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
+        ensemble = Ensemble(network, request, execution)
+        ensemble.grow(ensemble.number, progress, temporary)
+        dataset = ensemble.dataset()
+        if out is None or temporary is None:
+            return dataset
+        streamed = any(isinstance(item, Trajectory) for item in request.records)
+        with told(str(out), temporary):
+            write(dataset, temporary, append=streamed)
+    return opened(path_of(out), lazy=(*QUANTITIES, STATES.name, *(item.name for item in AT_POINTS.values())))
 
 
 @dataclass(frozen=True)
@@ -174,9 +191,9 @@ class Execution:
     progress: bool | Callable[[float], None] | None = None
     seconds: float = math.inf  # time that it may be foreseen to take (s)
     out: str | os.PathLike[str] | None = None
-    above: bool = True
-    """Whether a measured step may exceed that of the rules: runs at twice the step are to be stable, too, where an
-    accuracy is to be reached.
+    growing: bool = False
+    """Whether realizations will be added: the dataset then has the step as if it were given, and it does not exceed
+    that of the rules, since runs at twice the step are to be stable, too.
     """
 
     def __post_init__(self) -> None:
@@ -189,92 +206,170 @@ class Execution:
         return workers_of(self.executor)
 
 
-def _simulate(network: Network, request: Request, execution: Execution, compared: bool = False) -> xr.Dataset:
-    """Return the dataset of a request, of which the step need not be measured where it is `compared` with another."""
-    model = Model.of(network)
-    configuration = {
-        "network": network.to_dict(),
-        "simulate": _plain(request.options()),
-        "text": digest(generate(model)),
-    }
-    random = bool(model.random.any())
-    if not random:
-        request = replace(request, realizations=1)  # all would be the same
-    out, request = execution.out, replace(request, workers=execution.workers)
-    with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
+class Ensemble:
+    """Realizations of a network at one step, to which more can be added: together they are as one run of them all.
 
-        def run_part(part: Model, request: Request) -> xr.Dataset:
-            return _run_part(part, request, execution, compared, configuration, temporary)
+    Parameters
+    ----------
+    network : Network
+    request : Request
+        What to run, and how many realizations there are to be at first; where nothing is random one tells all.
+    execution : Execution
+    compared : bool
+        Whether the step need not be measured, since it is compared with another.
+    """
 
+    def __init__(self, network: Network, request: Request, execution: Execution, compared: bool = False) -> None:
+        model = Model.of(network)
+        self.network, self.random, self.growing = network, bool(model.random.any()), execution.growing
+        number = request.realizations if self.random else 1
+        self.request = replace(request, realizations=number, workers=execution.workers)
+        self.text = digest(generate(model))
         apart = split(model, request.integrator, request.initial, request.records)
         if apart is None:
-            dataset = run_part(model, request)
+            self.parts = [Part(model, self.request, execution, compared)]
         else:
-            busy, idle = map(Model.of, apart)
-            alone = replace(request, step=None, coarse=False)
-            dataset = joined(network, run_part(busy, request), run_part(idle, alone))
-        if not random:
+            requests = self.request, replace(self.request, step=None, coarse=False)
+            both = zip(map(Model.of, apart), requests, strict=True)
+            self.parts = [Part(part, own, execution, compared) for part, own in both]
+
+    @property
+    def plan(self) -> Plan:
+        """The plan of the realizations that there are, or are to be at first; without idle bodies."""
+        return self.parts[0].plan
+
+    @property
+    def number(self) -> int:
+        """How many these are."""
+        return self.plan.realizations.number
+
+    @property
+    def exact(self) -> bool:
+        """Whether the step makes no error: states are samples of a linear stationary motion."""
+        return self.plan.observed.sampled and not self.parts[0].model.nonlinear_bodies.any()
+
+    def seconds(self) -> float:
+        """Return the time that the first of them will take, roughly (s)."""
+        return sum(part.plan.seconds(part.request.workers) for part in self.parts)
+
+    def compile(self) -> None:
+        """Compile what is not in the cache, so that the time of realizations can be measured."""
+        for part in self.parts:
+            if shares_memory(part.execution.executor):
+                compiled(part.plan)
+
+    def grow(self, number: int, progress: Callable[[float], None], file: Path | None = None) -> None:
+        """Run the realizations that are missing; trajectories go to a file if there is one.
+
+        Those that were planned with other contact-free intervals than so many are do not count: all are run anew.
+        """
+        for part in self.parts:
+            part.grow(number, progress, file)
+
+    def dataset(self) -> xr.Dataset:
+        """Return the statistics of all realizations, and what records kept of them."""
+        step = self.plan.clock.step if self.growing else self.request.step
+        asked = [record for record in self.request.records if not isinstance(record, PairedRealizations)]
+        options = replace(self.request, realizations=self.number, step=step, records=asked).options()
+        configuration = {"network": self.network.to_dict(), "simulate": _plain(options), "text": self.text}
+        found = [part.dataset(configuration) for part in self.parts]
+        dataset = found[0] if len(found) == 1 else joined(self.network, *found)
+        if not self.random:
             dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
-        if out is None or temporary is None:
-            return dataset
-        streamed = any(isinstance(item, Trajectory) for item in request.records)
-        with told(str(out), temporary):
-            write(dataset, temporary, append=streamed)
-    return opened(path_of(out), lazy=(*QUANTITIES, STATES.name, *(item.name for item in AT_POINTS.values())))
+        return dataset
 
 
-def _run_part(
-    model: Model, request: Request, execution: Execution, compared: bool, configuration: dict[str, Any],
-    file: Path | None,
-) -> xr.Dataset:  # fmt: skip
-    """Plan a run, measure its step where that is worth while, and return its dataset."""
+class Part:
+    """Realizations of a network, or of a part of it that nothing connects with the rest."""
 
-    def planned(longest_step: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
-        return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
+    def __init__(self, model: Model, request: Request, execution: Execution, compared: bool) -> None:
+        self.model, self.request, self.execution = model, request, execution
+        self.results: list[BlockResult] = []
+        self.plan, self.error = self._planned(compared)
 
-    def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
-        with heard_by(lambda message, category: None):  # the first plan has said it
-            return planned(longest_step, velocity)
+    def _planned(self, compared: bool) -> tuple[Plan, StepError | None]:
+        """Plan the run, and measure its step where that is worth while."""
+        model, request, execution = self.model, self.request, self.execution
 
-    plan, error = planned(), None
-    try:
-        affordable = not compared and plan.seconds(execution.workers) <= execution.seconds
-        if affordable and worth_measuring(plan, model, request.integrator, request.step):
+        def planned(longest_step: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
+            return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
+
+        def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
+            with unheard():  # the first plan has said it
+                return planned(longest_step, velocity)
+
+        plan = planned()
+        affordable = not compared and plan.seconds(request.workers) <= execution.seconds
+        if not (affordable and worth_measuring(plan, model, request.integrator, request.step)):
+            return plan, None
+        with self._explained(plan):
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
-            plan, error = measured(tried, measure, plan, request.step is None, execution.above)
-        dataset = _run(plan, request, execution, configuration, file)
-        if error is None:
+            return measured(tried, measure, plan, request.step is None, not execution.growing)
+
+    def grow(self, number: int, progress: Callable[[float], None], file: Path | None) -> None:
+        """Run the realizations that are missing of so many."""
+        plan = self.plan
+        if self.results or number != plan.realizations.number:
+            with unheard():
+                plan = make_plan(self.model, replace(self.request, realizations=number, step=plan.clock.step))
+        results = self.results if _as_before(plan, self.plan) else []
+        first = self.plan.realizations.number if results else 0
+        missing = replace(plan, realizations=replace(plan.realizations, first=first))
+        with self._explained(plan):
+            ran, more = _run(missing, self.execution, progress, file)
+        self.results = continued(results, more, plan)
+        self.plan = replace(plan, observed=ran.observed)
+
+    def dataset(self, configuration: dict[str, Any]) -> xr.Dataset:
+        """Return the dataset of all realizations."""
+        dataset = _estimated(self.plan, self.request, self.results, configuration)
+        if self.error is None:
             return dataset
-        sampled = plan.random and not plan.realizations.trusted
-        if message := error.doubt(dataset, sampled, plan.steady):
+        sampled = self.plan.random and not self.plan.realizations.trusted
+        if message := self.error.doubt(dataset, sampled, self.plan.steady):
             warn(message)
-        return error.added_to(dataset, plan.clock.automatic)
-    except Diverged as diverged:
-        raise Diverged(f"{diverged}{explanation(model, plan.observed.window)}") from None
+        return self.error.added_to(dataset, self.plan.clock.automatic)
+
+    @contextlib.contextmanager
+    def _explained(self, plan: Plan) -> Iterator[None]:
+        """Say what may be wrong with forces under which a realization diverges."""
+        try:
+            yield
+        except Diverged as diverged:
+            raise Diverged(f"{diverged}{explanation(self.model, plan.observed.window)}") from None
+
+
+def _as_before(plan: Plan, before: Plan) -> bool:
+    """Whether realizations of two plans, of one request but for their number, have the same random numbers and sums."""
+    return plan.method.interval == before.method.interval and plan.clock.boundaries == before.clock.boundaries
 
 
 def _run(
-    plan: Plan, request: Request, execution: Execution, configuration: dict[str, Any], file: Path | None
-) -> xr.Dataset:
-    """Run a plan and return its dataset, without trajectories if there is a file for them."""
-    executor, progress, seconds = execution.executor, execution.progress, execution.seconds
+    plan: Plan, execution: Execution, progress: Callable[[float], None], file: Path | None
+) -> tuple[Plan, list[BlockResult]]:
+    """Run a plan; return it, with what took its trajectories if there is a file for them, and what its blocks found."""
+    executor, seconds = execution.executor, execution.seconds
     foreseen = plan.seconds(execution.workers)
     if foreseen > seconds:
         raise InvalidInput(
-            f"{_work(plan, foreseen)}, but {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or "
+            f"{plan.announced(foreseen)}, but {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or "
             "tolerance=, a shorter duration= or spin_up=, or fewer realizations."
         )
     if foreseen > LONG:
-        warn(f"{_work(plan, foreseen)}. Give max_seconds= to refuse such runs.")
+        warn(f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.")
     size = trajectory_size(plan)
     check_memory(plan, execution.workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
         if size and file is not None:
             if not shares_memory(executor):
                 raise InvalidInput("Trajectories are written to a file from threads only: leave out executor= or out=.")
-            say(progress, f"Trajectories: up to {size / 1e9:.3g} GB")
+            say(execution.progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
-        results = run(plan, executor, reporter(progress))
+        return plan, run(plan, executor, progress)
+
+
+def _estimated(plan: Plan, request: Request, results: list[BlockResult], configuration: dict[str, Any]) -> xr.Dataset:
+    """Return the dataset of a finished run, and warn of what it leaves open."""
     estimates = estimate(plan, *merged(results))
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
@@ -295,14 +390,7 @@ def _run(
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:
             warn(message)
-    return _labelled(plan, estimates, results, configuration)
-
-
-def _work(plan: Plan, seconds: float) -> str:
-    return (
-        f"{plan.realizations.number} realizations of {plan.clock.all_steps:.3g} steps of {plan.clock.step:.3g} s would "
-        f"take about {seconds:.2g} s"
-    )
+    return dataset_of(plan, estimates, results, configuration)
 
 
 def _plain(value: Any) -> Any:
@@ -310,69 +398,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _labelled(plan: Plan, estimates: Estimates, results: list[Any], configuration: dict[str, Any]) -> xr.Dataset:
-    """Return the dataset of a finished run."""
-    given = dict(estimates.values.labelled())
-    known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
-    dataset = statistics(
-        list(plan.system.bodies),
-        list(plan.system.contacts),
-        {variable.name: found.value for variable, found in known.items()},
-        {variable.name: found.error for variable, found in known.items()},
-        plan.points.names,
-        **_attributes(plan, estimates, configuration),
-    )
-    variables = _of_contacts(plan, estimates) if plan.system.contacts else {}
-    for index, (item, ratio) in enumerate(plan.observed.records):
-        if isinstance(item, PerRealization):
-            variables |= _by_realization([one for one in known if one.dimension in dataset.dims], estimates)
-        variables |= item.label(plan, [result.records[index] for result in results], plan.interval(ratio))
-    coordinates = {name: item for name, item in variables.items() if item[0] == (name,)}
-    if any("realization" in dims for dims, *_ in variables.values()):
-        coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), {}
-    return dataset.assign({name: item for name, item in variables.items() if name not in coordinates}).assign_coords(
-        coordinates
-    )
-
-
-def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
-    """Return what is said of the whole run."""
-    attributes: dict[str, Any] = {
-        **provenance("Statistics of a network of oscillators with contacts", configuration),
-        "integrator": configuration["simulate"]["integrator"]["type"],
-        "step": plan.clock.step,
-        "duration": plan.clock.duration,
-        "spin_up": plan.clock.spin_up,
-        "realizations": plan.realizations.number,
-        "independent_samples": plan.realizations.number * samples_per_realization(plan),
-        "initial": "given" if plan.start.given else plan.start.state,
-        "drift": estimates.drift,
-        "step_heating": estimates.heating.share,
-        "step_heating_standard_error": estimates.heating.error,
-    }
-    if plan.method.interval > 1:
-        attributes["longest_jump"] = plan.method.interval * plan.clock.step
-    return attributes
-
-
-def _of_contacts(plan: Plan, estimates: Estimates) -> Variables:
-    """Return what values of contacts rest on."""
-    text = "number of contacts in one of the samples that standard errors come from"
-    number = labelled(("contact",), estimates.contacts_per_sample, "1", text)
-    number[2]["comment"] = "Differences beyond 5 standard errors are possible below 20."
-    time = labelled((), np.array(plan.clock.duration), "s", "time over which peaks are taken")
-    return {"observation_time": time, "contacts_per_sample": number}
-
-
-def _by_realization(variables: list[Variable], estimates: Estimates) -> Variables:
-    """Return statistics and balances of the realizations."""
-    return {
-        item.by_realization: labelled(
-            ("realization", item.dimension), estimates.by_realization[item.name], item.units,
-            f"{item.long_name}, by realization",
-        )
-        for item in variables
-        if item.name in estimates.by_realization
-    }  # fmt: skip

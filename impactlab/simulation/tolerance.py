@@ -4,40 +4,41 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from impactlab.assembly.model import Model
 from impactlab.components.component import finite, suggestion
-from impactlab.components.composition import Composition
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, warn
+from impactlab.integrators.base import Integrator
+from impactlab.integrators.exact_flow import ExactFlow, WholeFlow
+from impactlab.integrators.intervals import in_one_piece
 from impactlab.linear.laws import linear_variances
 from impactlab.nonlinear.relaxation import undamped
-from impactlab.results.dataset import configuration_of
+from impactlab.plan.clock import BATCHES
 from impactlab.results.schema import OF_POINTS, STATISTICS, scatter_of, statistic_of, variables
+from impactlab.simulation.pairs import EnsembleOf, Errors, Numbers, Report, Trial, within
+from impactlab.simulation.request import Request
 
 PILOT = 256
-"""Realizations of the first attempt."""
+"""Pairs of realizations that tell how many there must be."""
 
 RELAXATION_TIMES = 100.0
 """Length of a realization in relaxation times, beside which the spin-up is short."""
 
-SAFETY = 0.85
-"""Part of the tolerance that an attempt aims at."""
+MORE_PAIRS = 1.5
+"""Factor from which on more pairs are run first: what they tell of the bias changes the number of realizations."""
 
-DRIFT = 6.0
-"""Difference between two halves of a run, in standard errors, from which it is not stationary."""
+LEAST_ADDED = 1.1
+"""Least factor by which realizations are added, so that a run does not end as soon as its errors happen to be small."""
 
-UNLIKE = 0.2
-"""Relative difference of the mean forces of a contact in the runs at one and two steps, from which a step is halved."""
+UNKNOWN, MOST_UNKNOWN = 4.0, 3
+"""Factor by which realizations are added where they cannot tell yet how many are enough, and how often."""
 
 HALVINGS = 6
-"""How often the step is halved before a tolerance is given up."""
-
-Attempt = Callable[[int, float | None, bool, float], xr.Dataset]
+"""How often the step is halved at most."""
 
 
 def checked(tolerance: Any, model: Model) -> dict[str, float]:
@@ -80,116 +81,114 @@ def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
             )
 
 
+def method_for(model: Model, method: Integrator) -> Integrator:
+    """Return the method that has the least bias for its work where the bias is to be small.
+
+    Friction and noise that act at one moment of a step save a sixth of the time, but have an error of second order.
+    """
+    if type(method) is ExactFlow and set(in_one_piece(model)) <= {"couplings"}:
+        return WholeFlow(jumps=method.jumps, measured=method.measured)
+    return method
+
+
 def reach(
-    attempt: Attempt, tolerance: dict[str, float], max_seconds: float, least: int, step: float | None
+    ensemble_of: EnsembleOf, tolerance: dict[str, float], max_seconds: float, request: Request, report: Report
 ) -> xr.Dataset:
-    """Repeat a simulation with more realizations or a smaller step until it is good enough.
+    """Add realizations until the errors are within a tolerance, or the time is over.
 
-    Every attempt runs at a step h and, with the same noise, at 2h. The bias of the step is estimated as a third of the
-    difference, which is right for a method of second order and too much for a higher one. Both runs follow nearly the
-    same paths, so that their difference says little of the scatter of either: a run is not accepted because it happens
-    to be off. A result is good enough when ``|bias| + 2 standard errors ≤ tolerance |value|`` for every label; where
-    the value is 0 by symmetry, its standard deviation takes its place.
+    Pairs of realizations, at a step h and, with the same noise, at 2h, tell the bias of the step. A pilot of them
+    foresees how many pairs and realizations are enough with the least work, or that half the step is better. They are
+    added to those that there are: the result is that of one run with all of them. It is good enough when
+    ``|bias| + 2 standard errors ≤ tolerance |value|`` for every label, where the standard error has that of the bias in
+    it; a value that is 0 by symmetry is measured by its standard deviation. What was reached when the time is over is
+    returned, too, with a warning.
 
-    ``attempt(realizations, step, coarse, seconds)`` returns a dataset; with step None the step is chosen, coarse runs
-    have the noise of those at half the step, and a run that would take longer than some seconds is refused. The first
-    attempt has at least the `least` realizations, and a step if one is given (s). The last one is returned, with
-    ``<name>_bias`` and what was spent; a tolerance that cannot be reached in the time, as far as that can be foreseen,
-    is refused.
+    Parameters
+    ----------
+    ensemble_of : callable
+        Plans realizations.
+    tolerance : dict of str to float
+        By the name of the statistic.
+    max_seconds : float
+        Time that may be spent (s).
+    request : Request
+        The step that is wanted, if one is, and how many realizations there are to be at least.
+    report : callable
+        Takes the part of the work that is done, as far as it is foreseen: 0 until the end of the pilot.
     """
     begin = time.monotonic()
-    realizations = max(PILOT, least)
-    halvings = attempts = 0
-    while True:
-        started = time.monotonic()
-        left = max_seconds - (started - begin)
-        fine = attempt(realizations, step, False, left)
-        coarse = attempt(realizations, 2.0 * fine.attrs["step"], True, left)
-        took = time.monotonic() - started
-        attempts += 1
-        if max(fine.attrs["drift"], coarse.attrs["drift"]) > DRIFT:
-            raise InvalidInput(
-                f"After a spin-up of {fine.attrs['spin_up']:g} s the motion is not stationary, so a tolerance has no "
-                "meaning yet. Give a longer spin_up= and duration=."
-            )
-        excess, scatter, biased = _judge(fine, coarse, tolerance)
-        if excess <= 1.0:
-            return _labelled(fine, coarse, tolerance, attempts, time.monotonic() - begin)
-        if biased:
-            halvings += 1
-            step = 0.5 * fine.attrs["step"]
-        growth = 1.0 if biased else (excess / SAFETY) ** 2
-        needed = took * max(growth, (scatter / SAFETY) ** 2) * (2.0 if biased else 1.0)
-        if halvings > HALVINGS or time.monotonic() - begin + needed > max_seconds:
-            times = f"{needed:.2g} s more" if math.isfinite(needed) else "more time than can be foreseen"
-            raise InvalidInput(
-                f"The tolerance {tolerance} would take about {times}; after {attempts} attempt(s) the largest error is "
-                f"{excess:.3g} times the tolerance. Give a larger tolerance=, or max_seconds=."
-            )
-        realizations = math.ceil(realizations * growth)
+    report(0.0)
+    trial = _pilot(ensemble_of, request, max_seconds)
+    rounds, halvings, unknown, most = 1, 0, 0, math.inf
+    while (errors := trial.errors(tolerance)).worst > 1.0:
+        spent = time.monotonic() - begin
+        left = max_seconds - spent
+        finer = 2.0 ** min(errors.halvings, HALVINGS - halvings)
+        if finer > 1.0 and finer * trial.seconds(trial.planned) < left:
+            halvings += errors.halvings
+            trial = Trial(ensemble_of, int(trial.planned.fine), trial.step / finer)
+            trial.grow(trial.planned, lambda share: None)
+        else:
+            unknown += not math.isfinite(errors.wanted(trial.has).fine)
+            stage, goal = _next(trial, errors, left, most)
+            if unknown > MOST_UNKNOWN or stage == trial.has:
+                break
+            total = spent + min(trial.missing(goal), left)
+            try:
+                trial.grow(stage, within(report, spent / total, (spent + trial.missing(stage)) / total))
+            except InvalidInput:  # there is no memory for so many
+                most = 0.5 * (trial.has.fine + stage.fine)
+        rounds += 1
+    report(1.0)
+    trial.repeat_warnings()
+    if errors.worst > 1.0:
+        warn(_missed(trial, errors, time.monotonic() - begin))
+    attributes = {"error_over_tolerance": errors.worst, "attempts": rounds, "seconds_spent": time.monotonic() - begin}
+    return _labelled(trial, tolerance, attributes)
 
 
-def _judge(fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float]) -> tuple[float, float, bool]:
-    """Return the largest error over its tolerance, that without the bias, and whether more realizations cannot help.
-
-    A contact that was never closed counts as not known at all; a body that never moves is known.
-    """
-    biased = _sees_other_forces(fine, coarse)
-    excess, without = 2.0 * biased, 0.0
-    for name, relative in tolerance.items():
-        if name not in fine:
-            raise InvalidInput(f"tolerance: this network has no {name}.")
-        allowed = relative * _scale(fine, name)
-        error = scatter_of(fine, name).values
-        bias, uncertainty = _bias(fine, coarse, name)
-        for one in zip(allowed, np.abs(bias), error, uncertainty, strict=True):
-            most, off, scatter, doubt = map(float, one)
-            if most == 0.0 and scatter == 0.0 and "oscillator" in fine[name].dims:
-                continue
-            spent = off + 2.0 * scatter
-            known = most > 0.0 and math.isfinite(spent)
-            excess = max(excess, spent / most if known else math.inf)
-            without = max(without, 2.0 * scatter / most if known else math.inf)
-            biased |= off - 2.0 * doubt > 0.5 * most
-    return excess, without, biased
-
-
-def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
-    """Whether contact forces of the two runs differ by more than `UNLIKE`, so that their difference is no estimate.
-
-    A step is refused at which bodies overlap and a contact that could push them apart did not: neither run has its
-    force.
-    """
-    if "mean_contact_force" not in fine:
-        return False
-    forces, closed = (
-        np.stack([item[name].values for item in (fine, coarse)]) for name in ("mean_contact_force", "contact_ratio")
+def _pilot(ensemble_of: EnsembleOf, request: Request, max_seconds: float) -> Trial:
+    """Run the first pairs; fewer where the time does not allow for as many, and none is refused."""
+    for number in (PILOT, BATCHES):
+        trial = Trial(ensemble_of, max(number, request.realizations), request.step)
+        foreseen = trial.foreseen()
+        if foreseen <= max_seconds:
+            trial.grow(trial.planned, lambda share: None)
+            return trial
+    raise InvalidInput(
+        f"{trial.fine.plan.announced(foreseen)} with as many at twice the step, but {max_seconds:.2g} s are left. Give "
+        "a larger max_seconds=, or a shorter duration= or spin_up=."
     )
-    contacts = Composition.from_dict(configuration_of(fine)["network"]).contacts
-    for slot in np.flatnonzero((forces == 0.0).all(axis=0) & (closed > 0.0).all(axis=0)):
-        name = str(fine.contact.values[slot])
-        if (contacts[name].law.evaluate(10.0 ** np.arange(-9.0, 4.0)) > 0.0).any():
-            raise InvalidInput(
-                f"tolerance: {name!r} was closed in {100.0 * closed[0, slot]:.2g} % of the time without any force at a "
-                f"step of {fine.attrs['step']:.3g} s, which is too large. Give a smaller step=."
-            )
-    error = np.hypot(*(scatter_of(item, "mean_contact_force").values for item in (fine, coarse)))
-    difference = np.abs(forces[0] - forces[1])
-    return bool((difference > UNLIKE * forces.max(axis=0) + 3.0 * np.nan_to_num(error)).any())
 
 
-def _bias(fine: xr.Dataset, coarse: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bias of the step and its standard error.
+def _next(trial: Trial, errors: Errors, left: float, most: float) -> tuple[Numbers, Numbers]:
+    """Return the numbers that are to be run next, and those that are foreseen to be enough.
 
-    Of the difference of the two values and the mean difference of pairs of realizations, the better known.
+    As many as the time that is left (s) and the memory allow, where these do not; else first more pairs, if there are
+    to be many. No more than there are where it is not worth while.
     """
-    both = (coarse[name].values - fine[name].values) / 3.0
-    of_both = np.hypot(scatter_of(coarse, name).values, scatter_of(fine, name).values) / 3.0
-    each = statistic_of(name).by_realization
-    pairs = (coarse[each].values - fine[each].values) / 3.0
-    of_pairs = pairs.std(axis=0, ddof=1) / math.sqrt(len(pairs))
-    better = of_pairs < of_both
-    return np.where(better, pairs.mean(axis=0), both), np.where(better, of_pairs, of_both)
+    has, goal = trial.has, errors.wanted(trial.has)
+    if goal.fine == math.inf:
+        goal = Numbers(UNKNOWN * has.fine, UNKNOWN * has.pairs)
+    goal = Numbers(max(goal.fine, LEAST_ADDED * has.fine), goal.pairs)
+    share = min(max(left, 0.0) / trial.missing(goal), (most - has.fine) / (goal.fine - has.fine))
+    if share < 1.0:
+        stage = Numbers(*(have + share * (number - have) for have, number in zip(has, goal, strict=True)))
+        return stage if stage.fine >= LEAST_ADDED * has.fine else has, goal
+    if goal.pairs > MORE_PAIRS * has.pairs:
+        return Numbers(max(has.fine, goal.pairs), goal.pairs), goal
+    return Numbers(goal.fine, has.pairs), goal
+
+
+def _missed(trial: Trial, errors: Errors, spent: float) -> str:
+    """Say by how much a tolerance was missed in some time (s), and what it would take."""
+    needed = trial.missing(errors.wanted(trial.has))
+    name = errors.names[int(errors.excess.argmax())] if len(errors.names) else "forces"
+    times = f"about {needed:.2g} s more" if math.isfinite(needed) else "more time than can be foreseen"
+    return (
+        f"The tolerance was not reached in {spent:.2g} s: the error of {name} is up to {errors.worst:.3g} times as "
+        f"large. It would take {times}; give a larger tolerance= or max_seconds=."
+    )
 
 
 def without_realizations(dataset: xr.Dataset) -> xr.Dataset:
@@ -200,32 +199,23 @@ def without_realizations(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.drop_dims("realization") if unused and "realization" in dataset.dims else dataset
 
 
-def _scale(dataset: xr.Dataset, name: str) -> np.ndarray:
-    """Size of a statistic that its tolerance refers to."""
-    value: np.ndarray = np.abs(dataset[name].values)
-    point = "point_" if name in OF_POINTS else ""
-    own = name.removeprefix(point)
-    square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(own)
-    if square is None:
-        return value
-    zero = value < 5.0 * scatter_of(dataset, name).values
-    return np.where(zero, np.sqrt(dataset[point + square].values), value)
-
-
-def _labelled(
-    fine: xr.Dataset, coarse: xr.Dataset, tolerance: dict[str, float], attempts: int, seconds: float
-) -> xr.Dataset:
+def _labelled(trial: Trial, tolerance: dict[str, float], attributes: dict[str, Any]) -> xr.Dataset:
+    """Return the dataset with the biases, which stand beside the standard errors: these do not allow for them."""
+    dataset = trial.dataset
     for name in tolerance:
         statistic = statistic_of(name)
-        if statistic.allowance in fine:  # the bias stands beside the standard error, which does not allow for it
+        if statistic.allowance in dataset:
             for variable in (statistic, statistic.direct):
-                if variable.name in fine:
-                    error = fine[variable.error]
+                if variable.name in dataset:
+                    error = dataset[variable.error]
                     attrs = {item: text for item, text in error.attrs.items() if item != "comment"}
-                    fine[variable.error] = error.dims, scatter_of(fine, variable.name).values, attrs
-            fine = fine.drop_vars(statistic.allowance)
-        attrs = {**fine[name].attrs, "long_name": f"estimated bias of the step in {fine[name].attrs['long_name']}"}
+                    dataset[variable.error] = error.dims, scatter_of(dataset, variable.name).values, attrs
+            dataset = dataset.drop_vars(statistic.allowance)
+        attrs = {
+            **dataset[name].attrs,
+            "long_name": f"estimated bias of the step in {dataset[name].attrs['long_name']}",
+        }
         attrs.pop("ancillary_variables", None)
-        fine[f"{name}_bias"] = (fine[name].dims, _bias(fine, coarse, name)[0], attrs)
-    tolerances = ", ".join(f"{name}: {value:g}" for name, value in tolerance.items())
-    return fine.assign_attrs(tolerance=tolerances, attempts=attempts, seconds_spent=seconds)
+        dataset[f"{name}_bias"] = trial.biases[name].dims, trial.biases[name].values, attrs
+    text = ", ".join(f"{name}: {value:g}" for name, value in tolerance.items())
+    return dataset.assign_attrs(tolerance=text, **attributes)

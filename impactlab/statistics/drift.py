@@ -9,6 +9,9 @@ import numpy as np
 from impactlab.kernels.rows import FLUX, VV, XX, X
 from impactlab.results.schema import CONTACT, sampled_of
 
+DRIFT = 6.0
+"""Difference between two halves of a run, in standard errors, from which it is not stationary."""
+
 FEWEST = 8
 """Realizations from which on their scatter alone tells the error of a difference."""
 

@@ -94,14 +94,19 @@ def _means(dataset: xr.Dataset, statistics: list[Statistic], without: bool) -> d
 
 def _balances(dataset: xr.Dataset, count: int) -> np.ndarray:
     """Balances of all realizations, (balance, realization), if they were used and are not too many."""
-    none = np.zeros((0, count))
+    controls = controls_of(dataset)
+    return controls if len(controls) * UNITS_PER_CONTROL <= count else controls[:0]
+
+
+def controls_of(dataset: xr.Dataset) -> np.ndarray:
+    """Return the balances of all realizations, (balance, realization), if they were used for the statistics."""
+    none = np.zeros((0, dataset.sizes["realization"]))
     if not any(statistic.direct.name in dataset for statistic in STATISTICS.values()):
         return none
     names = [balance.by_realization for balance in balances()]
     rows = [dataset[name].transpose(..., "realization") for name in names if name in dataset]
     controls = np.concatenate([none, *(row.values for row in rows)])
-    controls = controls[np.isfinite(controls).all(axis=1)]
-    return controls if len(controls) * UNITS_PER_CONTROL <= count else none
+    return np.asarray(controls[np.isfinite(controls).all(axis=1)])
 
 
 def effective_samples(dataset: xr.Dataset) -> xr.Dataset:

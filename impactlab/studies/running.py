@@ -6,13 +6,16 @@ import os
 import sys
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from impactlab.studies.discovery import make_study
 from impactlab.studies.report import publish
 from impactlab.studies.run_folder import Folder
 from impactlab.studies.simulations import checked_workers, run_simulations, simulations
-from impactlab.studies.study import Study, StudyResult, judged
+from impactlab.studies.study import MISSED, Study, StudyResult, judged
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def run_study(
@@ -59,7 +62,20 @@ def run_study(
         folder.claim(made)
     begin = time.perf_counter()
     results = run_simulations(wanted, folder, workers, sys.stderr.isatty() if progress is None else progress)
-    result = judged(made, made.collect(results), None if folder is None else folder.path)
+    missed, tree = _missed(results), made.collect(results)
+    if missed:
+        tree.attrs[MISSED] = missed
+    result = judged(made, tree, None if folder is None else folder.path)
     if folder is not None:
         publish(result, folder, begin)
     return result
+
+
+def _missed(results: Mapping[str, xr.Dataset]) -> str:
+    """Say which results have errors beyond the tolerance that was asked for, for want of time, and by how much."""
+    name, found = "error_over_tolerance", []
+    for key, result in results.items():
+        error = float(result[name].max()) if name in result else result.attrs.get(name, 0.0)
+        if error > 1.0:
+            found.append(f"{key} {error:.3g} times")
+    return ", ".join(found)

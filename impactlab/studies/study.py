@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from impactlab import Network
 
 
+MISSED = "tolerances_missed"
+"""Attribute of a tree that says which simulations did not reach their tolerance."""
+
+
 class Item(NamedTuple):
     """One simulation of a study: pure data, ``il.simulate(network, **options)``."""
 
@@ -163,4 +167,6 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)
     tree["claims"] = xr.DataTree(study.claims(tree))
-    return StudyResult(study, tree, study.checks(tree), folder)
+    missed = tree.attrs.get(MISSED)
+    reached = [Check("tolerances", False, f"Not reached in the time: {missed}.")] if missed else []
+    return StudyResult(study, tree, [*study.checks(tree), *reached], folder)

@@ -5,7 +5,7 @@ import pytest
 from scenes import base
 
 import impactlab as il
-from impactlab.simulation.tolerance import _sees_other_forces
+from impactlab.simulation.pairs import _sees_other_forces
 
 BODY = il.LinearOscillator(damping=1.0, stiffness=10.0)
 
@@ -34,8 +34,9 @@ def test_a_smaller_tolerance_costs_more_realizations():
 
 def test_a_contact_that_was_not_seen_is_not_known():
     apart = base(clearance=5.0)
-    with pytest.raises(il.InvalidInput, match="largest error is inf times"):
-        il.simulate(apart, tolerance={"contact_ratio": 0.01}, rng=1)
+    with pytest.warns(il.AccuracyWarning, match=r"contact_ratio of 'gap' is up to inf times .* than can be foreseen"):
+        result = il.simulate(apart, tolerance={"contact_ratio": 0.01}, duration=10.0, rng=1)
+    assert result.attrs["error_over_tolerance"] == np.inf
 
 
 def test_bodies_that_never_move_are_known():
@@ -46,8 +47,9 @@ def test_bodies_that_never_move_are_known():
 
 def test_a_zero_does_not_hide_what_is_not_known():
     network = il.Network({"a": BODY, "b": BODY}, {}, {"a": il.WhiteNoise(1.0)})
-    with pytest.raises(il.InvalidInput, match="would take about"):
-        il.simulate(network, tolerance={"mean_velocity": 1e-9}, rng=1)
+    with pytest.warns(il.AccuracyWarning, match=r"mean_velocity of 'a' .* s more; give a larger"):
+        result = il.simulate(network, tolerance={"mean_velocity": 1e-9}, max_seconds=0.2, rng=1)
+    assert result.attrs["error_over_tolerance"] > 1e3
 
 
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
@@ -63,12 +65,30 @@ def test_a_run_that_drifts_reaches_no_tolerance():
 
 
 def test_time_that_is_not_there_is_not_spent():
-    with pytest.raises(il.InvalidInput, match=r"would take about .* s, but 2 s are left"):
+    with pytest.raises(il.InvalidInput, match=r"64 realizations of .* would take about .* s .* but 2 s are left"):
         il.simulate(
             base(), tolerance={"contact_ratio": 0.5}, integrator=il.EulerMaruyama(), duration=30.0, max_seconds=2, rng=1
         )
-    with pytest.raises(il.InvalidInput, match=r"would take about .* s more; after 1 attempt"):
-        il.simulate(base(), tolerance={"mean_square_displacement": 1e-6}, rng=1)
+
+
+def test_what_the_time_allowed_for_is_returned_with_its_error():
+    name, network = "mean_square_displacement", base()
+    with pytest.warns(il.AccuracyWarning, match=rf"not reached in .* s: the error of {name} of 'two' is up to .* more"):
+        result = il.simulate(network, tolerance={name: 1e-6}, max_seconds=1.0, rng=1)
+    assert result.attrs["seconds_spent"] < 5.0
+    assert result.attrs["realizations"] >= 256
+    spent = (np.abs(result[f"{name}_bias"]) + 2.0 * result[f"{name}_standard_error"]) / (1e-6 * result[name])
+    assert 1.0 < float(spent.max()) <= result.attrs["error_over_tolerance"]
+    assert (np.abs(result[name] / il.exact(network).statistics()[name] - 1.0) < 4.0 * spent * 1e-6).all()
+
+
+def test_progress_is_that_of_the_accuracy():
+    seen = []
+    result = il.simulate(base(), tolerance={"mean_contact_force": 2e-3}, rng=1, progress=seen.append)
+    assert result.attrs["attempts"] > 1
+    assert seen == sorted(seen)
+    assert seen[0] == 0.0
+    assert seen[-1] == 1.0
 
 
 @pytest.mark.parametrize(

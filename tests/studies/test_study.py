@@ -6,6 +6,7 @@ import functools
 import hashlib
 import json
 import os
+import re
 import sys
 import threading
 import tomllib
@@ -20,6 +21,7 @@ from impactlab.errors import warn
 from impactlab.studies import Item, Study, SweepItem
 from impactlab.studies.discovery import make_study, parse_setting, plugins, study_class, toml
 from impactlab.studies.simulations import simulations
+from impactlab.studies.study import judged
 
 PLUGIN = Path(__file__).parents[1] / "plugin_example"
 CONFIGURATIONS = sorted((Path(__file__).parents[2] / "studies").glob("*.toml"))
@@ -220,6 +222,30 @@ def test_numbers_do_not_depend_on_the_workers():
     one, two, default = (il.run_study("example", settings=SHORT, workers=n).tree for n in (1, 2, None))
     xr.testing.assert_identical(numbers(one), numbers(two))
     xr.testing.assert_identical(numbers(one), numbers(default))
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("kind", ["item", "sweep"])
+def test_a_tolerance_that_is_missed_is_a_check_that_failed(kind):
+    network = il.Network({"a": il.LinearOscillator(damping=1.0, stiffness=1.0)}, {}, {"a": il.WhiteNoise(1.0)})
+    options = {"tolerance": {"mean_velocity": 1e-9}, "max_seconds": 0.1, "rng": 1}
+
+    class Accurate(Study):
+        name = "accurate"
+        title = "An accuracy that is not reached"
+
+        def items(self):
+            swept = SweepItem("one", lambda mass: network, {"mass": [1.0]}, options)
+            return [Item("one", network, options) if kind == "item" else swept]
+
+        def collect(self, results):
+            return xr.DataTree.from_dict({"/one": results.pop("one")})
+
+    result = il.run_study(Accurate())
+    assert not result.passed
+    assert [check.name for check in result.checks] == ["tolerances"]
+    assert re.fullmatch(r"Not reached in the time: one \d.* times\.", result.checks[0].detail)
+    assert [check.ok for check in judged(result.study, result.tree).checks] == [False]
 
 
 def test_files_of_a_run(tmp_path):

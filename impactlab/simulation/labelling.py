@@ -1,0 +1,87 @@
+"""The dataset of a finished run: values, their errors, records, and what is said of the whole."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.plan.plan import Plan
+from impactlab.records.trajectory import PerRealization
+from impactlab.results.dataset import provenance
+from impactlab.results.labels import Variables, labelled
+from impactlab.results.schema import Variable, statistics
+from impactlab.simulation.block import BlockResult
+from impactlab.statistics.subsamples import samples_per_realization
+
+if TYPE_CHECKING:
+    from impactlab.statistics.estimate import Estimates
+
+
+def dataset_of(
+    plan: Plan, estimates: Estimates, results: list[BlockResult], configuration: dict[str, Any]
+) -> xr.Dataset:
+    """Return the dataset of a finished run."""
+    given = dict(estimates.values.labelled())
+    known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
+    dataset = statistics(
+        list(plan.system.bodies),
+        list(plan.system.contacts),
+        {variable.name: found.value for variable, found in known.items()},
+        {variable.name: found.error for variable, found in known.items()},
+        plan.points.names,
+        **_attributes(plan, estimates, configuration),
+    )
+    variables = _of_contacts(plan, estimates) if plan.system.contacts else {}
+    for index, (item, ratio) in enumerate(plan.observed.records):
+        if isinstance(item, PerRealization):
+            variables |= _by_realization([one for one in known if one.dimension in dataset.dims], estimates)
+        variables |= item.label(plan, [result.records[index] for result in results], plan.interval(ratio))
+    coordinates = {name: item for name, item in variables.items() if item[0] == (name,)}
+    if any("realization" in dims for dims, *_ in variables.values()):
+        coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), {}
+    return dataset.assign({name: item for name, item in variables.items() if name not in coordinates}).assign_coords(
+        coordinates
+    )
+
+
+def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
+    """Return what is said of the whole run."""
+    attributes: dict[str, Any] = {
+        **provenance("Statistics of a network of oscillators with contacts", configuration),
+        "integrator": configuration["simulate"]["integrator"]["type"],
+        "step": plan.clock.step,
+        "duration": plan.clock.duration,
+        "spin_up": plan.clock.spin_up,
+        "realizations": plan.realizations.number,
+        "independent_samples": plan.realizations.number * samples_per_realization(plan),
+        "initial": "given" if plan.start.given else plan.start.state,
+        "drift": estimates.drift,
+        "step_heating": estimates.heating.share,
+        "step_heating_standard_error": estimates.heating.error,
+    }
+    if plan.method.interval > 1:
+        attributes["longest_jump"] = plan.method.interval * plan.clock.step
+    return attributes
+
+
+def _of_contacts(plan: Plan, estimates: Estimates) -> Variables:
+    """Return what values of contacts rest on."""
+    text = "number of contacts in one of the samples that standard errors come from"
+    number = labelled(("contact",), estimates.contacts_per_sample, "1", text)
+    number[2]["comment"] = "Differences beyond 5 standard errors are possible below 20."
+    time = labelled((), np.array(plan.clock.duration), "s", "time over which peaks are taken")
+    return {"observation_time": time, "contacts_per_sample": number}
+
+
+def _by_realization(variables: list[Variable], estimates: Estimates) -> Variables:
+    """Return statistics and balances of the realizations."""
+    return {
+        item.by_realization: labelled(
+            ("realization", item.dimension), estimates.by_realization[item.name], item.units,
+            f"{item.long_name}, by realization",
+        )
+        for item in variables
+        if item.name in estimates.by_realization
+    }  # fmt: skip

@@ -1,0 +1,279 @@
+"""Realizations at a step, and pairs of them with others at twice the step, which tell the bias of the step."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from impactlab.components.composition import Composition
+from impactlab.errors import InvalidInput, heard_by, unheard, warn
+from impactlab.integrators.exact_flow import ExactFlow, WholeFlow
+from impactlab.plan.plan import Plan
+from impactlab.results.dataset import configuration_of
+from impactlab.results.schema import BODY, OF_POINTS, scatter_of, statistic_of
+from impactlab.statistics.controls import UNITS_PER_CONTROL
+from impactlab.statistics.drift import DRIFT
+from impactlab.statistics.jackknife import controls_of
+from impactlab.statistics.regression import Regression
+
+if TYPE_CHECKING:
+    from impactlab.simulation.simulate import Ensemble
+
+SAFETY = 0.92
+"""Part of the tolerance that is aimed at: what tells the scatter and the bias scatters itself."""
+
+COARSE = 0.8
+"""Work of a realization at twice the step, which takes as many random numbers, over that of one at the step."""
+
+MOST_BIAS = 1.0 / 3.0
+"""Part of the tolerance that a bias may take: at half the step it takes a quarter of that or less, and the realizations
+that leave the rest to their scatter are fewer than half as many."""
+
+UNLIKE = 0.2
+"""Relative difference of the mean forces of a contact in the runs at one and two steps, from which a step is halved."""
+
+EnsembleOf = Callable[[int, float | None, bool], "Ensemble"]
+"""Plans so many realizations at a step, or at one that is chosen; coarse ones have the noise of those at half the step.
+"""
+
+Report = Callable[[float], None]
+"""Takes the part that is done."""
+
+
+def within(report: Report, begin: float, end: float) -> Report:
+    """Return what reports the parts of something that takes the progress of the whole from one part to another."""
+    return lambda part: report(min(begin + (end - begin) * part, 1.0))
+
+
+class Numbers(NamedTuple):
+    """Of realizations at the step, and of those that have one at twice the step beside them; or the time of one (s)."""
+
+    fine: float
+    pairs: float
+
+
+class Errors(NamedTuple):
+    """What is known of the errors of all statistics that have a tolerance, (label,) each."""
+
+    names: np.ndarray  # what has them
+    allowed: np.ndarray
+    scatter: np.ndarray  # standard errors
+    bias: np.ndarray  # of the step
+    doubt: np.ndarray  # standard errors of the bias
+    order: np.ndarray  # power of the step with which it falls at least
+    alike: bool  # whether contact forces at the two steps are: else their difference is no estimate
+
+    def of(self, labels: np.ndarray) -> Errors:
+        """Return those of some labels, (label,) of bool."""
+        return self._replace(**{field: getattr(self, field)[labels] for field in OF_LABELS})
+
+    @property
+    def excess(self) -> np.ndarray:
+        """Errors over what is allowed; infinite where one is not known."""
+        spent = np.abs(self.bias) + 2.0 * np.hypot(self.scatter, self.doubt)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where((self.allowed > 0.0) & np.isfinite(spent), spent / self.allowed, np.inf))
+
+    @property
+    def worst(self) -> float:
+        """The largest of them; infinite as well where the two steps are too different."""
+        return float(self.excess.max(initial=0.0)) if self.alike else math.inf
+
+    @property
+    def halvings(self) -> int:
+        """How often to halve the step, because that costs less than realizations that make up for a bias.
+
+        As often as surely leaves no less of it than may be; once, where nothing is known of it.
+        """
+        most = MOST_BIAS * self.allowed
+        excess = (np.abs(self.bias) - 2.0 * self.doubt)[most > 0.0] / most[most > 0.0]
+        needed = np.log2(np.maximum(excess, 1e-9)) / self.order[most > 0.0]
+        largest = float(needed.max(initial=0.0))
+        return max(int(largest), 1) if largest > 0.0 or not self.alike else 0
+
+    def wanted(self, has: Numbers) -> Numbers:
+        """Return the numbers that are enough with the least work, from what those that there are have told.
+
+        More pairs make the doubt of the bias less, and with it what of the bias is chance. Infinite where no numbers
+        are enough.
+        """
+        pairs = has.pairs * 2.0 ** np.arange(0.0, 24.0, 0.25)[:, None]
+        doubt = self.doubt * 2.0 ** np.arange(0.0, -12.0, -0.125)[:, None]
+        bias = np.hypot(np.sqrt(np.maximum(self.bias**2 - self.doubt**2, 0.0)), doubt)
+        left = 0.5 * (SAFETY * self.allowed - bias)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            enough = has.fine * self.scatter**2 / (left**2 - doubt**2)
+        enough[~((left > doubt) & np.isfinite(enough))] = np.inf
+        fine = np.maximum(enough.max(axis=1, initial=0.0), pairs[:, 0])
+        best = int(np.argmin(fine + COARSE * pairs[:, 0]))
+        return Numbers(float(fine[best]), float(pairs[best, 0]))
+
+
+OF_LABELS = Errors._fields[:-1]
+"""What of them there is for each label."""
+
+
+class Trial:
+    """Realizations at a step, and pairs of the first of them with others at twice the step under the same noise."""
+
+    def __init__(self, ensemble_of: EnsembleOf, number: int, step: float | None) -> None:
+        self.fine = ensemble_of(number, step, False)
+        self.step = self.fine.plan.clock.step
+        with unheard():
+            self.coarse = None if self.fine.exact else ensemble_of(number, 2.0 * self.step, True)
+        self.planned = Numbers(number, 0 if self.coarse is None else number)
+        self.has = self.each = Numbers(0, 0)
+        self.of_pairs: xr.Dataset | None = None  # statistics at twice the step
+        self.biases: dict[str, xr.DataArray] = {}
+        self.heard: list[tuple[str, type[Warning]]] = []
+
+    @property
+    def ensembles(self) -> list[Ensemble]:
+        """Those of realizations at the step and, where it has a bias, at twice the step."""
+        return [self.fine] if self.coarse is None else [self.fine, self.coarse]
+
+    def foreseen(self) -> float:
+        """Return the time that the numbers that are planned will take, roughly (s)."""
+        return sum(ensemble.seconds() for ensemble in self.ensembles)
+
+    def seconds(self, numbers: Numbers) -> float:
+        """Return the time that so many realizations and pairs take (s), as those that there are did."""
+        return numbers.fine * self.each.fine + numbers.pairs * self.each.pairs
+
+    def missing(self, numbers: Numbers) -> float:
+        """Return the time that it takes to have so many (s)."""
+        return self.seconds(numbers) - self.seconds(self.has)
+
+    def grow(self, numbers: Numbers, report: Report) -> None:
+        """Have so many realizations and pairs."""
+        has, each, total, done = list(self.has), list(self.each), max(self.missing(numbers), 1e-9), 0.0
+        for place, ensemble in enumerate(self.ensembles):
+            more = math.ceil(numbers[place]) - has[place]
+            if more <= 0:
+                continue
+            ensemble.compile()
+            part, begin = self.each[place] * more / total, time.monotonic()
+            ensemble.grow(int(has[place] + more), within(report, done, done + part))
+            has[place], each[place], done = has[place] + more, (time.monotonic() - begin) / more, done + part
+        self.has, self.each = Numbers(*has), Numbers(*each)
+
+    def errors(self, tolerance: dict[str, float]) -> Errors:
+        """Judge what there is.
+
+        A body that never moves is known; a contact that was never closed is not known at all.
+        """
+        fine, coarse = self._datasets()
+        if max(fine.attrs["drift"], coarse.attrs["drift"]) > DRIFT:
+            raise InvalidInput(
+                f"After a spin-up of {fine.attrs['spin_up']:g} s the motion is not stationary, so a tolerance has no "
+                "meaning yet. Give a longer spin_up= and duration=."
+            )
+        bias_of = _Bias(self.fine.plan, fine, coarse)
+        found: list[Errors] = []
+        for name, relative in tolerance.items():
+            if name not in fine:
+                raise InvalidInput(f"tolerance: this network has no {name}.")
+            allowed, scatter = relative * size_of(fine, name), scatter_of(fine, name).values
+            bias, doubt = bias_of(name)
+            self.biases[name] = fine[name].copy(data=bias)
+            order = np.full(len(bias), order_of(self.fine.plan, name))
+            dimension = str(fine[name].dims[0])
+            names = np.array([f"{name} of {label!r}" for label in fine[dimension].values.tolist()])
+            row = Errors(names, allowed, scatter, bias, doubt, order, alike=True)
+            found.append(row.of((allowed != 0.0) | (scatter != 0.0) | (dimension != BODY)))
+        together = {field: np.concatenate([getattr(item, field) for item in found]) for field in OF_LABELS}
+        return Errors(**together, alike=not _sees_other_forces(fine, coarse))
+
+    def _datasets(self) -> tuple[xr.Dataset, xr.Dataset]:
+        """Return those at the step and at twice the step, the same where it has no bias."""
+        self.heard.clear()
+        with heard_by(lambda message, category: self.heard.append((message, category))):
+            self.dataset = self.fine.dataset()
+        if self.coarse is None:
+            return self.dataset, self.dataset
+        if self.of_pairs is None or self.of_pairs.sizes["realization"] < self.coarse.number:
+            with unheard():
+                self.of_pairs = self.coarse.dataset()
+        return self.dataset, self.of_pairs
+
+    def repeat_warnings(self) -> None:
+        """Give the warnings of the last judgement."""
+        for message, category in self.heard:
+            warn(message, category)
+
+
+class _Bias:
+    """The bias of a step, from pairs of realizations; it falls with the order that theory knows of.
+
+    Balances of both, whose expectations are 0 at any step, take a part of the scatter of their differences.
+    """
+
+    def __init__(self, plan: Plan, fine: xr.Dataset, coarse: xr.Dataset) -> None:
+        self.plan, self.fine, self.coarse, self.count = plan, fine, coarse, coarse.sizes["realization"]
+        controls = np.concatenate([controls_of(item)[:, : self.count] for item in (fine, coarse)])
+        few = len(controls) * UNITS_PER_CONTROL <= self.count
+        self.regression = Regression(controls[None, : len(controls) * few], np.ones(self.count))
+
+    def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return that of a statistic and its standard error."""
+        each = statistic_of(name).by_realization
+        difference = self.coarse[each].values - self.fine[each].values[: self.count]
+        bias, doubt = self.regression.at_zero(np.ascontiguousarray(difference.T))
+        credit = 2.0 ** order_of(self.plan, name) - 1.0
+        return bias / credit, doubt / credit
+
+
+def order_of(plan: Plan, name: str) -> int:
+    """Return the power of the step with which the bias of a statistic falls at least, 1 where no theory tells it.
+
+    Stationary means of smooth conservative forces are of fourth order, unless friction acts at one moment of a step.
+    Contact rates, which look at single moments, and forces that depend on velocities are of second order, not both
+    together. Nothing is known of laws with states, and of other methods under noise.
+    """
+    method, whole = plan.method.integrator, name != "contact_rate"
+    if not isinstance(method, ExactFlow) or len(plan.forces.states):
+        return 1
+    if plan.clock.certified and plan.steady and isinstance(method, WholeFlow):
+        return 4 if whole else 2
+    return 2 if whole else 1
+
+
+def size_of(dataset: xr.Dataset, name: str) -> np.ndarray:
+    """Size of a statistic that its tolerance refers to."""
+    value: np.ndarray = np.abs(dataset[name].values)
+    point = "point_" if name in OF_POINTS else ""
+    own = name.removeprefix(point)
+    square = {"mean_velocity": "mean_square_velocity", "mean_displacement": "variance_displacement"}.get(own)
+    if square is None:
+        return value
+    zero = value < 5.0 * scatter_of(dataset, name).values
+    return np.where(zero, np.sqrt(dataset[point + square].values), value)
+
+
+def _sees_other_forces(fine: xr.Dataset, coarse: xr.Dataset) -> bool:
+    """Whether contact forces of the two runs differ by more than `UNLIKE`, so that their difference is no estimate.
+
+    A step is refused at which bodies overlap and a contact that could push them apart did not: neither run has its
+    force.
+    """
+    if "mean_contact_force" not in fine:
+        return False
+    forces, closed = (
+        np.stack([item[name].values for item in (fine, coarse)]) for name in ("mean_contact_force", "contact_ratio")
+    )
+    contacts = Composition.from_dict(configuration_of(fine)["network"]).contacts
+    for slot in np.flatnonzero((forces == 0.0).all(axis=0) & (closed > 0.0).all(axis=0)):
+        name = str(fine.contact.values[slot])
+        if (contacts[name].law.evaluate(10.0 ** np.arange(-9.0, 4.0)) > 0.0).any():
+            raise InvalidInput(
+                f"tolerance: {name!r} was closed in {100.0 * closed[0, slot]:.2g} % of the time without any force at a "
+                f"step of {fine.attrs['step']:.3g} s, which is too large. Give a smaller step=."
+            )
+    error = np.hypot(*(scatter_of(item, "mean_contact_force").values for item in (fine, coarse)))
+    difference = np.abs(forces[0] - forces[1])
+    return bool((difference > UNLIKE * forces.max(axis=0) + 3.0 * np.nan_to_num(error)).any())
