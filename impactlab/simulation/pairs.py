@@ -24,7 +24,7 @@ from impactlab.statistics.regression import Regression
 if TYPE_CHECKING:
     from impactlab.simulation.simulate import Ensemble
 
-SAFETY = 0.92
+SAFETY = 0.94
 """Part of the tolerance that is aimed at: what tells the scatter and the bias scatters itself."""
 
 COARSE = 0.8
