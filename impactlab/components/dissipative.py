@@ -76,7 +76,7 @@ class TsujiContact(_DashpotContact):
     """Hertz contact with a dashpot of constant restitution: force ``stiffness δ^(3/2) + damping δ^(1/4) δ'``.
 
     Y. Tsuji, T. Tanaka and T. Ishida, Powder Technol. 71 (1992) 239, with ``damping = α sqrt(m stiffness)``. The
-    restitution does not depend on the velocity; with tension it is exp(−π α/sqrt(5 − α²)), Y. A. Antypov and
+    restitution does not depend on the velocity; with tension it is exp(−π α/sqrt(5 − α²)), D. Antypov and
     J. A. Elliott, Europhys. Lett. 94 (2011) 50004.
 
     Parameters
