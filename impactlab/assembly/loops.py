@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
@@ -82,8 +81,8 @@ class Loop(NamedTuple):
         entries = [*leading, "count", *(["start"] if names else [])]
         at_states, size = f"indices[at + {len(leading) + 2}]", len(leading) + 2 + bool(kind.states)
         parts = [item.replace("= ", "= rows(").replace("[", ", ").replace("]", ", count)") for item in slices]
-        width = len(names) + len(kind.sampled)
-        parts += [f"column_{k} = rows(parameters, start{_times('+', k)}, count)" for k in range(width)]
+        columns, parameters = self._parameters(names)
+        parts += columns
         parts += [
             f"{row} = remembered(parameters, {at_states}{_times('-', k)}, count, x)" for k, row in enumerate(self.rows)
         ]
@@ -97,19 +96,27 @@ class Loop(NamedTuple):
             *(f"    {name} = indices[at{f' + {k}' if k else ''}]" for k, name in enumerate(entries)),
             *(f"    {part}" for part in parts),
             f"    for member in range({f'{slices[0].split()[0]}.shape[0]' if slices else 'count'}):",
-            *(f"        {line}" for line in self._parameters(names)),
-            *(f"        {line}" for line in lines),
+            *(f"        {line}" for line in (*parameters, *lines)),
         ]
         return textwrap.indent("\n".join(text), "    ") + "\n"
 
-    def _parameters(self, names: Sequence[str]) -> Iterator[str]:
-        """Give the lines that read the parameters of a member under some names; rows of numbers have two columns."""
-        columns = (f"column_{k}[member]" for k in itertools.count())
+    def _parameters(self, names: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return the lines that find columns of parameters, and those that read the ones of a member under some names.
+
+        A row of numbers has two columns, its place and its length.
+        """
+        columns, lines, k = [], [], 0
         for parameter, name in zip(self.kind.parameters, names, strict=True):
+            place, after = (f"start{_times('+', number)}" for number in (k, k + 1))
             if parameter in self.kind.sampled:
-                yield f"{name} = rows(parameters, int({next(columns)}), int({next(columns)}))"
+                both = f"int(parameters[{place} + member]), int(parameters[{after} + member])"
+                lines.append(f"{name} = rows(parameters, {both})")
+                k += 2
             else:
-                yield f"{name} = {next(columns)}"
+                columns.append(f"column_{k} = rows(parameters, {place}, count)")
+                lines.append(f"{name} = column_{k}[member]")
+                k += 1
+        return columns, lines
 
     @property
     def rows(self) -> list[str]:

@@ -218,8 +218,7 @@ class SampledForce(Excitation):
     @staticmethod
     def force(time, times, values, scale, repeats):  # type: ignore[no-untyped-def]
         if repeats:
-            length = times[-1] - times[0]
-            time = min(max(time - length * math.floor((time - times[0]) / length), times[0]), times[-1])
+            time = times[0] + (time - times[0]) % (times[-1] - times[0])
         return scale * _between(time, times, values)
 
 
@@ -265,27 +264,22 @@ class ModulatedNoise(Excitation):
 
 
 def _between(time: float, times: Sequence[float], values: Sequence[float]) -> float:
-    """Return what is linear between samples, and 0 elsewhere."""
-    if not times[0] <= time <= times[-1]:
-        return 0.0
-    before = _last_before(time, times)
-    share = (time - times[before]) / (times[before + 1] - times[before])
-    return (1.0 - share) * values[before] + share * values[before + 1]
+    """Return what is linear between samples, and 0 elsewhere.
 
-
-def _last_before(time: float, times: Sequence[float]) -> int:
-    """Return which sample is the last one before a time: by bisection, unless samples are at equal distances."""
+    Samples at equal distances are found where they must be, others by bisection.
+    """
     low, high = 0, len(times) - 1
-    guess = min(int((time - times[0]) / (times[high] - times[0]) * high), high - 1)
-    if times[guess] <= time <= times[guess + 1]:
-        return guess
+    if not times[0] <= time <= times[high]:
+        return 0.0
+    middle = min(int((time - times[0]) / (times[high] - times[0]) * high), high - 1)
     while high - low > 1:
-        middle = (low + high) // 2
         if times[middle] <= time:
             low = middle
         else:
             high = middle
-    return low
+        middle = low + 1 if times[low + 1] > time else (low + high) // 2
+    share = (time - times[low]) / (times[high] - times[low])
+    return (1.0 - share) * values[low] + share * values[high]
 
 
 def _take_samples(owner: Any, name: str) -> None:
