@@ -209,7 +209,7 @@ class BaseMotion(Component):
     """
 
     acceleration: Excitation = parameter(kw_only=False)
-    on: tuple[str, ...] = parameter(())
+    on: str | Sequence[str] = parameter(())
 
     def __post_init__(self) -> None:
         take_part(self, "acceleration", Excitation, "an excitation such as il.SampledForce(times, accelerations)")

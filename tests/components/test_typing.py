@@ -11,6 +11,8 @@ import pytest
 import impactlab as il
 
 USER = '''
+import numpy as np
+
 import impactlab as il
 
 
@@ -37,6 +39,8 @@ contact = il.Contact("a", il.WALL, cone, clearance=0.05)
 tower = il.ModalStructure([6.0, 31.0], 0.02, points={"top": [1.4, -1.4]}, mass=2.0)
 noise = il.ShinozukaNoise(1.0, band=(0.0, 10.0), components=400)
 network = il.Network({"a": body}, {"stop": contact}, {"a": noise})
+ground = il.BaseMotion(il.SampledForce(np.arange(3.0), np.zeros(3), scale=2.0), on=["a"])
+shaken = il.Network({"a": body}, {}, {"ground": ground})
 records = [il.Density(bins=50), il.Trajectory(0.1), il.JointDensity("a", "b"), il.PerRealization()]
 method = il.ExactFlow(jumps=False)
 reveal_type(cone.offset)  # note: float

@@ -97,7 +97,10 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             r"oscillators: 'a' must be an il.Oscillator or il.LinearStructure or il.ModalStructure, not <class",
         ),
         ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact, not HertzContact"),
-        ({"excitations": {"a": 16.0}}, r"excitations: 'a' must be an il.Excitation or il.Source or il.BaseMotion, not 16.0"),
+        (
+            {"excitations": {"a": 16.0}},
+            r"excitations: 'a' must be an il.Excitation or il.Source or il.BaseMotion, not 16.0",
+        ),
         (
             {"contacts": {"c": il.Contact("a", "x", LAW)}},
             r"Contact 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
