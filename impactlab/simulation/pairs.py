@@ -12,7 +12,7 @@ import xarray as xr
 
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput, heard_by, unheard, warn
-from impactlab.integrators.exact_flow import ExactFlow, WholeFlow
+from impactlab.integrators.exact_flow import ExactFlow, FineFlow, WholeFlow
 from impactlab.plan.plan import Plan
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, OF_POINTS, scatter_of, statistic_of
@@ -231,14 +231,14 @@ class _Bias:
 def order_of(plan: Plan, name: str) -> int:
     """Return the power of the step with which the bias of a statistic falls at least, 1 where no theory tells it.
 
-    Stationary means of smooth conservative forces are of fourth order, unless friction acts at one moment of a step.
-    Contact rates, which look at single moments, and forces that depend on velocities are of second order, not both
-    together. Nothing is known of laws with states, and of other methods under noise.
+    Stationary means of smooth conservative forces are of fourth order, unless much friction acts at one moment of a
+    step. Contact rates, which look at single moments, and forces that depend on velocities are of second order, not
+    both together. Nothing is known of laws with states, and of other methods under noise.
     """
     method, whole = plan.method.integrator, name != "contact_rate"
     if not isinstance(method, ExactFlow) or len(plan.forces.states):
         return 1
-    if plan.clock.certified and plan.steady and isinstance(method, WholeFlow):
+    if plan.clock.certified and plan.steady and isinstance(method, FineFlow | WholeFlow):
         return 4 if whole else 2
     return 2 if whole else 1
 

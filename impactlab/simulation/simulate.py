@@ -88,8 +88,8 @@ def simulate(
     tolerance : mapping of str to float, optional
         Relative accuracy by the name of a statistic: the step, the duration and the number of
         realizations are chosen so that |bias of the step| + 2 standard errors are within it
-        for every label; see `impactlab.simulation.tolerance`. The exact flow then has no friction that acts at one
-        moment of a step, for the sake of a smaller bias.
+        for every label; see `impactlab.simulation.tolerance`. Friction then hardly acts at one moment of
+        a step, for the sake of a smaller bias.
     max_seconds : float, optional
         Time that may be spent (s). A run that is foreseen to take longer is refused; by default any time is
         allowed, with a warning where it is more than an hour. With a tolerance, 600 by default, what was reached is
@@ -162,7 +162,7 @@ def simulate(
 
     def ensemble(number: int, chosen: float | None, coarse: bool) -> Ensemble:
         one = replace(request, realizations=number, step=chosen, coarse=coarse)
-        return Ensemble(network, one, Execution(executor, growing=True), compared=chosen is not None)
+        return Ensemble(model, one, Execution(executor, growing=True), compared=chosen is not None)
 
     result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
     return result if asked else without_realizations(result)
@@ -172,7 +172,7 @@ def _simulate(network: Network, request: Request, execution: Execution) -> xr.Da
     """Return the dataset of a request."""
     out, progress = execution.out, reporter(execution.progress)
     with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
-        ensemble = Ensemble(network, request, execution)
+        ensemble = Ensemble(Model.of(network), request, execution)
         ensemble.grow(ensemble.number, progress, temporary)
         dataset = ensemble.dataset()
         if out is None or temporary is None:
@@ -211,7 +211,7 @@ class Ensemble:
 
     Parameters
     ----------
-    network : Network
+    model : Model
     request : Request
         What to run, and how many realizations there are to be at first; where nothing is random one tells all.
     execution : Execution
@@ -219,9 +219,8 @@ class Ensemble:
         Whether the step need not be measured, since it is compared with another.
     """
 
-    def __init__(self, network: Network, request: Request, execution: Execution, compared: bool = False) -> None:
-        model = Model.of(network)
-        self.network, self.random, self.growing = network, bool(model.random.any()), execution.growing
+    def __init__(self, model: Model, request: Request, execution: Execution, compared: bool = False) -> None:
+        self.network, self.random, self.growing = model.network, bool(model.random.any()), execution.growing
         number = request.realizations if self.random else 1
         self.request = replace(request, realizations=number, workers=execution.workers)
         self.text = digest(generate(model))
@@ -355,7 +354,7 @@ def _run(
             f"{plan.announced(foreseen)}, but {max(seconds, 0.0):.2g} s are left. Give a larger max_seconds= or "
             "tolerance=, a shorter duration= or spin_up=, or fewer realizations."
         )
-    if foreseen > LONG:
+    if foreseen > LONG and not execution.growing:  # then the time is limited
         warn(f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.")
     size = trajectory_size(plan)
     check_memory(plan, execution.workers, size if file is None else 0)

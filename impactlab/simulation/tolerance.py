@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, suggestion
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.exact_flow import ExactFlow, WholeFlow
+from impactlab.integrators.exact_flow import ExactFlow, FineFlow
 from impactlab.integrators.intervals import in_one_piece
 from impactlab.linear.laws import linear_variances
 from impactlab.nonlinear.relaxation import undamped
@@ -84,10 +84,10 @@ def _refuse_drifting(names: tuple[str, ...], model: Model) -> None:
 def method_for(model: Model, method: Integrator) -> Integrator:
     """Return the method that has the least bias for its work where the bias is to be small.
 
-    Friction and noise that act at one moment of a step save a sixth of the time, but have an error of second order.
+    Friction and noise that act at one moment of a step save time, but have an error of second order.
     """
     if type(method) is ExactFlow and set(in_one_piece(model)) <= {"couplings"}:
-        return WholeFlow(jumps=method.jumps, measured=method.measured)
+        return FineFlow(jumps=method.jumps, measured=method.measured)
     return method
 
 

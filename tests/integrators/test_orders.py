@@ -92,6 +92,7 @@ def measured_order(network, integrator, steps, starts=2, duration=2.0, interval=
 EXPECTED = {
     "ExactFlow": (3.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "WholeFlow": (3.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
+    "FineFlow": (3.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "RungeKutta4": (4.0, 2.5, 0.25 / 2.0 ** np.arange(4, 9)),
     "EulerMaruyama": (1.0, 1.0, 0.25 / 2.0 ** np.arange(10, 14)),
 }

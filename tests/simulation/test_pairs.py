@@ -9,7 +9,8 @@ import xarray as xr
 from scenes import base, linear, plan_of
 
 import impactlab as il
-from impactlab.integrators.exact_flow import WholeFlow
+from impactlab.assembly.model import Model
+from impactlab.integrators.exact_flow import FineFlow, WholeFlow
 from impactlab.plan.seed import Seed
 from impactlab.simulation.pairs import Errors, Numbers, order_of
 from impactlab.simulation.request import Request
@@ -35,7 +36,7 @@ def grown(network, numbers, records, duration=4.0):
     """Run realizations one part after the other."""
     request = Request(duration, numbers[0], None, il.ExactFlow(), None, None, records, (1, 2))
     with ThreadPoolExecutor(1) as pool:
-        ensemble = Ensemble(network, request, Execution(pool, growing=True))
+        ensemble = Ensemble(Model.of(network), request, Execution(pool, growing=True))
         for number in numbers:
             ensemble.grow(number, lambda part: None)
         return ensemble.dataset()
@@ -82,7 +83,7 @@ def test_a_result_is_that_of_one_run():
 
 def test_orders_are_those_that_theory_knows_of():
     def orders(network, **options):
-        plan = plan_of(network, **{"duration": 100.0, "realizations": 64, "integrator": WholeFlow()} | options)
+        plan = plan_of(network, **{"duration": 100.0, "realizations": 64, "integrator": FineFlow()} | options)
         return [order_of(plan, name) for name in ("mean_square_displacement", "contact_rate")]
 
     smooth, duffing = at_wall(il.HertzContact(100.0)), il.DuffingOscillator(0.5, damping=0.2, stiffness=1.0)
@@ -90,10 +91,20 @@ def test_orders_are_those_that_theory_knows_of():
     assert orders(smooth, initial={"velocity": {"a": 1.0}}) == [2, 1]
     assert orders(at_wall(il.KelvinVoigtContact(100.0, damping=3.0))) == [2, 1]
     assert orders(at_wall(il.PowerLawContact(20.0, exponent=0.5))) == [2, 1]
+    assert orders(smooth, integrator=WholeFlow()) == [4, 2]
     assert orders(smooth, integrator=il.ExactFlow()) == [2, 1]  # friction at one moment of a step
     assert orders(smooth, integrator=il.EulerMaruyama()) == [1, 1]
     coupled = il.Network({"a": BODY}, {}, {"a": il.WhiteNoise(1.0)}, {"c": il.Coupling("a", il.WALL, HYSTERESIS)})
     assert orders(coupled) == [1, 1]
+
+
+def test_only_little_friction_acts_at_one_moment_of_a_step_where_an_accuracy_is_to_be_reached():
+    """The fast body of the pair has a friction of 0.12 in the step of 6 ms, the slow one of 0.008."""
+    result = il.simulate(base(), tolerance={"contact_ratio": 0.05}, rng=1)
+    assert result.attrs["integrator"] == "FineFlow"
+    plan = plan_of(base(), integrator=FineFlow(jumps=False), step=0.006)
+    assert [np.count_nonzero(plan.noise.rows == body) for body in (0, 1)] == [2, 1]
+    assert plan_of(base(), integrator=il.ExactFlow(jumps=False), step=0.006).noise.rows.tolist() == [0, 1]
 
 
 def test_a_step_without_an_error_needs_no_pairs():
