@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laws import TabulatedContact
 from scenes import plan_of
 
 import impactlab as il
@@ -59,7 +60,14 @@ def assert_same(first, second):
 
 
 @pytest.mark.parametrize(
-    "network", [chain(), chain(il.HuntCrossleyContact(1e4, dissipation=0.3)), grid()], ids=["chain", "damped", "grid"]
+    "network",
+    [
+        chain(),
+        chain(il.HuntCrossleyContact(1e4, dissipation=0.3)),
+        chain(TabulatedContact([0.0, 50.0, 400.0], distance=0.01)),
+        grid(),
+    ],
+    ids=["chain", "damped", "tabulated", "grid"],
 )
 def test_tiles_give_the_bits_of_the_whole(network, small):
     tiled = planned(network)
