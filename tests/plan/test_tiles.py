@@ -64,7 +64,7 @@ def assert_same(first, second):
     [
         chain(),
         chain(il.HuntCrossleyContact(1e4, dissipation=0.3)),
-        chain(TabulatedContact([0.0, 50.0, 400.0], distance=0.01)),
+        pytest.param(chain(TabulatedContact([0.0, 50.0, 400.0], distance=0.01)), marks=pytest.mark.campaign),
         grid(),
     ],
     ids=["chain", "damped", "tabulated", "grid"],

@@ -261,7 +261,7 @@ def test_a_source_that_drives_bodies_apart_keeps_statistics_right():
 
 
 def test_a_harmonic_force_and_noise_on_a_body_that_collides():
-    """Rates and means over whole periods at the step that is chosen, and at a tenth of it under other noise."""
+    """Rates and means over whole periods at the step that is chosen, and at a sixth of it under other noise."""
     period = 2.0 * np.pi / 5.0
     network = il.Network(
         {"a": il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)},
@@ -269,8 +269,8 @@ def test_a_harmonic_force_and_noise_on_a_body_that_collides():
         {"a": il.WhiteNoise(0.02), "motor": il.Source(il.Harmonic(1.5, frequency=5.0), on="a")},
     )
     chosen = il.simulate(network, 40.0 * period, realizations=128, rng=1)
-    fine = il.simulate(network, 40.0 * period, realizations=128, step=period / 3100.0, rng=2)
-    assert chosen.step > 10.0 * fine.step
+    fine = il.simulate(network, 40.0 * period, realizations=128, step=period / 2000.0, rng=2)
+    assert chosen.step > 6.0 * fine.step
     for name in ("contact_rate", "contact_ratio", "mean_contact_force", "mean_square_displacement"):
         values, errors = ([data[item].item() for data in (chosen, fine)] for item in (name, f"{name}_standard_error"))
         assert abs(values[0] - values[1]) < 3.0 * np.hypot(*errors), name
