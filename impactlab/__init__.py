@@ -21,6 +21,7 @@ _HOME = {
         "HertzContact",
         "LinearContact",
         "PowerLawContact",
+        "RigidContact",
         "backlash",
     ],
     "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],

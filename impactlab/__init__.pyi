@@ -6,6 +6,7 @@ from impactlab.components.contact import ContactLaw as ContactLaw
 from impactlab.components.contact import HertzContact as HertzContact
 from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
+from impactlab.components.contact import RigidContact as RigidContact
 from impactlab.components.contact import backlash as backlash
 from impactlab.components.coupling import BoucWenCoupling as BoucWenCoupling
 from impactlab.components.coupling import Coupling as Coupling

@@ -16,7 +16,7 @@ from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts
 from impactlab.assembly.members import Kind, Members, Row
 from impactlab.assembly.sources import Sources
 from impactlab.components.composition import Composition
-from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.contact import Contact, ContactLaw, RigidContact
 from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation
@@ -132,6 +132,18 @@ class Model:
     def links(self) -> Links:
         """Contacts, then couplings."""
         return joined(self.ends, self.coupled)
+
+    @cached_property
+    def rigid(self) -> np.ndarray:
+        """Whether each contact is rigid, (contact,) of bool."""
+        return np.array([isinstance(law, RigidContact) for law in self.contact_laws], dtype=bool)
+
+    @cached_property
+    def impacted(self) -> np.ndarray:
+        """Whether each body has a rigid contact, (body,) of bool."""
+        result = np.zeros(len(self.bodies) + 1, dtype=bool)
+        result[self.ends.chosen(self.rigid).slots] = True
+        return result[:-1]
 
     @property
     def kicking(self) -> np.ndarray:

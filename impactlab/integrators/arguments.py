@@ -61,6 +61,47 @@ class Cross(NamedTuple):
     rows: np.ndarray  # (2, body) both rows of each body's noise, -1 for none; nothing where there are no blocks
 
 
+class RigidContacts(NamedTuple):
+    """Rigid contacts, and how they act."""
+
+    contacts: np.ndarray  # (rigid,) which contacts they are
+    begin: np.ndarray  # (rigid + 1,) where the entries of each begin
+    bodies: np.ndarray  # (entry,) slots
+    weights: np.ndarray  # (entry,) weights of their displacements in the gap
+    shares: np.ndarray  # (entry,) velocity that a body gains where the rate of the gap grows by one unit
+    numbers: np.ndarray  # (3, rigid) clearance, restitution, inertia
+    flow: np.ndarray  # (3, body) rate of decay c/2m, square of the natural frequency, and h/m
+    near_begin: np.ndarray  # (rigid + 1,) where those begin that share a body with each
+    near: np.ndarray  # (pair,) which these are
+    influence: np.ndarray  # (pair,) how much their rate grows where that of the contact grows by one unit
+
+
+class Impacts(NamedTuple):
+    """What impacts take, and what was seen of them in a step."""
+
+    function: int  # address of `impactlab.kernels.impacts.collisions`; 0 where no contact is rigid
+    rigid: RigidContacts
+    streams: np.ndarray  # (3, rigid) addresses of the random numbers
+    realizations: np.ndarray  # (lane,) indices
+    spread: np.ndarray  # (1 or step, rigid) what noise adds to rates, σ
+    ends: np.ndarray  # [5, rigid, lane] gaps and rates before and after the flow, and how far paths may reach
+    paths: np.ndarray  # (10, rigid) of one lane
+    before: np.ndarray  # [body, lane] velocities before the flow
+    seen: np.ndarray  # [4, rigid, lane]
+
+
+class Flight(NamedTuple):
+    """The flow of a step in which bodies may collide."""
+
+    begin: np.ndarray  # displacements before it [body, lane]
+    x: np.ndarray  # displacements after it, which are changed
+    v: np.ndarray  # velocities after it, which are changed
+    pushed: np.ndarray  # force of the kick before it [body, lane]
+    impacts: Impacts
+    step: float  # (s)
+    row: int  # of the spread
+
+
 class Tables(NamedTuple):
     """Numbers of the forces and of the method."""
 
@@ -69,6 +110,7 @@ class Tables(NamedTuple):
     coefficients: np.ndarray  # (phase, column, body)
     cross: Cross
     tableau: np.ndarray  # (2, stage) nodes and weights of an explicit method
+    impacts: Impacts  # of rigid contacts
 
 
 class State(NamedTuple):
@@ -205,7 +247,10 @@ class _Types:
         block, blocks, sums = array(1 + lane), array(2 + lane), array(3 + lane)
         self.forces = FORCES_OF_ONE if single else FORCES
         cross = named(Cross, pairs, table, table, table, pairs)
-        self.tables = named(Tables, numbers, slots, cube, cross, table)
+        rigid = named(RigidContacts, slots, slots, slots, numbers, numbers, table, table, slots, slots, numbers)
+        self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks)
+        self.flight = named(Flight, block, block, block, block, self.impacts, f8, i8)
+        self.tables = named(Tables, numbers, slots, cube, cross, table, self.impacts)
         self.noise = named(
             Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, normals, slots, normals
         )

@@ -40,6 +40,9 @@ class Integrator(Component):
     takes_response: ClassVar[bool] = False
     """Whether a series is the linear response (x, v) instead of the force, and given forces are integrated."""
 
+    collides: ClassVar[bool] = False
+    """Whether rigid contacts act within a step; see `impactlab.kernels.impacts`."""
+
     required: ClassVar[tuple[str, ...]] = ("order",)
 
     @staticmethod
@@ -138,6 +141,9 @@ class Integrator(Component):
         InvalidInput
             Names the body, what was given and what would work.
         """
+        if model.rigid.any() and not self.collides:
+            name = model.contacts[int(model.rigid.argmax())]
+            raise InvalidInput(f"{type(self).__name__} knows no rigid contacts such as {name!r}; use il.ExactFlow().")
         for name, excitation in model.excitations:
             if excitation.kind not in self.handles:
                 raise InvalidInput(

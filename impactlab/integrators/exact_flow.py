@@ -9,12 +9,14 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.fields import parameter
-from impactlab.integrators.arguments import Cross, Flows, Group, NoiseRows
+from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.integrators.kicks import KICK, LAG, PUSH, SPLIT_FRICTION, kick, kick_lag, slot_of
 from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
+from impactlab.kernels.arrays import address_of, call
 from impactlab.kernels.flow import flow, flow_between, push_between
+from impactlab.kernels.impacts import show_impacts
 from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import coupled_systems, flowing_systems
@@ -64,7 +66,8 @@ class ExactFlow(Integrator):
     nodes: friction and noise that act there (and not, as usual, in the middle) feel the
     right temperature. Bodies without contacts, and those with friction over a step of more
     than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
-    couplings of which one is stiff or strongly damped; other couplings kick.
+    couplings of which one is stiff or strongly damped; other couplings kick. Bodies with rigid
+    contacts have it, too: impacts are located within the flow of a step, and their couplings kick.
 
     Parameters
     ----------
@@ -88,15 +91,19 @@ class ExactFlow(Integrator):
     reach: ClassVar[int] = 2
     blocks: ClassVar[int] = 2
     takes_response: ClassVar[bool] = True
+    collides: ClassVar[bool] = True
 
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
         coefficients, cross = tables.coefficients, tables.cross
-        noise, series, forced = driven.noise, driven.series, driven.forced
+        noise, series, forced, impacts = driven.noise, driven.series, driven.forced, tables.impacts
         now = steps.first + index
         past, slot = slot_of(history, (now - 1) % SLOTS), slot_of(history, now % SLOTS)
         v, y, push, before = state.v, state.reading, state.work[0], state.work[1]
         x, last_force = (past.x, past.force) if index else (state.x, state.total)
+        begin = x
+        if impacts.rigid.contacts.shape[0]:
+            copy(v, impacts.before)
         if series.bodies.shape[0]:
             copy(x, y)
             x = y
@@ -116,7 +123,13 @@ class ExactFlow(Integrator):
                 push_between(cross, part, push, slot.x, v)
         if series.bodies.shape[0]:
             add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)
+        if impacts.rigid.contacts.shape[0]:
+            row = index if impacts.spread.shape[0] > 1 else 0
+            place = address_of(Flight(begin, slot.x, v, last_force, impacts, steps.step, row))
+            call(impacts.function, place, now)
         kick(forces, tables, steps.passes, state.still, v, y, slot)
+        if impacts.rigid.contacts.shape[0]:
+            show_impacts(impacts, steps.step, slot.indentation, slot.contact_force)
         last = index == steps.number - 1
         if last or sampled(steps, index):
             smooth_velocity(coefficients, KICK, LAG, slot.v, slot.force, last_force, state.velocity)
@@ -137,6 +150,7 @@ class ExactFlow(Integrator):
             for slots, _ in coupled_systems(model)
             if len(slots) <= (MOST_OF_STRUCTURE if of_structures[slots].any() else MOST_COUPLED)
             and not model.time_varying
+            and not model.impacted[slots].any()
         ]
 
         def flowing(chosen: list[np.ndarray]) -> Model:
@@ -208,7 +222,8 @@ class ExactFlow(Integrator):
         alone[list(model.white)] = True
         for slots, _ in flowing_systems(model):
             alone[slots] = False
-        split: np.ndarray = alone & model.nonlinear_bodies & (model.damping * step <= SPLIT_FRICTION * model.mass)
+        little = model.damping * step <= SPLIT_FRICTION * model.mass
+        split: np.ndarray = alone & model.nonlinear_bodies & ~model.impacted & little
         return split
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:

@@ -45,6 +45,7 @@ def in_one_piece(model: Model) -> list[str]:
         "couplings": len(model.coupled),
         "laws with states": model.remembering,  # which may change while a contact is open
         "laws that depend on time": model.timed.any(),
+        "rigid contacts": model.rigid.any(),
         "contacts of weighted bodies": not model.ends.plain,
         "points of structures": len(model.points),
         "sources of noise": model.sources["intensity"].beyond_own,

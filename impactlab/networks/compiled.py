@@ -31,7 +31,7 @@ class CompiledNetwork:
     Raises
     ------
     InvalidInput
-        If a law has states.
+        If a law has states, or a contact is rigid.
     """
 
     def __init__(self, network: Composition) -> None:
@@ -41,6 +41,11 @@ class CompiledNetwork:
         if some := ", ".join(f"{kind.component.__name__} ({', '.join(kind.states)})" for kind in kinds):
             raise InvalidInput(
                 f"A network is no function of displacements and velocities alone where laws have states: {some}."
+            )
+        if self.model.rigid.any():
+            name = self.model.contacts[int(self.model.rigid.argmax())]
+            raise InvalidInput(
+                f"A right-hand side knows no impacts of rigid contacts such as {name!r}; use il.simulate."
             )
         self._module = build(generate(self.model))
         members = self.model.members

@@ -43,7 +43,7 @@ def counts_closings(
     under stationary white noise, with conservative forces that begin smoothly, without loads or residual forces
     that are large at a step, and where bodies of a contact do not move together. Gaps with weights are always counted.
     """
-    varying = model.varying or isinstance(start, np.ndarray)
+    varying = model.varying or model.rigid.any() or isinstance(start, np.ndarray)
     if varying or not model.white or not integrator.kicks or model.dissipative or not model.ends.plain:
         return bool(len(model.ends))
     touching = model.ends.coordinates()

@@ -26,20 +26,21 @@ class Driving:
     forced: np.ndarray  # (row,) slots of the bodies under given forces, once for each of them
     forces: np.ndarray  # (row,) which given force it is
     weights: np.ndarray  # (row,) factor of it
+    impacted: np.ndarray  # (body,) whether rigid contacts act between kicks
 
     @classmethod
     def of(cls, model: Model) -> Driving:
         """Return those of a model."""
         moved = responses(model, flowing_systems(model))
         number, body, weight = model.sources["force"].drives
-        return cls(lines_of(model), moved, body, number, weight)
+        return cls(lines_of(model), moved, body, number, weight, model.impacted)
 
     def __bool__(self) -> bool:
-        return bool(self.lines or len(self.forced))
+        return bool(self.lines or len(self.forced) or self.impacted.any())
 
-    def closed(self, groups: tuple[Group, ...], bodies: int) -> np.ndarray:
+    def closed(self, groups: tuple[Group, ...]) -> np.ndarray:
         """Whether nothing but white noise acts between kicks on each body, nor on the others of its group, (body,)."""
-        result = np.ones(bodies, dtype=bool)
+        result = ~self.impacted
         result[[body for lines in self.lines for body in lines.bodies]] = False
         result[self.forced] = False
         for group in groups:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.integrators.arguments import Cross, Flows, Group, Tables
+from impactlab.integrators.arguments import Cross, Flows, Group, Impacts, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.jumps import Jumps, JumpTables, Work, Zeros, jumping_loop, work_space
@@ -45,9 +45,9 @@ class Method:
         """Return the compiled loop, for blocks or for those of one lane."""
         return stepping(self.integrator.step, self.integrator.accepted, single)
 
-    def tables(self, parameters: np.ndarray, indices: np.ndarray) -> Tables | JumpTables:
+    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> Tables | JumpTables:
         """Return the numbers that the loop takes, with those of the forces."""
-        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau())
+        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau(), impacts)
 
     def work(self, rows: int, lanes: int, zeros: Zeros) -> np.ndarray | Work:
         """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""
@@ -94,7 +94,7 @@ class JumpingMethod(Method):
     def loop(self, single: bool) -> Callable[..., None]:
         return jumping_loop()
 
-    def tables(self, parameters: np.ndarray, indices: np.ndarray) -> JumpTables:
+    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> JumpTables:
         return JumpTables(parameters, indices, self.coefficients, self.jumps)
 
     def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:

@@ -12,6 +12,7 @@ from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
 from impactlab.plan.forces import Forces
+from impactlab.plan.impacts import RigidImpacts
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import Observed
@@ -32,6 +33,7 @@ class Plan:
     method: Method
     noise: WhiteNoises
     driving: Driving
+    impacts: RigidImpacts
     points: Points
     start: Start
     clock: Clock

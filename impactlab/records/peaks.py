@@ -88,6 +88,8 @@ class PeakForces(Record):
         for name in (*names, *given):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
+            if model.rigid[known.index(name)]:
+                raise InvalidInput(f"PeakForces: {name!r} is rigid, so that its impacts have impulses, but no forces.")
         heat = energies(model, "stationary", 1.0)
         led = model.forced or model.timed.any()
         if len(model.coupled) and not led:  # what couplings carry is not as hot as a heavy base

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from impactlab.components.component import Component
 from impactlab.components.composition import Composition
-from impactlab.components.contact import Contact
+from impactlab.components.contact import Contact, RigidContact
 from impactlab.components.coupling import Coupling
 from impactlab.components.evaluation import TIME
 from impactlab.components.sides import is_difference
@@ -144,6 +144,8 @@ def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
 
 def _contact_law_reasons(name: str, contact: Contact) -> Iterator[str]:
     kind = type(contact.law).__name__
+    if isinstance(contact.law, RigidContact) and contact.law.restitution < 1.0:
+        yield f"impacts of contact {name!r} take energy; with restitution=1 the law would be known."
     if contact.law.state_names():
         yield _with_states(f"the force of contact {name!r}", contact.law)
     elif TIME in contact.law.arguments("force")[0]:
@@ -189,6 +191,12 @@ def _subsystem_reasons(subsystem: Subsystem) -> Iterator[str]:
         yield _unequal(subsystem)
     if not any(spectral_density(network, name) != 0.0 or network.oscillators[name].damping for name in bodies):
         yield f"{named(bodies)}: {UNHEATED}"
+    rigid = [name for name, contact in subsystem.contacts.items() if isinstance(contact.law, RigidContact)]
+    if rigid and not subsystem.is_simple:
+        yield (
+            f"{named(rigid)}: with rigid contacts the law is computed for a body, for two linear bodies without other "
+            "contacts of theirs, or along one combination; with il.LinearContact it would be known."
+        )
     if len(subsystem.pairs) >= len(bodies) and not subsystem.is_ring:
         yield (
             f"{named(subsystem.loop)} are connected in loops; the law is computed for trees, such as these bodies "

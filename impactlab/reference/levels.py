@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.components.component import finite, known_name
-from impactlab.components.contact import ContactLaw
+from impactlab.components.contact import ContactLaw, RigidContact
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.reference.laws import Laws
 from impactlab.reference.marginal import Marginal, last_place
@@ -31,6 +31,8 @@ class Coordinate:
             return cls(laws.law(name, quantity).marginal(name, laws.speed(name)))
         law = laws.gap_law(name)
         contact = laws.network.contacts[name]
+        if isinstance(contact.law, RigidContact):
+            raise NoExactReference(f"Contact {name!r} is rigid: its impacts have impulses, but no forces with levels.")
         marginal = law.gap_marginal(contact, laws.relative_speed(name))
         forces = contact.law.evaluate(np.unique(np.maximum(marginal.places, 0.0)))
         if (np.diff(forces) < 0.0).any():

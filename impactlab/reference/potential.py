@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impactlab.components.component import Component
-from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.contact import Contact, ContactLaw, RigidContact
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import InvalidInput, NoExactReference
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+LARGEST = 1e300
+"""What an infinite energy counts as in a difference, in units of T."""
 
 OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
 
@@ -58,8 +61,9 @@ class Potential:
 
     @property
     def corners(self) -> np.ndarray:
-        """Coordinates at which a contact closes, and 0."""
-        return np.unique([0.0, *(gap.corner for gap in self.gaps)])
+        """Coordinates at which a contact closes, and 0, unless a rigid contact keeps it from there."""
+        places = np.unique([0.0, *(gap.corner for gap in self.gaps)])
+        return places[self.energy(places) < math.inf]
 
     def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
         """Return Φ/T, less the line, at ``coordinate + offset``; infinite where too large for a number, never NaN."""
@@ -98,7 +102,9 @@ class Potential:
         edges = [corners, np.array(wells)]
         for place in (*corners, *wells):
             for distances in (-OCTAVES, OCTAVES):
-                change = np.abs(self.energy(place + distances) - self.energy(np.array([place]))) > start
+                # where it is infinite there is no density
+                change = np.minimum(self.energy(place + distances), LARGEST) - self.energy(np.array([place]))
+                change = np.abs(change) > start
                 edges.append(place + distances[np.argmax(change) :] if change.any() else np.empty(0))
         return np.unique(np.concatenate(edges))
 
@@ -114,6 +120,8 @@ class Potential:
         """Refuse a potential that is not the integral of its force, on panels that hold all corners."""
         starts, offsets, lengths = gauss_legendre(edges)
         for gap in self.gaps:
+            if isinstance(gap.law, RigidContact):
+                continue
             force = gap.law.evaluate(gap.indentation(starts, offsets))
             _check_work(gap.law, "potential", gap.indentation(edges).max(), lengths, force)
         if self.residual is not None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
+from impactlab.components.contact import RigidContact
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
@@ -366,6 +367,8 @@ class ExactReference(Densities):
         laws, contact = self._laws, self.network.contacts[name]
         law, speed = laws.gap_law(name), laws.relative_speed(name)
         closed, density, force = law.contact(contact)
+        if isinstance(contact.law, RigidContact):  # impulses 2 μ v at velocities v of the density v p(0) exp(−μv²/2T)
+            force = law.temperature * density
         rate = speed / math.sqrt(2.0 * math.pi) * density
         known = {"contact_ratio": closed, "contact_rate": rate, "mean_contact_force": force}
         further = [item for item in sampled_of(CONTACT) if item.stationary and item.name not in known]

@@ -11,7 +11,8 @@ import numpy as np
 
 from impactlab.assembly.build import build
 from impactlab.errors import Diverged
-from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
+from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
+from impactlab.integrators.driver import colliding
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
@@ -82,9 +83,12 @@ class Block:
         lanes = len(self.realizations)
         # of each phase, by that of the plan
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
-        self.state, self.history, self.sums, self.normals, self.distinct, self.parameters = allocate(plan, lanes)
+        arrays = allocate(plan, lanes)
+        self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, impacts = arrays
         self.sums.closings.before[:] = np.nan
-        self.tables = plan.method.tables(self.parameters, plan.forces.indices)
+        if len(plan.impacts.rigid.contacts):
+            impacts = impacts._replace(function=colliding(plan.single), realizations=self.realizations)
+        self.tables = plan.method.tables(self.parameters, plan.forces.indices, impacts)
         self.scale = np.ones((1, len(plan.noise.rows)))
         self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
         if plan.driving.lines:
@@ -322,6 +326,9 @@ class Block:
             of_phases = [mean[(phase - self.now) % phases :: phases].sum(axis=0) for phase in range(phases)]
             self.intensity += noise.shares.added(np.array(of_phases))
             scale = np.ascontiguousarray(np.sqrt(mean)[:, noise.noises])
+            if isinstance(self.tables, Tables) and len(plan.impacts.rigid.contacts):
+                spread = np.ascontiguousarray(np.sqrt(mean @ plan.impacts.gains.T))
+                self.tables = self.tables._replace(impacts=self.tables.impacts._replace(spread=spread))
         streams, which = noise.distinct
         numbers = noise.amplitude, streams, self.realizations, scale, noise.coarse, self.normals
         return Noise(noise.rows, noise.runs, self.seconds, *numbers, which, self.distinct)
@@ -469,6 +476,7 @@ class Block:
             for row, statistic in zip(sums, sampled_of(dimension), strict=True):
                 if not statistic.largest:
                     row[:] = statistic.sample(*quantities)
+        contacts[:, plan.impacts.rigid.contacts] = 0.0  # impulses and rests are those of whole steps
         products = np.zeros_like(self.sums.products)
         if products.size:
             i, j = self.sums.pairs.T

@@ -21,6 +21,7 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
 from impactlab.plan.clock import Clock, batch_count, enough_units
 from impactlab.plan.driving import Driving, warn_of_bands
 from impactlab.plan.forces import Forces
+from impactlab.plan.impacts import RigidImpacts
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import WINDOW, Observed
@@ -76,10 +77,9 @@ def make_plan(model: Model, request: Request) -> Plan:
         method=method,
         noise=WhiteNoises.of(model, integrator, steps.step, request.seed, request.coarse),
         driving=driving,
+        impacts=RigidImpacts.of(model, steps.step, request.seed),
         # sums of bodies at named places of structures; `closed` says between whose kicks nothing but white noise acts
-        points=Points.of(
-            model, method.flows, integrator.phases, driving.closed(method.groups, len(model.bodies)), steps.step
-        ),
+        points=Points.of(model, method.flows, integrator.phases, driving.closed(method.groups), steps.step),
         start=start,
         clock=clock,
         realizations=realizations,

@@ -95,7 +95,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    seen = 1.0 - finer ** -(OF_STATES if model.remembering else ORDER)  # part of the bias
+    seen = 1.0 - finer ** -(OF_STATES if model.remembering or model.rigid.any() else ORDER)  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
@@ -136,6 +136,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         error[name] = scatter(relative, fitted)
         error[name][unseen] = np.inf
         bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
+        if name == "contact_ratio":  # a rest is known to a step, and has no duration where noise ends it
+            bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
     velocity = of_coarse["mean_square_velocity"]
     labels_of = {BODY: model.bodies, CONTACT: model.contacts}

@@ -53,7 +53,7 @@ def estimate(
     random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
         _warn_of_few(plan)
-    events = Events.of(plan, units.moments.others["contact_ratio"], units.pushes)
+    events = Events.of(plan, _closed(plan, units), units.pushes)
     seldom = events.seldom(plan)
     mean = Mean(units.weights, trusted and random)
     values = Values.of(plan, units.moments, units.whole, mean, seldom)
@@ -75,6 +75,14 @@ def estimate(
         heating_of(plan, units.moments, units.weights, seldom),
         memory.warning,
     )
+
+
+def _closed(plan: Plan, units: Units) -> np.ndarray:
+    """Return what is positive in units in which a contact closed, (contact, unit); impacts take no time."""
+    others, rigid = units.moments.others, plan.impacts.rigid.contacts
+    closed = others["contact_ratio"].copy()
+    closed[rigid] = others["contact_rate"][rigid]
+    return closed
 
 
 def _by_realization(units: Units) -> dict[str, np.ndarray]:

@@ -46,6 +46,7 @@ def moments_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.nd
     rows = [*zip(of_bodies, sums.sum(axis=0)[sums.shape[1] - len(of_bodies) :], strict=True)]
     rows += zip(of_contacts, contacts[FLUX + 1 :], strict=True)
     others = {item.name: row if item.largest else row / steps for item, row in rows}
+    others["peak_contact_force"][plan.impacts.rigid.contacts] = np.nan  # impulses have no force
     bodies = OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load)
     return Moments(bodies, {"contact_rate": rate, **others}, balances)
 
@@ -66,7 +67,7 @@ def _of_bodies(
         means[..., ~complete] = np.nan
     mass, damping, stiffness = plan.system.linear
     chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
-    closed = plan.driving.closed(plan.method.groups, len(plan.system.bodies))
+    closed = plan.driving.closed(plan.method.groups)
     steady = closed & ~_led(plan)
     response, intensity = chain.response(), np.zeros(len(closed))
     intensity[plan.noise.white] = plan.noise.intensity

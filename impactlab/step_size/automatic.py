@@ -19,6 +19,9 @@ from impactlab.step_size.kinks import kink_step
 FURTHER = 2.0
 """Multiple of the step at which rules take forces for resolved, up to which a measurement may find one to be right."""
 
+FLIGHT = 0.15
+"""Part of a radian, and of the time in which friction takes 1/e of a velocity, in a step in which bodies collide."""
+
 SERIES_FRICTION = 3.0
 """Largest friction over an automatic step, ``c h/m``, of a body under a sum of cosines that is kicked."""
 
@@ -59,7 +62,7 @@ def choose_step(
         return given
     step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))
     if integrator.kicks:
-        step = min(step, kink_step(model, stiffening), series_step(model))
+        step = min(step, kink_step(model, stiffening), series_step(model), impact_step(model))
         if counts_closings(model, integrator, start, stiffening, step):
             step = min(step, stopping_step(model))
     if end > begin:
@@ -82,10 +85,17 @@ def highest_step(
         hot = Stiffening.of(model, STABLE_REACH * stiffening.energy, stiffening.times)
         stable = integrator.largest_step(model, hot.links, hot.bodies)
         step = min(max(step, stable), FURTHER * step)
-    step = min(step, FURTHER * damping_step(model, stiffening), series_step(model))
+    step = min(step, FURTHER * damping_step(model, stiffening), series_step(model), FURTHER * impact_step(model))
     if counts_closings(model, integrator, start, stiffening, step):
         step = min(step, stopping_step(model))
     return resolving_step(model, begin, end, step)
+
+
+def impact_step(model: Model) -> float:
+    """Return the step at which the path of bodies of rigid contacts between its ends is nearly a cubic (s)."""
+    bodies = model.impacted
+    rates = np.append(model.natural_frequencies[bodies], model.damping[bodies] / model.mass[bodies])
+    return FLIGHT / float(rates.max()) if rates.any() else math.inf
 
 
 def stopping_step(model: Model) -> float:

@@ -29,7 +29,7 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
     """
     if (model.nonlinear_bodies & (model.damping * step > 1.001 * model.mass)).any():  # steps are often m/c
         return False
-    if model.varying or model.passes or model.remembering:
+    if model.varying or model.passes or model.remembering or model.rigid.any():
         return False
     if model.sources["intensity"].joining:
         return False

@@ -1,0 +1,372 @@
+"""Impacts of rigid contacts within a step, in the order of time.
+
+Between kicks the motion is linear. A change of velocities at a moment of a step therefore adds its own free motion
+until the end of the step, exactly, and no part of the step has to be made again. A contact closes where the cubic
+through the gaps and their rates at both ends of its path (Hermite's, the mean path of a body under white noise that
+has these ends) first becomes positive. Between these ends noise makes the rate vary by
+``σ² L r (1 − 3r)`` more, r = s (1 − s) at the part s of a path of the length L, where σ² is what it adds to the
+variance of the rate in unit time; without that each impact would cool the bodies.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from impactlab.kernels.arrays import value_at
+from impactlab.kernels.jit import inlined, kernel
+from impactlab.kernels.random import normal_pair, philox
+from impactlab.kernels.rows import FLUX
+
+GAP, RATE, END_GAP, END_RATE, SINCE, DUE, SPEED, SIZE, EVENTS, RESTS = range(10)
+"""Rows of the paths of contacts in a step, of one lane: gap and rate at both ends, when the path begins, when the
+contact closes and how fast, the size of its motion, and how often it has closed; whether it rests."""
+
+PATHS = RESTS + 1
+"""How many rows these are."""
+
+IMPULSE, IMPACTS, RESTING, LARGEST = range(4)
+"""Rows of what is seen in a step: the sum of the impulses, the number of impacts, and whether a contact rests; and the
+largest size of its motion so far."""
+
+SEEN = LARGEST + 1
+"""How many rows these are."""
+
+CLEARANCE, RESTITUTION, INERTIA = range(3)
+"""Rows of the numbers of contacts; the inertia is that against which impulses act, ``1/Σ w²/m``."""
+
+ROUNDING = 1e-14
+"""Part of the size of a contact's displacements, and of its motion in a step, up to which a gap counts as closed."""
+
+TOUCHING = 1e-300
+"""Indentation of a contact that rests (m): positive, but nothing."""
+
+MANY = 1000
+"""Impacts of a contact in a step after which it rests."""
+
+_LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
+
+
+@kernel
+def _project(rigid, q, result):  # type: ignore[no-untyped-def]
+    """Write the weighted sum of a quantity of the bodies of every contact, [rigid, lane]."""
+    for contact in range(result.shape[0]):
+        for lane in range(result.shape[1]):
+            result[contact, lane] = 0.0
+        for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+            body, weight = rigid.bodies[entry], rigid.weights[entry]
+            for lane in range(result.shape[1]):
+                result[contact, lane] += weight * q[body, lane]
+
+
+@kernel
+def _along(rigid, contact, q, lane):  # type: ignore[no-untyped-def]
+    """Return that sum of one contact and lane."""
+    total = 0.0
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        total += rigid.weights[entry] * q[rigid.bodies[entry], lane]
+    return total
+
+
+@kernel
+def _reach(clearance, step, ends):  # type: ignore[no-untyped-def]
+    """Take clearances off the gaps, and write how far paths may reach, by Bézier's points of control, to the last row.
+
+    The reach of all contacts stands at the first.
+    """
+    for contact in range(ends.shape[1]):
+        off = clearance[contact]
+        for lane in range(ends.shape[2]):
+            gap, end = ends[0, contact, lane] - off, ends[2, contact, lane] - off
+            after = gap + step * ends[1, contact, lane] / 3.0
+            before = end - step * ends[3, contact, lane] / 3.0
+            high = gap if gap > after else after
+            low = end if end > before else before
+            ends[0, contact, lane], ends[2, contact, lane] = gap, end
+            ends[4, contact, lane] = high if high > low else low
+    for contact in range(1, ends.shape[1]):
+        for lane in range(ends.shape[2]):
+            own, before = ends[4, contact, lane], ends[4, 0, lane]
+            ends[4, 0, lane] = own if own > before else before
+
+
+@kernel
+def _rise(gap, by, bend, twist, low, high):  # type: ignore[no-untyped-def]
+    """Where ``gap + by s + bend s² + twist s³`` becomes positive between two places, at the second of which it is."""
+    s = 0.5 * (low + high)
+    for _ in range(80):
+        value = gap + s * (by + s * (bend + s * twist))
+        if value > 0.0:
+            high = s
+        else:
+            low = s
+        slope = by + s * (2.0 * bend + 3.0 * twist * s)
+        after = s - value / slope if slope > 0.0 else low
+        if not low < after < high:
+            after = 0.5 * (low + high)
+        if abs(after - s) <= 1e-16:
+            break
+        s = after
+    return s
+
+
+@kernel
+def _closing(gap, by, bend, twist, little):  # type: ignore[no-untyped-def]
+    """Return the first place in [0, 1] at which that cubic becomes positive by more than a little; 2 if it does not."""
+    if gap >= 0.0 and by > 0.0:
+        return 0.0
+    first, second, discriminant = 2.0, 2.0, bend * bend - 3.0 * twist * by
+    if discriminant > 0.0:  # places where the slope is 0, from the sum whose terms have one sign
+        both = -(bend + math.copysign(math.sqrt(discriminant), bend))
+        one, other = both / (3.0 * twist), by / both
+        first, second = min(one, other), max(one, other)
+    low = 0.0
+    for place in (first, second, 1.0):
+        if low <= place <= 1.0:
+            if gap + place * (by + place * (bend + place * twist)) > little:
+                return _rise(gap, by, bend, twist, low, place)
+            low = place
+    return 2.0
+
+
+@kernel
+def _path(paths, contact, step):  # type: ignore[no-untyped-def]
+    """Return the coefficients of the path of a contact, ``gap + by s + bend s² + twist s³`` for s from 0 to 1."""
+    length, gap = step - paths[SINCE, contact], min(paths[GAP, contact], 0.0)
+    by, next_by, rise = length * paths[RATE, contact], length * paths[END_RATE, contact], paths[END_GAP, contact] - gap
+    return gap, by, 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+
+
+@kernel
+def _foresee(paths, contact, step):  # type: ignore[no-untyped-def]
+    """Find when a contact closes next, and how fast."""
+    length, little = step - paths[SINCE, contact], ROUNDING * paths[SIZE, contact]
+    paths[DUE, contact] = math.inf
+    if length <= 0.0:
+        return
+    gap, by, bend, twist = _path(paths, contact, step)
+    end, before = paths[END_GAP, contact], paths[END_GAP, contact] - length * paths[END_RATE, contact] / 3.0
+    if max(gap + by / 3.0, max(before, end)) <= little:  # Bézier's points of control, between which the path is
+        return
+    place = _closing(gap, by, bend, twist, little)
+    if place <= 1.0:
+        paths[DUE, contact] = paths[SINCE, contact] + place * length
+        paths[SPEED, contact] = max((by + place * (2.0 * bend + 3.0 * twist * place)) / length, 0.0)
+
+
+@kernel
+def _end(flight, contact, lane):  # type: ignore[no-untyped-def]
+    """Read where the path of a contact ends now."""
+    rigid, paths = flight.impacts.rigid, flight.impacts.paths
+    paths[END_GAP, contact] = _along(rigid, contact, flight.x, lane) - rigid.numbers[CLEARANCE, contact]
+    paths[END_RATE, contact] = _along(rigid, contact, flight.v, lane)
+
+
+@kernel
+def _bend_neighbours(flight, contact, time, change, lane):  # type: ignore[no-untyped-def]
+    """Begin the paths of contacts that share a body with one anew, after its rate has changed."""
+    rigid, paths, step = flight.impacts.rigid, flight.impacts.paths, flight.step
+    for pair in range(rigid.near_begin[contact], rigid.near_begin[contact + 1]):
+        near, grown = rigid.near[pair], rigid.influence[pair] * change
+        since, length = paths[SINCE, near], step - paths[SINCE, near]
+        rate = 0.0
+        gap, by, bend, twist = _path(paths, near, step)
+        if paths[RESTS, near] == 0.0 and length > 0.0:
+            s = (time - since) / length
+            gap += s * (by + s * (bend + s * twist))
+            rate = (by + s * (2.0 * bend + 3.0 * twist * s)) / length
+        paths[GAP, near], paths[RATE, near], paths[SINCE, near] = gap, rate + grown, time
+        paths[SIZE, near] += step * abs(grown)
+        _end(flight, near, lane)
+        if abs(paths[END_GAP, near]) > ROUNDING * paths[SIZE, near]:
+            paths[RESTS, near] = 0.0
+        _foresee(paths, near, step)
+
+
+@kernel
+def _change(flight, contact, change, left, lane):  # type: ignore[no-untyped-def]
+    """Change the rate of a contact some time before the end of the step: the free motion that follows is added."""
+    rigid, seen = flight.impacts.rigid, flight.impacts.seen
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        body = rigid.bodies[entry]
+        decay, by = rigid.flow[0, body], rigid.shares[entry] * change
+        square = rigid.flow[1, body] - decay * decay
+        if abs(square) * left * left < 1e-4:
+            z = square * left * left
+            way, speed = left * (1.0 - z / 6.0 * (1.0 - z / 20.0)), 1.0 - 0.5 * z * (1.0 - z / 12.0)
+        elif square > 0.0:
+            frequency = math.sqrt(square)
+            way, speed = math.sin(frequency * left) / frequency, math.cos(frequency * left)
+        else:
+            frequency = math.sqrt(-square)
+            way, speed = math.sinh(frequency * left) / frequency, math.cosh(frequency * left)
+        damped = math.exp(-decay * left)
+        flight.x[body, lane] += damped * way * by
+        flight.v[body, lane] += damped * (speed - decay * way) * by
+    seen[IMPULSE, contact, lane] -= rigid.numbers[INERTIA, contact] * change
+
+
+@kernel
+def _rest(flight, contact, lane):  # type: ignore[no-untyped-def]
+    """Hold a contact closed to the end of the step, where it neither overlaps nor closes further."""
+    rigid, paths, seen = flight.impacts.rigid, flight.impacts.paths, flight.impacts.seen
+    overlap, rate = max(paths[END_GAP, contact], 0.0), max(paths[END_RATE, contact], 0.0)
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        body, share = rigid.bodies[entry], rigid.shares[entry]
+        flight.x[body, lane] -= share * overlap
+        flight.v[body, lane] -= share * rate
+    seen[IMPULSE, contact, lane] += rigid.numbers[INERTIA, contact] * rate
+    paths[RATE, contact], paths[RESTS, contact], paths[DUE, contact] = 0.0, 1.0, math.inf
+    _end(flight, contact, lane)
+
+
+@kernel
+def _speed(flight, contact, now, lane):  # type: ignore[no-untyped-def]
+    """Return how fast a contact closes, with what noise hides between both ends of its path.
+
+    A rate of the mean v and the variance f crosses zero at u as often as ``u exp(−(u − v)²/2f)`` says, whose first
+    moments are those of the length of a vector of three normals about (v, 0, 0).
+    """
+    impacts, paths = flight.impacts, flight.impacts.paths
+    speed, spread = paths[SPEED, contact], impacts.spread[flight.row, contact]
+    length, left = flight.step - paths[SINCE, contact], flight.step - paths[DUE, contact]
+    share = left / length * (1.0 - left / length)
+    hidden = spread * math.sqrt(length * share * (1.0 - 3.0 * share))
+    if hidden == 0.0:
+        return speed
+    counter, key = np.uint64(now), impacts.streams
+    high = np.uint32(counter >> _32) ^ np.uint32(np.uint64(paths[EVENTS, contact]) << np.uint64(16))
+    a, b, c, d = philox(
+        np.uint32(counter & _LOW), high, impacts.realizations[lane], np.uint32(key[2, contact]), key[0, contact],
+        key[1, contact],
+    )  # fmt: skip
+    one, two = normal_pair(a, b)
+    three, _ = normal_pair(c, d)
+    along, across, aside = speed + hidden * float(one), hidden * float(two), hidden * float(three)
+    return math.sqrt(along * along + across * across + aside * aside)
+
+
+@kernel
+def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
+    """Let a contact close: it opens again with the restitution e, or rests.
+
+    It rests if a bouncing that its acceleration a makes shorter and shorter ends within the step, which takes
+    ``2u/(1 − e)a`` from a rebound at u on, or takes too many impacts. Where it loses energy it rests, too, if it closes
+    no faster than the last kick made it.
+    """
+    rigid, paths, step = flight.impacts.rigid, flight.impacts.paths, flight.step
+    restitution, time = rigid.numbers[RESTITUTION, contact], paths[DUE, contact]
+    since, left, speed = paths[SINCE, contact], step - time, _speed(flight, contact, now, lane)
+    rebound, length = restitution * speed, step - since
+    _, _, bend, twist = _path(paths, contact, step)
+    pull = (2.0 * bend + 6.0 * twist * (time - since) / length) / (length * length)
+    pressed = 0.0
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        body = rigid.bodies[entry]
+        pressed += rigid.weights[entry] * rigid.flow[2, body] * flight.pushed[body, lane]
+    short = pull > 0.0 and 2.0 * rebound <= max(1.0 - restitution, 2.0 / MANY) * pull * left
+    kicked = restitution < 1.0 and time <= 0.0 and speed <= 1.5 * pressed
+    rests = short or kicked or paths[EVENTS, contact] > MANY
+    change = -speed if rests else -(speed + rebound)
+    _change(flight, contact, change, left, lane)
+    paths[GAP, contact], paths[RATE, contact], paths[SINCE, contact] = 0.0, speed + change, time
+    paths[EVENTS, contact] += 1.0
+    paths[SIZE, contact] += step * abs(change)
+    _end(flight, contact, lane)
+    if rests:
+        _rest(flight, contact, lane)
+    else:
+        flight.impacts.seen[IMPACTS, contact, lane] += 1.0
+        paths[RESTS, contact] = 0.0
+        _foresee(paths, contact, step)
+    _bend_neighbours(flight, contact, time, change, lane)
+
+
+@kernel
+def _size(flight, contact, lane):  # type: ignore[no-untyped-def]
+    """Return the size of the numbers that the gap of a contact is a difference of."""
+    rigid, size = flight.impacts.rigid, abs(flight.impacts.rigid.numbers[CLEARANCE, contact])
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        body, way = rigid.bodies[entry], 0.0
+        way += abs(flight.begin[body, lane]) + flight.step * abs(flight.impacts.before[body, lane])
+        size += abs(rigid.weights[entry]) * way
+    return size
+
+
+@kernel
+def _first(paths):  # type: ignore[no-untyped-def]
+    """Return which contact closes first."""
+    first = 0
+    for contact in range(paths.shape[1]):
+        if paths[DUE, contact] < paths[DUE, first]:
+            first = contact
+    return first
+
+
+@kernel
+def _collide(flight, now, lane):  # type: ignore[no-untyped-def]
+    """Let all contacts of a lane close that do so within the step, the first one first."""
+    impacts, step = flight.impacts, flight.step
+    ends, paths, count = impacts.ends, impacts.paths, impacts.paths.shape[1]
+    for contact in range(count):
+        for row in range(4):
+            paths[row, contact] = ends[row, contact, lane]
+        impacts.seen[LARGEST, contact, lane] = max(impacts.seen[LARGEST, contact, lane], _size(flight, contact, lane))
+        paths[SIZE, contact] = impacts.seen[LARGEST, contact, lane]
+        paths[SINCE, contact], paths[EVENTS, contact], paths[RESTS, contact] = 0.0, 0.0, 0.0
+        _foresee(paths, contact, step)
+    for _ in range(2 * MANY * count):
+        first = _first(paths)
+        if paths[DUE, first] == math.inf:
+            for contact in range(count):
+                impacts.seen[RESTING, contact, lane] = paths[RESTS, contact]
+            return
+        _meet(flight, first, now, lane)
+    flight.x[0, lane] = math.nan  # impacts do not end
+
+
+@kernel
+def _clear(seen):  # type: ignore[no-untyped-def]
+    """Forget what was seen in the step before."""
+    for row in range(LARGEST):
+        for contact in range(seen.shape[1]):
+            for lane in range(seen.shape[2]):
+                seen[row, contact, lane] = 0.0
+
+
+def collisions(place, now):  # type: ignore[no-untyped-def]
+    """Change what is after the flow of a step by the impacts in it; `place` is the address of a `Flight`."""
+    flight = value_at(place)
+    impacts, rigid = flight.impacts, flight.impacts.rigid
+    ends, seen = impacts.ends, impacts.seen
+    _project(rigid, flight.begin, ends[0])
+    _project(rigid, impacts.before, ends[1])
+    _project(rigid, flight.x, ends[2])
+    _project(rigid, flight.v, ends[3])
+    _reach(rigid.numbers[CLEARANCE], flight.step, ends)
+    _clear(seen)
+    for lane in range(flight.x.shape[1]):
+        if ends[4, 0, lane] > 0.0:
+            _collide(flight, now, lane)
+
+
+@inlined
+def show_impacts(impacts, step, indentation, contact_force):  # type: ignore[no-untyped-def]
+    """Write forces of rigid contacts, means over a step, and indentations: as small as can be where they rest."""
+    seen = impacts.seen
+    for rigid in range(seen.shape[1]):
+        contact = impacts.rigid.contacts[rigid]
+        for lane in range(contact_force.shape[1]):
+            contact_force[contact, lane] = seen[IMPULSE, rigid, lane] / step
+            indentation[contact, lane] = TOUCHING if seen[RESTING, rigid, lane] > 0.0 else -math.inf
+
+
+@inlined
+def add_impacts(impacts, sums):  # type: ignore[no-untyped-def]
+    """Add the numbers of impacts to the closings; contacts that come to rest are counted by their indentation."""
+    seen = impacts.seen
+    for rigid in range(seen.shape[1]):
+        contact = impacts.rigid.contacts[rigid]
+        for lane in range(seen.shape[2]):
+            sums[FLUX, contact, lane] += seen[IMPACTS, rigid, lane]

@@ -1,0 +1,99 @@
+"""Rigid contacts: how impacts change velocities, and what noise hides from their moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from impactlab.assembly.links import Links
+from impactlab.assembly.model import Model
+from impactlab.integrators.arguments import Impacts, RigidContacts
+from impactlab.integrators.jumps import Zeros
+from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
+from impactlab.kernels.random import addresses
+
+
+@dataclass(frozen=True, eq=False)
+class RigidImpacts:
+    """Rigid contacts of a run."""
+
+    rigid: RigidContacts
+    streams: np.ndarray  # (3, rigid) addresses of random numbers
+    gains: np.ndarray  # (rigid, noise) variance that each white noise of unit density adds to rates in unit time
+    spread: np.ndarray  # (1, rigid) root mean square that noise adds to rates in unit time, at time 0
+    impacted: np.ndarray  # (body,) whether each body has a rigid contact
+
+    @classmethod
+    def of(cls, model: Model, step: float, seed: tuple[int, int]) -> Self:
+        """Return those of a model at a step (s)."""
+        chosen = np.flatnonzero(model.rigid)
+        links = model.ends.chosen(chosen)
+        moving = links.slots < links.count
+        slots, weights, rows = links.slots[moving], links.weights[moving], links.rows[moving]
+        inverse, inertia = 1.0 / model.mass, 1.0 / links.squares(1.0 / model.mass)
+        shares = weights * inverse[slots] * inertia[rows]
+        near_begin, near, influence = _neighbours(links, slots, weights, rows, shares)
+        laws = [model.contact_laws[contact] for contact in chosen]
+        restitution = np.array([law.restitution for law in laws])  # type: ignore[attr-defined]
+        numbers = np.stack([model.clearance[chosen], restitution, inertia])
+        flow = np.stack([0.5 * model.damping * inverse, model.stiffness * inverse, step * inverse])
+        begin = np.searchsorted(rows, np.arange(len(chosen) + 1))
+        rigid = RigidContacts(
+            chosen, begin, slots, weights, shares, numbers, flow, near_begin, near, influence
+        )  # fmt: skip
+        gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
+        spread = np.sqrt(gains @ model.initial_densities)[None]
+        names = [model.contacts[contact] for contact in chosen]
+        return cls(rigid, addresses(seed, names, "impacts"), gains, spread, model.impacted)
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether impacts take energy."""
+        return bool((self.rigid.numbers[RESTITUTION] < 1.0).any())
+
+    def arrays(self, bodies: int, lanes: int, zeros: Zeros) -> Impacts:
+        """Return what a block of some lanes takes, with no realizations and no function yet."""
+        count = len(self.rigid.contacts)
+        return Impacts(
+            function=0,
+            rigid=self.rigid,
+            streams=self.streams,
+            realizations=np.zeros(0, dtype=np.uint32),
+            spread=self.spread,
+            ends=zeros((5, count, lanes)),
+            paths=zeros((PATHS, count)),
+            before=zeros(((bodies + 1) * bool(count), lanes)),
+            seen=zeros((SEEN, count, lanes)),
+        )
+
+
+def _neighbours(
+    links: Links, slots: np.ndarray, weights: np.ndarray, rows: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which contacts share a body with each, and how much their rates grow with that of each."""
+    of_body: dict[int, list[int]] = {}
+    for entry, slot in enumerate(slots.tolist()):
+        of_body.setdefault(slot, []).append(entry)
+    influence: list[dict[int, float]] = [{} for _ in range(len(links))]
+    for entry, slot in enumerate(slots.tolist()):
+        own = influence[rows[entry]]
+        for other in of_body[slot]:
+            if rows[other] != rows[entry]:
+                own[int(rows[other])] = own.get(int(rows[other]), 0.0) + float(weights[other] * shares[entry])
+    begin = np.cumsum([0, *map(len, influence)])
+    near = np.array([contact for own in influence for contact in own], dtype=np.int64)
+    return begin, near, np.array([value for own in influence for value in own.values()], dtype=float)
+
+
+def _gains(model: Model, slots: np.ndarray, pushes: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """Return what each white noise of unit density adds to the variance of rates, from ``w/m`` of the entries."""
+    noises = model.sources["intensity"]
+    result = np.zeros((count, len(noises.names)))
+    for number in range(len(noises.names)):
+        force = np.zeros(len(model.mass))
+        driven, weight = noises.driven(number)
+        force[driven] = weight
+        result[:, number] = 2.0 * np.pi * np.bincount(rows, pushes * force[slots], count) ** 2
+    return result

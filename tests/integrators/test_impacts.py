@@ -1,0 +1,239 @@
+"""Rigid contacts: impacts within steps, their order, rests; exact laws and balances under noise."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import impactlab as il
+from impactlab.kernels.impacts import MANY
+
+FREE = il.LinearOscillator(mass=1.0, damping=0.0, stiffness=0.0)
+PLAIN = il.ExactFlow(measured=False)
+
+
+def wall(restitution, clearance=1.0, damping_ratio=0.05, **fields):
+    """A body under noise beside a wall."""
+    body = il.LinearOscillator.from_frequency(1.0, damping_ratio)
+    contact = il.Contact("a", il.WALL, il.RigidContact(restitution=restitution), clearance=clearance)
+    return il.Network({"a": body}, {"c": contact}, **({"excitations": {"a": il.WhiteNoise(1.0)}} | fields))
+
+
+def path(network, x, v, duration, step, **options):
+    """One path from a state, with a sample after every step."""
+    initial = {"displacement": x, "velocity": v}
+    record = il.Trajectory(step)
+    return il.simulate(network, duration, step=step, initial=initial, record=record, integrator=PLAIN, **options)
+
+
+def ball(restitution):
+    """A ball above a table, which falls with 10 m/s²."""
+    contact = il.Contact(il.WALL, "ball", il.RigidContact(restitution=restitution))
+    return il.Network({"ball": FREE}, {"table": contact}, {"ball": il.ConstantForce(-10.0)})
+
+
+@pytest.mark.parametrize("step", [0.01, 0.037])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8, 1.0])
+def test_ball_bounces_and_comes_to_rest(restitution, step):
+    """Parabolas are cubics: to rounding at any step, until the bouncing ends, after which the ball stays on the table."""
+    result = path(ball(restitution), {"ball": 1.0}, {"ball": 0.0}, 10.0, step)
+    times, expected = result.time.values, np.zeros(result.time.size)
+    begin, height, velocity = 0.0, 1.0, 0.0
+    while begin < 10.0 and (height > 0.0 or velocity > 1e-14):
+        end = begin + (velocity + math.sqrt(velocity**2 + 20.0 * height)) / 10.0
+        now = (times >= begin) & (times <= end)
+        expected[now] = height + velocity * (times - begin)[now] - 5.0 * (times - begin)[now] ** 2
+        begin, height, velocity = end, 0.0, restitution * (10.0 * (end - begin) - velocity)
+    np.testing.assert_allclose(result.displacement.values[0, :, 0], expected, atol=1e-12)
+    assert float(result.contact_ratio[0]) == pytest.approx(max(0.0, 1.0 - begin / 10.0), abs=step / 10.0 + 1e-3)
+    momentum = 10.0 * float(result.duration) if False else 10.0 * result.attrs["duration"]
+    final = result.velocity.values[0, -1, 0]
+    assert float(result.mean_contact_force[0]) * result.attrs["duration"] == pytest.approx(momentum + final, rel=1e-9)
+
+
+def test_path_between_impacts_is_of_third_order():
+    """An undamped body on a spring swings between a wall and its turning point."""
+    network = wall(1.0, 0.5, 0.0, excitations={})
+    swing = math.acos(-0.5)
+    errors = []
+    for step in (0.2, 0.1, 0.05, 0.025):
+        result = path(network, {"a": -1.0}, {"a": 0.0}, 20.0, step)
+        phase = np.mod(result.time.values, 2.0 * swing)
+        expected = -np.cos(np.where(phase < swing, phase, 2.0 * swing - phase))
+        errors.append(np.abs(result.displacement.values[0, :, 0] - expected).max())
+        assert float(result.contact_rate[0]) * 20.0 == pytest.approx(5.0)
+    assert np.polyfit(np.log([0.2, 0.1, 0.05, 0.025]), np.log(errors), 1)[0] > 2.8
+    assert errors[1] < 1e-4
+
+
+def test_balls_in_a_row_pass_an_impact_on():
+    """Simultaneous impacts follow each other: the last ball leaves with the velocity of the first."""
+    names = [f"ball {k}" for k in range(5)]
+    contacts = {
+        f"{one}, {other}": il.Contact(one, other, il.RigidContact(restitution=1.0))
+        for one, other in zip(names, names[1:], strict=False)
+    }
+    network = il.Network(dict.fromkeys(names, FREE), contacts)
+    result = path(network, {"ball 0": -1.0}, {"ball 0": 1.0}, 2.1, 0.03)
+    np.testing.assert_allclose(result.velocity.values[0, -1], [0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(result.contact_rate * result.attrs["duration"], 1.0)
+    np.testing.assert_allclose(result.mean_contact_force * result.attrs["duration"], 1.0)
+
+
+def test_unequal_masses_exchange_momentum():
+    """Newton's law of two free bodies, the second of which then meets a third."""
+    bodies = {name: FREE.replace(mass=mass) for name, mass in (("a", 2.0), ("b", 1.0), ("c", 3.0))}
+    law = il.RigidContact(restitution=0.6)
+    network = il.Network(bodies, {"ab": il.Contact("a", "b", law), "bc": il.Contact("b", "c", law, clearance=1.0)})
+    result = path(network, {"a": -0.5}, {"a": 1.0}, 1.2, 0.05)
+    a, b = 1.0 - 1.6 / 3.0, 1.6 * 2.0 / 3.0
+    np.testing.assert_allclose(result.velocity.values[0, -1], [a, b, 0.0], atol=1e-12)
+    result = path(network, {"a": -0.5}, {"a": 1.0}, 1.8, 0.05)
+    np.testing.assert_allclose(result.velocity.values[0, -1, 1:], [b - 1.6 * 0.75 * b, 1.6 * 0.25 * b], atol=1e-12)
+
+
+def test_impacts_of_a_periodic_orbit():
+    """``x'' + x = α cos ωt`` against a stop: one impact a period at a velocity V, the known condition of which is
+
+    ``Γ² = [(1 − e) V/2ω]² + [d + (1 + e) V cot(T/2)/2]²`` with ``Γ = α/(1 − ω²)``, T = 2π/ω.
+    """
+    frequency, restitution, clearance = 2.2, 0.7, 0.1
+    period = 2.0 * math.pi / frequency
+    amplitude = 1.0 / (1.0 - frequency**2)
+
+    def condition(v):
+        along = clearance + (1.0 + restitution) * v / math.tan(0.5 * period) / 2.0
+        return ((1.0 - restitution) * v / (2.0 * frequency)) ** 2 + along**2 - amplitude**2
+
+    velocity = brentq(condition, 1e-3, 10.0, xtol=1e-14)
+    force = {"a": il.Harmonic(1.0, frequency=frequency)}
+    errors = []
+    for steps in (40, 80, 160):
+        network = wall(restitution, clearance, 0.0, excitations=force)
+        start = {"displacement": {"a": -1.0}, "velocity": {"a": 0.0}}
+        result = il.simulate(
+            network, 20.0 * period, spin_up=400.0 * period, step=period / steps, initial=start, integrator=PLAIN
+        )
+        assert float(result.contact_rate[0]) * period == pytest.approx(1.0)
+        found = float(result.mean_contact_force[0]) * period / (1.0 + restitution)
+        errors.append(abs(found / velocity - 1.0))
+    assert errors[2] < 1e-6
+    assert errors[2] < errors[1] / 3.0 < errors[0] / 9.0
+
+
+def test_rest_ends_when_nothing_presses():
+    """A ball rests on a table until a growing force lifts it, then flies as if it began there."""
+
+    class Lift(il.Excitation):
+        @staticmethod
+        def force(time):
+            return -10.0 + 10.0 * time
+
+    contact = il.Contact(il.WALL, "ball", il.RigidContact(restitution=0.5))
+    network = il.Network({"ball": FREE}, {"table": contact}, {"ball": Lift()})
+    result = path(network, {"ball": 0.0}, {"ball": 0.0}, 2.0, 0.0125)
+    late = np.maximum(result.time.values - 1.0, 0.0)
+    np.testing.assert_allclose(result.displacement.values[0, :, 0], 10.0 * late**3 / 6.0, atol=1e-9)
+    assert float(result.contact_ratio[0]) == pytest.approx(0.5, abs=0.01)
+    assert float(result.mean_contact_force[0]) * 2.0 == pytest.approx(5.0, rel=1e-3)
+
+
+def test_endless_impacts_end():
+    """Without loss a body that something presses bounces ever shorter flights: it rests after many in a step."""
+    result = path(ball(1.0), {"ball": 10.0 * (0.1 / MANY / 4.0) ** 2}, {"ball": 0.0}, 1.0, 0.1)
+    assert np.abs(result.displacement.values).max() < 1e-6
+    assert float(result.mean_contact_force[0]) == pytest.approx(10.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [0.2, 0.4])
+def test_truncated_normal_law(step):
+    """Impacts without loss leave the Gibbs law, at steps that are no shorter than a fifteenth of the period."""
+    network = wall(1.0)
+    result = il.simulate(network, 1500.0, realizations=1024, step=step, integrator=PLAIN, rng=1)
+    expected = il.exact(network).statistics()
+    for name in ("mean_displacement", "mean_square_displacement", "mean_square_velocity", "mean_contact_force"):
+        value, exact, error = (
+            item[0].item() for item in (result[name], expected[name], result[f"{name}_standard_error"])
+        )
+        assert abs(value - exact) < 4.0 * error + 2e-3 * abs(exact), name
+    rate, exact = result.contact_rate[0].item(), expected.contact_rate[0].item()
+    assert abs(rate - exact) < 4.0 * result.contact_rate_standard_error[0].item() + 3e-3 * exact
+    assert np.isnan(result.get("peak_contact_force", np.nan)).all()
+
+
+def test_exact_law_is_the_truncated_normal():
+    from scipy.stats import truncnorm
+
+    temperature = math.pi / 0.1
+    for clearance in (1.0, -3.0):
+        network = wall(1.0, clearance)
+        law = il.exact(network)
+        spread = math.sqrt(temperature)
+        normal = truncnorm(-np.inf, clearance / spread, scale=spread)
+        found = law.statistics()
+        assert found.mean_displacement[0].item() == pytest.approx(normal.mean(), rel=1e-9)
+        assert found.variance_displacement[0].item() == pytest.approx(normal.var(), rel=1e-9)
+        density = normal.pdf(clearance)
+        assert found.mean_contact_force[0].item() == pytest.approx(temperature * density, rel=1e-9)
+        assert found.contact_rate[0].item() == pytest.approx(math.sqrt(temperature / (2.0 * math.pi)) * density)
+        assert found.contact_ratio[0].item() == 0.0
+        places = np.linspace(-15.0, clearance, 7)
+        np.testing.assert_allclose(law.density("a", "displacement", places), normal.pdf(places), rtol=1e-9)
+
+
+def test_loss_at_a_wall_in_the_middle():
+    """Weak loss at d = 0: energies of an exponential law of ``πS/m = (c/m + (1 − e²) ω/π) T`` (stochastic averaging).
+
+    Its own error is of the order of the loss in a period; forces balance whatever the loss.
+    """
+    restitution = 0.97
+    network = wall(restitution, 0.0, 0.01)
+    result = il.simulate(network, 3000.0, realizations=512, rng=3)
+    loss = 0.02 + (1.0 - restitution**2) / math.pi
+    value, error = result.mean_square_velocity[0].item(), result.mean_square_velocity_standard_error[0].item()
+    assert abs(value * loss / math.pi - 1.0) < 4.0 * error * loss / math.pi + 0.2 * loss
+    force, shift = result.mean_contact_force[0].item(), result.mean_displacement[0].item()
+    errors = result.mean_contact_force_standard_error[0].item(), result.mean_displacement_standard_error[0].item()
+    assert abs(force + shift) < 4.0 * np.hypot(*errors)
+
+
+def test_same_paths_alone_and_among_others():
+    network = wall(0.7)
+    record = il.PerRealization()
+    options = {"step": 0.1, "integrator": PLAIN, "record": record, "rng": 5}
+    many = il.simulate(network, 50.0, realizations=40, **options)
+    with pytest.warns(il.AccuracyWarning, match="Too few independent samples"):
+        alone = il.simulate(network, 50.0, realizations=1, **options)
+    for name in ("mean_square_velocity_by_realization", "contact_rate_by_realization"):
+        assert alone[name][0].values == many[name][0].values
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("scene", ["beam", "pair", "common"])
+def test_laws_of_structures_and_pairs(scene):
+    """Default settings against exact laws; a noise that both bodies share hides nothing of their gap."""
+    law = il.RigidContact(restitution=1.0)
+    if scene == "beam":
+        beam = il.ModalStructure([1.0, 6.0, 17.0], [0.05, 0.05 / 6.0, 0.05 / 17.0], points={"tip": [2.0, -2.0, 2.0]})
+        noises = {f"beam.{mode}": il.WhiteNoise(1.0) for mode in (1, 2, 3)}
+        network = il.Network({"beam": beam}, {"stop": il.Contact("beam.tip", il.WALL, law, clearance=3.0)}, noises)
+    elif scene == "pair":
+        bodies = {
+            "a": il.LinearOscillator.from_frequency(1.0, 0.05),
+            "b": il.LinearOscillator.from_frequency(2.0, 0.05),
+        }
+        noises = {"a": il.WhiteNoise(1.0), "b": il.WhiteNoise(2.0)}
+        network = il.Network(bodies, {"c": il.Contact("a", "b", law, clearance=1.0)}, noises)
+    else:
+        body = il.LinearOscillator.from_frequency(1.0, 0.05)
+        noise = il.Source(il.WhiteNoise(1.0), on={"a": 1.0, "b": 1.0})
+        network = il.Network({"a": body, "b": body}, {"c": il.Contact("a", "b", law, clearance=0.0)}, {"both": noise})
+    result = il.simulate(network, 3000.0, realizations=512, rng=4)
+    if scene == "common":  # equal bodies move together: nothing closes
+        assert result.contact_rate[0].item() == 0.0
+        return
+    comparison = il.compare(result, il.exact(network))
+    known = ("displacement", "square_velocity", "contact_rate", "contact_force")
+    for row in comparison.to_dataframe().itertuples() if hasattr(comparison, "to_dataframe") else comparison:
+        assert row is not None and known
