@@ -217,6 +217,12 @@ class RigidContact(ContactLaw):
     def force():  # type: ignore[no-untyped-def]
         return 0.0
 
+    def restitution_at(self, velocity: float, mass: float) -> float:
+        return self.restitution
+
+    def calibrate(self, *, restitution: float, velocity: float, mass: float) -> Self:
+        return self.replace(restitution=restitution)
+
 
 class Contact(Component):
     """A place where two bodies can touch.
