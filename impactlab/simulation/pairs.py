@@ -160,7 +160,7 @@ class Trial:
             part, begin = self.each[place] * more / total, time.monotonic()
             ensemble.grow(int(has[place] + more), within(report, done, done + part))
             has[place], each[place], done = has[place] + more, (time.monotonic() - begin) / more, done + part
-        self.has, self.each = Numbers(*has), Numbers(*each)
+            self.has, self.each = Numbers(*has), Numbers(*each)
 
     def errors(self, tolerance: dict[str, float]) -> Errors:
         """Judge what there is.

@@ -5,6 +5,7 @@ import pytest
 from scenes import base
 
 import impactlab as il
+from impactlab.simulation import memory
 from impactlab.simulation.pairs import _sees_other_forces
 
 BODY = il.LinearOscillator(damping=1.0, stiffness=10.0)
@@ -80,6 +81,14 @@ def test_what_the_time_allowed_for_is_returned_with_its_error():
     spent = (np.abs(result[f"{name}_bias"]) + 2.0 * result[f"{name}_standard_error"]) / (1e-6 * result[name])
     assert 1.0 < float(spent.max()) <= result.attrs["error_over_tolerance"]
     assert (np.abs(result[name] / il.exact(network).statistics()[name] - 1.0) < 4.0 * spent * 1e-6).all()
+
+
+def test_what_the_memory_allowed_for_is_returned(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: 3e6)
+    with pytest.warns(il.AccuracyWarning, match="was not reached"):
+        result = il.simulate(base(), tolerance={"mean_square_displacement": 1e-3}, rng=1)
+    assert 256 < result.attrs["realizations"] < 2000
+    assert result.attrs["error_over_tolerance"] > 1.0
 
 
 def test_progress_is_that_of_the_accuracy():
