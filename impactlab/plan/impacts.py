@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.optimize import brentq
 
 from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
@@ -13,6 +15,9 @@ from impactlab.integrators.arguments import Impacts, RigidContacts
 from impactlab.integrators.jumps import Zeros
 from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
 from impactlab.kernels.random import addresses
+
+LEAST_ORDER = 0.05
+"""Order that is taken where the rate of impacts does not converge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +54,16 @@ class RigidImpacts:
         return cls(rigid, addresses(seed, names, "impacts"), gains, spread, model.impacted)
 
     @property
+    def orders(self) -> np.ndarray:
+        """Power of the step with which the rate of impacts that it does not resolve falls, (rigid,).
+
+        Noise at an impact hides closing velocities below ``v* ~ σ √h``. Near zero they have the density v^(−β), where
+        ``2 sin(π (1 + 2β)/6) = e^(β − 2)``, of the paths of a body under white noise beside a wall (Burkhardt,
+        Franklin and Gawronski, Phys. Rev. E 61, 2000, 2376): the flux ``∫ v^(1 − β)`` up to v* is as h^(1 − β/2).
+        """
+        return np.array([_order(float(item)) for item in self.rigid.numbers[RESTITUTION]])
+
+    @property
     def dissipative(self) -> bool:
         """Whether impacts take energy."""
         return bool((self.rigid.numbers[RESTITUTION] < 1.0).any())
@@ -67,6 +82,21 @@ class RigidImpacts:
             before=zeros(((bodies + 1) * bool(count), lanes)),
             seen=zeros((SEEN, count, lanes)),
         )
+
+
+def _order(restitution: float) -> float:
+    """Return the order of a coefficient of restitution; `LEAST_ORDER` where impacts become endlessly many."""
+    if restitution >= 1.0:
+        return 1.0
+
+    def condition(beta: float) -> float:
+        change: float = restitution ** (2.0 - beta)
+        return 2.0 * math.sin(math.pi * (1.0 + 2.0 * beta) / 6.0) * change - 1.0
+
+    most = 2.0 * (1.0 - LEAST_ORDER)  # the condition holds at 2, whatever the restitution
+    if condition(0.0) >= 0.0 or condition(most) <= 0.0:
+        return LEAST_ORDER
+    return 1.0 - 0.5 * float(brentq(condition, 0.0, most))
 
 
 def _neighbours(

@@ -228,7 +228,7 @@ class _Bias:
         return bias / credit, doubt / credit
 
 
-def order_of(plan: Plan, name: str) -> int:
+def order_of(plan: Plan, name: str) -> float:
     """Return the power of the step with which the bias of a statistic falls at least, 1 where no theory tells it.
 
     Stationary means of smooth conservative forces are of fourth order, unless much friction acts at one moment of a
@@ -240,7 +240,7 @@ def order_of(plan: Plan, name: str) -> int:
         return 1
     if plan.clock.certified and plan.steady and isinstance(method, FineFlow | WholeFlow):
         return 4 if whole else 2
-    return 2 if whole else 1
+    return 2 if whole else min([1.0, *plan.impacts.orders.tolist()])
 
 
 def size_of(dataset: xr.Dataset, name: str) -> np.ndarray:

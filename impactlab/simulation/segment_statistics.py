@@ -130,6 +130,9 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / seen / size[:, None]
+        if name == "contact_rate":
+            rigid, orders = coarse.impacts.rigid.contacts, coarse.impacts.orders[:, None]
+            relative[rigid] *= seen / (1.0 - finer**-orders)
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)

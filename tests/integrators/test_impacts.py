@@ -278,3 +278,13 @@ def test_noise_of_both_bodies_hides_nothing_of_their_gap():
     spreads = [RigidImpacts.of(Model.of(network), 0.1, (0, 0)).spread for network in (apart, together)]
     assert spreads[0] == pytest.approx(math.sqrt(4.0 * math.pi))
     assert spreads[1] == 0.0
+
+
+def test_orders_of_the_rate_of_impacts():
+    """They fall with the loss, to 0 at exp(−π/√3); at e = 0.7 and 0.3 from the condition by hand."""
+    networks = [wall(restitution) for restitution in (1.0, 0.7, 0.3, 0.2, 0.16, 0.0)]
+    orders = [float(RigidImpacts.of(Model.of(network), 0.1, (0, 0)).orders[0]) for network in networks]
+    assert orders[0] == 1.0
+    assert orders[1:3] == pytest.approx([0.757, 0.2], abs=1e-3)
+    assert sorted(orders, reverse=True) == orders
+    assert orders[4] == orders[5] == 0.05
