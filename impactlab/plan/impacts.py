@@ -16,6 +16,9 @@ from impactlab.integrators.jumps import Zeros
 from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
 from impactlab.kernels.random import addresses
 
+RESOLVED = 0.7
+"""Order from which on a measurement tells what a step does not resolve of the rate of impacts."""
+
 LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
 
@@ -62,6 +65,11 @@ class RigidImpacts:
         Franklin and Gawronski, Phys. Rev. E 61, 2000, 2376): the flux ``∫ v^(1 − β)`` up to v* is as h^(1 − β/2).
         """
         return np.array([_order(float(item)) for item in self.rigid.numbers[RESTITUTION]])
+
+    @property
+    def unresolved(self) -> np.ndarray:
+        """Whether noise makes impacts so many that their rate is that of a step, (rigid,) of bool."""
+        return np.asarray((self.orders < RESOLVED) & (self.gains.sum(axis=1) > 0.0))
 
     @property
     def dissipative(self) -> bool:

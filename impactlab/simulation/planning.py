@@ -60,7 +60,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
     # at one moment of each step
     integrator = WholeFlow() if steps.jumping else request.integrator
-    _warn(model, request, expected, steps, integrator)
+    impacts = RigidImpacts.of(model, steps.step, request.seed)
+    _warn(model, request, expected, steps, integrator, impacts)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)
     # all batches but the last are multiples of this many steps: they end with a sample, if any, and with an interval
     grid = max(observed.every, steps.longest)
@@ -77,7 +78,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         method=method,
         noise=WhiteNoises.of(model, integrator, steps.step, request.seed, request.coarse),
         driving=driving,
-        impacts=RigidImpacts.of(model, steps.step, request.seed),
+        impacts=impacts,
         # sums of bodies at named places of structures; `closed` says between whose kicks nothing but white noise acts
         points=Points.of(model, method.flows, integrator.phases, driving.closed(method.groups), steps.step),
         start=start,
@@ -152,8 +153,11 @@ def _contacts_reached(model: Model, integrator: Integrator) -> int:
     return integrator.reach + model.passes if integrator.reach and not in_one_piece(model) else 0
 
 
-def _warn(model: Model, request: Request, expected: Expected, steps: Steps, integrator: Integrator) -> None:
-    """Warn of noise bands that miss a natural frequency, of steps too long for kinks, and of laws that jump in time.
+def _warn(
+    model: Model, request: Request, expected: Expected, steps: Steps, integrator: Integrator, impacts: RigidImpacts
+) -> None:
+    """Warn of noise bands that miss a natural frequency, of steps too long for kinks, of laws that jump in time, and of
+    impacts that no step resolves.
 
     A given step that is too long is measured, which tells more.
     """
@@ -164,4 +168,10 @@ def _warn(model: Model, request: Request, expected: Expected, steps: Steps, inte
         warn(
             f"The force of {name} jumps in time, each time up to half a step too early or too late, which may add up "
             "and is not measured; compare with a smaller step=."
+        )
+    for contact in impacts.rigid.contacts[impacts.unresolved][:1]:
+        name, order = model.contacts[contact], float(impacts.orders.min())
+        warn(
+            f"contact_rate of {name!r} counts the impacts that the step of {steps.step:.3g} s resolves: noise and loss "
+            f"make small ones so many that those it misses fall only with the step to the power of {order:.2g}."
         )

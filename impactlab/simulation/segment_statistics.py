@@ -132,7 +132,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
             relative = difference / seen / size[:, None]
         if name == "contact_rate":
             rigid, orders = coarse.impacts.rigid.contacts, coarse.impacts.orders[:, None]
-            relative[rigid] *= seen / (1.0 - finer**-orders)
+            relative[rigid] *= np.where(coarse.impacts.unresolved[:, None], 0.0, seen / (1.0 - finer**-orders))
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)

@@ -1,6 +1,7 @@
 """Rigid contacts: impacts within steps, their order, rests; exact laws and balances under noise."""
 
 import math
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -288,3 +289,11 @@ def test_orders_of_the_rate_of_impacts():
     assert orders[1:3] == pytest.approx([0.757, 0.2], abs=1e-3)
     assert sorted(orders, reverse=True) == orders
     assert orders[4] == orders[5] == 0.05
+
+
+def test_impacts_that_no_step_resolves_are_told():
+    with pytest.warns(il.AccuracyWarning, match=r"contact_rate of 'c' counts the impacts .* to the power of 0\.2"):
+        il.simulate(wall(0.3), 200.0, realizations=64, step=0.1, integrator=PLAIN)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        il.simulate(wall(0.7), 200.0, realizations=64, step=0.1, integrator=PLAIN)
