@@ -37,8 +37,8 @@ LEAST_ADDED = 1.1
 UNKNOWN, MOST_UNKNOWN = 4.0, 3
 """Factor by which realizations are added where they cannot tell yet how many are enough, and how often."""
 
-HALVINGS = 6
-"""How often the step is halved at most."""
+HALVINGS, MANY = 6, 4.0
+"""How often the step is halved at most; realizations, over those of a pilot, up to which another costs more."""
 
 
 def checked(tolerance: Any, model: Model) -> dict[str, float]:
@@ -123,7 +123,8 @@ def reach(
     while (errors := trial.errors(tolerance)).worst > 1.0:
         spent = time.monotonic() - begin
         left = max_seconds - spent
-        finer = 2.0 ** min(errors.halvings, HALVINGS - halvings)
+        many = not errors.alike or errors.wanted(trial.has).fine > MANY * trial.planned.fine
+        finer = 2.0 ** (many * min(errors.halvings, HALVINGS - halvings))
         if finer > 1.0 and finer * trial.seconds(trial.planned) < left:
             halvings += errors.halvings
             trial = Trial(ensemble_of, int(trial.planned.fine), trial.step / finer)
