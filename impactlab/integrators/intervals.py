@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 
 from impactlab.assembly.model import Model
@@ -149,9 +151,7 @@ def jump_tables(
         flows.append(a @ flows[-1])
         growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
     a_of, q_of = np.array(flows), np.array(growth)  # by the number of steps
-    from scipy.special import ndtri  # loaded only here
-
-    sigmas = -float(ndtri(TOUCHED / ((leaf << levels) * max(1, len(model.ends)))))
+    sigmas = -NormalDist().inv_cdf(TOUCHED / ((leaf << levels) * max(1, len(model.ends))))
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
     path, limit = [], []
     for level in range(levels + 1):

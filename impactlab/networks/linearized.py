@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
 
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator
@@ -55,6 +54,8 @@ class LinearizedNetwork:
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""
+        from scipy.linalg import eigh  # loaded only here
+
         squares, shapes = eigh(self.held + self.added, np.diag(self.model.mass))
         return np.sqrt(np.maximum(squares, 0.0)), shapes
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gamma, zeta
 
 REACH = 20.0
 """Energy in temperatures T up to which a force is looked at: what is beyond has a weight of e^(-20)."""
@@ -94,6 +93,8 @@ def of_powers(stiffness: np.ndarray, exponent: np.ndarray, length: np.ndarray) -
     """
     distances = length / 64.0 * APART[:, None]
     order = 2.0 * exponent + 2.0
+    from scipy.special import gamma, zeta  # loaded only here
+
     variance = 2.0 * (stiffness * gamma(1.0 + exponent)) ** 2 * zeta(order) * (distances / (2.0 * math.pi)) ** order
     room = length * gamma(1.0 + 1.0 / (exponent + 1.0))
     return np.stack([np.full_like(room, np.nan), room, np.zeros_like(room), distances[0], *variance])

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import erfc
 
 from impactlab.assembly.model import Model
 from impactlab.components.evaluation import call_each
@@ -174,7 +173,7 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
     variance = hottest(model, np.where(np.isfinite(own), own, 0.0)) * flexibility(model)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = model.clearance / np.sqrt(2.0 * model.ends.squares(variance))
-    open_ = 0.5 * erfc(-np.where(np.isnan(reach), 0.0, reach))
+    open_ = np.array([0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()])
     attempts = np.zeros(labels.max() + 1)
     np.add.at(attempts, labels[model.ends.first()], -np.log(np.maximum(open_, 1e-300)))
     return np.asarray(attempts > MOST_ATTEMPTS)

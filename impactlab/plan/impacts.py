@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.optimize import brentq
 
 from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
@@ -96,6 +95,8 @@ def _order(restitution: float) -> float:
     """Return the order of a coefficient of restitution; `LEAST_ORDER` where impacts become endlessly many."""
     if restitution >= 1.0:
         return 1.0
+
+    from scipy.optimize import brentq  # loaded only here
 
     def condition(beta: float) -> float:
         change: float = restitution ** (2.0 - beta)

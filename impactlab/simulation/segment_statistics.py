@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 from impactlab.assembly.model import Model
 from impactlab.kernels.rows import FV
@@ -219,6 +218,8 @@ def _error_in_time(values: np.ndarray, left_out: float, limit: float) -> np.ndar
 
 def _widened(freedom: int, limit: float) -> float:
     """Return how much farther Student's law reaches than the normal one at some standard errors."""
+    from scipy.special import ndtr, stdtrit  # loaded only here
+
     return float(-stdtrit(freedom, ndtr(-limit))) / limit if freedom > 0 else math.inf
 
 

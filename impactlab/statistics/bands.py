@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 DRAWS = 1000
 """Draws of the multipliers."""
@@ -31,6 +30,8 @@ def band_factor(residuals: np.ndarray, counted: np.ndarray) -> float:
     Residuals are differences of each subsample from the mean, (subsample, bin); the band is for the bins that are
     `counted`, (bin,) of bool. NaN if none is.
     """
+    from scipy.special import ndtr, stdtrit  # loaded only here
+
     scatter = np.sqrt((residuals**2).sum(axis=0))
     chosen = counted & (scatter > 0.0)
     if not chosen.any():

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erfcx, ndtr
 
 from impactlab.assembly.links import Links, Pairs, joined
 from impactlab.assembly.model import Model, kept
@@ -224,6 +223,8 @@ def _density(
     Bodies that meet nothing else have that of their own springs. Others are kept together by their
     neighbours: at most as if the gap could have no more than its clearance and what thermal motion adds at both sides.
     """
+    from scipy.special import erfcx, ndtr  # loaded only here
+
     ends, clearance = model.ends.chosen(slots), model.clearance[slots]
     compliance = _compliance(model, ends)
     often = _often(clearance, temperature, compliance)
