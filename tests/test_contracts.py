@@ -221,7 +221,7 @@ ALIKE = il.FloresContact, il.GonthierContact, il.CarvalhoMartinsContact, il.Hert
 
 
 @pytest.mark.parametrize(
-    "cls", [pytest.param(cls, marks=[pytest.mark.campaign] if cls in ALIKE else []) for cls in LAWS]
+    "cls", [pytest.param(cls, marks=[pytest.mark.campaign] if cls in ALIKE else []) for cls in FORCES]
 )
 def test_compiled_and_plain_force_agree(cls):
     """To one unit in the last place on random states, open and closed."""
