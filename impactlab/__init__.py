@@ -47,6 +47,7 @@ _HOME = {
     "integrators.explicit": ["EulerMaruyama", "RungeKutta4"],
     "records.density": ["Density", "JointDensity"],
     "statistics.jackknife": ["effective_samples", "jackknife"],
+    "records.final_state": ["FinalState"],
     "records.peaks": ["PeakForces"],
     "records.record": ["Record"],
     "records.spectrum": ["Spectrum"],

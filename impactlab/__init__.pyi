@@ -61,6 +61,7 @@ from impactlab.networks.network import Network as Network
 from impactlab.networks.network import chain as chain
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
+from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.peaks import PeakForces as PeakForces
 from impactlab.records.record import Record as Record
 from impactlab.records.spectrum import Spectrum as Spectrum

@@ -86,7 +86,10 @@ class CompiledNetwork:
     ) -> np.ndarray:
         """Return y for displacements (m) and velocities (m s-1) by name; 0 where nothing is named."""
         initial = {"displacement": displacement or {}, "velocity": velocity or {}}
-        return np.concatenate(start_of(initial, self.model))
+        start = start_of(initial, self.model)
+        if not isinstance(start, np.ndarray) or start.shape[2] > 1:
+            raise InvalidInput("A state has one displacement and one velocity for each oscillator.")
+        return np.concatenate(start[..., 0])
 
     @property
     def contact_events(self) -> list[Callable[[float, np.ndarray], float]]:

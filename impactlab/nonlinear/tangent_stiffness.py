@@ -73,15 +73,20 @@ def measured_energies(model: Model, velocity: np.ndarray) -> np.ndarray:
 
 
 def energy_of(model: Model, start: np.ndarray) -> np.ndarray:
-    """Return the energy of each body in a given state, with that of its contacts and couplings (J), (body,)."""
-    displacement, velocity = start
-    energy = 0.5 * model.stiffness * displacement**2 + 0.5 * model.mass * velocity**2
-    result = np.append(energy, 0.0)
+    """Return the energy of each body in a given state, with that of its contacts and couplings (J), (body,).
+
+    Of states of several realizations, (2, body, realization), each part is the largest.
+    """
+    displacement, velocity = start.reshape(2, len(model.mass), -1)
+    energy = 0.5 * model.stiffness[:, None] * displacement**2 + 0.5 * model.mass[:, None] * velocity**2
+    result = np.append(energy.max(axis=1), 0.0)
     contacts = _Contacts(model.contact_laws, np.zeros(len(model.ends)))
     couplings = _Forces(model.coupling_laws, np.zeros(len(model.coupled)))
-    of_contacts = _work(contacts, model.ends.gap(displacement) - model.clearance)
+    of_contacts = _work(contacts, model.ends.gap(displacement).max(axis=1) - model.clearance)
     np.add.at(result, model.ends.slots, of_contacts[model.ends.rows])
-    of_couplings = np.maximum(_work(couplings, -model.coupled.gap(displacement)), 0.0)
+    extensions = -model.coupled.gap(displacement)
+    shortest, longest = (_work(couplings, end) for end in (extensions.min(axis=1), extensions.max(axis=1)))
+    of_couplings = np.maximum(np.maximum(shortest, longest), 0.0)
     np.add.at(result, model.coupled.slots, of_couplings[model.coupled.rows])
     return result[:-1]
 

@@ -10,29 +10,35 @@ from typing import Any
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import finite, suggestion
+from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
 from impactlab.linear.laws import correlated_systems, linear_variances, white_variances
 from impactlab.plan.subdomains import Tile
+
+QUANTITIES, STATE = ("displacement", "velocity"), "state"
+"""What may be given of bodies at the start, and of laws."""
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
     """Where realizations begin."""
 
-    state: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body)
+    state: str | np.ndarray
+    """"stationary", "rest", or displacements and velocities, (2, body, realization), all alike where there is one."""
     streams: np.ndarray  # (3, body) addresses of a random start
     deviations: np.ndarray
     """Standard deviations of displacement and velocity that a stationary start is drawn with, (2, body)."""
     factors: tuple[tuple[np.ndarray, np.ndarray], ...]
     """The same of bodies that couplings or noises connect: their slots, and a root of the covariance of (x, v)."""
     rest: np.ndarray  # (body,) displacements of bodies that start at rest (m)
+    laws: np.ndarray | None = None
+    """States that laws begin with beside a given state, (state, realization) or (state, 1); None for their own."""
 
     @classmethod
     def of(
         cls, model: Model, state: str | np.ndarray, residual: np.ndarray, rest: np.ndarray, temperature: np.ndarray,
-        seed: tuple[int, int],
+        seed: tuple[int, int], laws: np.ndarray | None = None,
     ) -> Start:  # fmt: skip
         """Return the start that was asked for.
 
@@ -43,7 +49,7 @@ class Start:
         drawn = model.bodies if isinstance(state, str) and state == "stationary" else ()
         return cls(
             state, addresses(seed, drawn, "start"), _deviations(model, residual, temperature),
-            _factors(model, residual, temperature), rest,
+            _factors(model, residual, temperature), rest, laws,
         )  # fmt: skip
 
     @property
@@ -54,7 +60,7 @@ class Start:
     def restricted(self, tile: Tile) -> Start:
         """Return the start of a tile, whose state is that of the network at each call."""
         return replace(
-            self, state=np.zeros((2, len(tile.bodies))), streams=self.streams[:, :0],
+            self, state=np.zeros((2, len(tile.bodies), 1)), streams=self.streams[:, :0],
             deviations=self.deviations[:, tile.bodies], factors=(), rest=self.rest[tile.bodies],
         )  # fmt: skip
 
@@ -75,28 +81,29 @@ def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> 
 
 
 def start_of(initial: Any, model: Model) -> str | np.ndarray:
-    """Return "stationary", "rest", or displacements and velocities (2, body); refuse other forms and unknown names."""
+    """Return "stationary", "rest", or displacements and velocities (2, body, realization), (2, body, 1) if all alike.
+
+    Other forms and unknown names are refused.
+    """
     if initial is None or (isinstance(initial, str) and initial == "stationary"):
         variances = linear_variances(model)
         return "stationary" if np.isfinite(variances).all() and not model.time_varying else "rest"
     if isinstance(initial, str) and initial == "rest":
         return "rest"
-    if not isinstance(initial, Mapping) or set(initial) - {"displacement", "velocity"}:
+    if not isinstance(initial, Mapping) or set(initial) - {*QUANTITIES, STATE}:
         raise InvalidInput(
             'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
-            f"not {initial!r}."
+            f"or a result that has il.FinalState() or the path of its file, not {initial!r}."
         )
-    state = np.zeros((2, len(model.bodies)))
-    for row, quantity in enumerate(("displacement", "velocity")):
-        values = initial.get(quantity, {})
-        if not isinstance(values, Mapping):
-            raise InvalidInput(f"initial {quantity} must be {{name: value}}, not {values!r}.")
+    state = np.zeros((2, len(model.bodies), realizations_of(initial)))
+    for row, quantity in enumerate(QUANTITIES):
+        values = _by_name(initial, quantity)
         for name, value in values.items():
             points = model.network.points
             if name not in model.bodies and name not in points:
                 known = (*model.bodies, *points)
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
-            number = finite(f"initial {quantity} of {name!r}", value)
+            numbers = _numbers(f"initial {quantity} of {name!r}", value)
             shares = model.network.displaced(name) if name in points else {name: 1.0}
             twice = [body for body in shares if name in points and body in values]
             if twice:
@@ -105,8 +112,52 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
                     "of points alone or of bodies alone."
                 )
             for body, share in shares.items():
-                state[row, model.bodies.index(body)] += share * number
+                state[row, model.bodies.index(body)] += share * numbers
     return state
+
+
+def states_of(initial: Any, model: Model) -> np.ndarray | None:
+    """Return the states that laws begin with, (state, realization), (state, 1) if all alike; None if none is given."""
+    values = _by_name(initial, STATE) if isinstance(initial, Mapping) else {}
+    if not values:
+        return None
+    labels = [label for label, _ in model.states]
+    states = np.repeat(model.members.states[:, None], realizations_of(initial), axis=1)
+    for label, value in values.items():
+        known_name("state of a law", label, labels)
+        states[labels.index(label)] = _numbers(f"initial state {label!r}", value)
+    return states
+
+
+def realizations_of(initial: Any) -> int:
+    """Return how many realizations have a start of their own in given values; 1 where all begin alike."""
+    if not isinstance(initial, Mapping):
+        return 1
+    groups = (values for values in initial.values() if isinstance(values, Mapping))
+    sizes = {len(value) for values in groups for value in values.values() if _several(value)} - {1}
+    if len(sizes) > 1:
+        raise InvalidInput(f"initial has values of {sorted(sizes)} realizations; give as many everywhere, or one.")
+    return max(sizes, default=1)
+
+
+def _by_name(initial: Mapping[str, Any], quantity: str) -> Mapping[str, Any]:
+    values = initial.get(quantity, {})
+    if not isinstance(values, Mapping):
+        raise InvalidInput(f"initial {quantity} must be {{name: value}}, not {values!r}.")
+    return values
+
+
+def _several(value: Any) -> bool:
+    """Whether a value is given for each realization."""
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1)
+
+
+def _numbers(place: str, value: Any) -> np.ndarray:
+    """Return one number, or those of all realizations."""
+    numbers = [finite(place, item) for item in (value if _several(value) else (value,))]
+    if not numbers:
+        raise InvalidInput(f"{place} has no values.")
+    return np.array(numbers)
 
 
 def _factors(model: Model, residual: np.ndarray, temperature: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

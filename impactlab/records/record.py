@@ -36,6 +36,9 @@ class Keeper:
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         """Take snapshots [sample, quantity, lane] of a batch."""
 
+    def end(self, values: np.ndarray) -> None:
+        """Take the values at the end, [quantity, lane]."""
+
     def result(self) -> dict[str, np.ndarray]:
         """Return the arrays that were collected."""
         return {}

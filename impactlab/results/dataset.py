@@ -143,15 +143,26 @@ def opened(path: Path, lazy: Collection[Hashable]) -> xr.Dataset:
 
 def load(path: str | os.PathLike[str]) -> xr.Dataset | xr.DataTree:
     """Read a file that `save` wrote into memory, a dataset, or a tree if it has groups, or refuse it."""
-    path = Path(path)
-    if not path.is_file():
-        raise InvalidInput(f"There is no file {path}.")
-    try:
-        with LOCK, xr.open_datatree(path, engine="netcdf4") as tree:
-            loaded = tree.load()
-    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
-        raise InvalidInput(f"{path} cannot be read: {error}") from error
+    with LOCK, _read(path), xr.open_datatree(path, engine="netcdf4") as tree:
+        loaded = tree.load()
     return loaded if loaded.children else loaded.to_dataset()
+
+
+def part_of(path: str | os.PathLike[str], names: Collection[str]) -> xr.Dataset:
+    """Return the attributes of a file and those of some variables that it has; what is large may stay unread."""
+    with LOCK, _read(path), xr.open_dataset(path, engine="netcdf4") as dataset:
+        return dataset[[name for name in names if name in dataset]].load()
+
+
+@contextlib.contextmanager
+def _read(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Refuse a file that is not there, or that the netCDF library cannot read."""
+    if not Path(path).is_file():
+        raise InvalidInput(f"There is no file {Path(path)}.")
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError, AttributeError, LookupError, MemoryError) as error:  # of the library
+        raise InvalidInput(f"{Path(path)} cannot be read: {error}") from error
 
 
 def path_of(out: str | os.PathLike[str]) -> Path:

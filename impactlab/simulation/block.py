@@ -112,7 +112,7 @@ class Block:
         plan, state = self.plan, self.state
         attempt = 0
         if isinstance(plan.start.state, np.ndarray):
-            state.x[:-1, lanes], state.v[:-1, lanes] = plan.start.state[0][:, None], plan.start.state[1][:, None]
+            self._put_given(plan.start.state, lanes)
         elif plan.start.state == "stationary":
             redraw, resting = lanes, lanes[:0]
             for attempt in range(ATTEMPTS):
@@ -133,6 +133,16 @@ class Block:
         else:
             state.x[:-1, lanes] = plan.start.rest[:, None]
         return attempt
+
+    def _put_given(self, given: np.ndarray, lanes: np.ndarray) -> None:
+        """Put displacements and velocities that are given into some lanes, and states of laws if there are some.
+
+        There may be more realizations than values, in measurements of the step: these then come again.
+        """
+        chosen = self.realizations[lanes] % given.shape[2]
+        self.state.x[:-1, lanes], self.state.v[:-1, lanes] = given[:, :, chosen]
+        if self.plan.start.laws is not None:
+            self.states[:, lanes] = self.plan.start.laws[:, self.realizations[lanes] % self.plan.start.laws.shape[1]]
 
     def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
         """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
@@ -402,10 +412,8 @@ class Block:
             if not plan.method.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
-            places = self.state.reading[:-1], self.state.velocity[:-1]
-            first = np.concatenate([*places, self.state.contact_force, self.states])
             for keeper in keepers:
-                keeper.start(first)
+                keeper.start(self._snapshot())
         if plan.method.integrator.kicks:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self.note_gaps(place, self.state.velocity)
@@ -430,8 +438,15 @@ class Block:
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
             begin = end
+        for keeper in keepers:
+            keeper.end(self._snapshot())
         bodies, contacts, products, points = kept
         return BlockResult(bodies, contacts, products, points, [keeper.result() for keeper in keepers])
+
+    def _snapshot(self) -> np.ndarray:
+        """Return where bodies are read, their velocities, contact forces and states of laws, [quantity, lane]."""
+        state = self.state
+        return np.concatenate([state.reading[:-1], state.velocity[:-1], state.contact_force, self.states])
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""

@@ -22,7 +22,7 @@ from impactlab.simulation.request import Request
 class Expected:
     """Estimates of a motion before it is simulated."""
 
-    start: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body)
+    start: str | np.ndarray  # "stationary", "rest", or displacements and velocities, (2, body, realization)
     spin_up: float  # (s)
     stiffening: Stiffening
     """Tangent stiffness of contacts, couplings and residual forces at the estimated energies of the bodies."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +35,7 @@ def split(
     for slots in (slots for kind in model.sources.values() for slots in kind.joining):
         labels[np.isin(labels, labels[slots])] = labels[slots[0]]
     idle = ~np.isin(labels, labels[busy])
-    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, dict)
+    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, Mapping)
     alone = alone and not model.network.points  # whose structures would be torn apart
     if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
         return None

@@ -28,7 +28,7 @@ from impactlab.plan.observed import WINDOW, Observed
 from impactlab.plan.plan import Plan
 from impactlab.plan.points import Points
 from impactlab.plan.realizations import Realizations, block_shape, most_lanes
-from impactlab.plan.start import Start
+from impactlab.plan.start import Start, states_of
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
 from impactlab.simulation.expected import Expected
@@ -53,7 +53,10 @@ def make_plan(model: Model, request: Request) -> Plan:
     stiffening, relaxed = expected.stiffening, expected.relaxed
     # stiff couplings go from the kicks to the flow; the order of all links stays
     model = request.integrator.arrange(model, stiffening.links, stiffening.bodies)
-    start = Start.of(model, expected.start, stiffening.bodies, stiffening.rest, relaxed.temperature, request.seed)
+    start = Start.of(
+        model, expected.start, stiffening.bodies, stiffening.rest, relaxed.temperature, request.seed,
+        states_of(request.initial, model),
+    )  # fmt: skip
     # half width of the band about contact whose flux is the contact rate; contact-free intervals stay out of it
     window = WINDOW * gap_scale(model, stiffening.penetration)
     steps = Steps.of(model, request, expected, start, window)

@@ -29,6 +29,7 @@ from impactlab.networks.network import Network
 from impactlab.nonlinear.force_checks import explanation
 from impactlab.plan.plan import Plan
 from impactlab.plan.seed import seed_of
+from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter, say
 from impactlab.records.record import Record
 from impactlab.records.trajectory import PairedRealizations, PerRealization, Trajectory, trajectory_size
@@ -43,6 +44,7 @@ from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
+from impactlab.simulation.restart import given_by
 from impactlab.simulation.segments import step_error
 from impactlab.simulation.step_error import StepError
 from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
@@ -69,7 +71,7 @@ def simulate(
     step: float | None = None,
     integrator: Integrator | None = None,
     spin_up: float | None = None,
-    initial: str | Mapping[str, Mapping[str, float]] | None = None,
+    initial: str | os.PathLike[str] | Mapping[str, Mapping[str, Any]] | xr.Dataset | None = None,
     record: Sequence[Record] | Record | None = None,
     rng: Any = None,
     executor: Executor | None = None,
@@ -104,10 +106,12 @@ def simulate(
         Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
         collisions and changes between wells take, if that is not much longer than the run; 0 if the initial state
         is given.
-    initial : str or mapping, optional
+    initial : str, mapping, Dataset or path, optional
         "stationary" (default: the law without contacts, drawn again while a contact is
         closed; "rest" where there is none), "rest", or ``{"displacement": {name: value},
-        "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named.
+        "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named; a value is a number, or one for each
+        realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
+        goes on from the end of its own, at t = 0 and with new noise.
     record : Record or sequence, optional
         What to keep besides the statistics.
     rng : optional
@@ -143,6 +147,7 @@ def simulate(
     method, seed = integrator or ExactFlow(), seed_of(rng)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
     records = Record.all_of(record)
+    initial = given_by(initial, network, seed)
     if tolerance is None:
         if duration is None:
             raise InvalidInput("simulate needs a duration (s), or a tolerance.")
@@ -151,6 +156,11 @@ def simulate(
     if out is not None:
         raise InvalidInput(
             "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
+        )
+    if realizations_of(initial) > 1:
+        raise InvalidInput(
+            "With a tolerance the number of realizations is not known before, so that none can have a start of its "
+            "own; give duration= without a tolerance."
         )
     model = Model.of(network)
     tolerances = checked(tolerance, model)
@@ -220,8 +230,15 @@ class Ensemble:
     """
 
     def __init__(self, model: Model, request: Request, execution: Execution, compared: bool = False) -> None:
-        self.network, self.random, self.growing = model.network, bool(model.random.any()), execution.growing
-        number = request.realizations if self.random else 1
+        starts = realizations_of(request.initial)
+        if starts not in (1, request.realizations):
+            raise InvalidInput(
+                f"initial has the values of {starts} realizations, but there are to be {request.realizations}; give "
+                f"realizations={starts}."
+            )
+        self.network, self.growing = model.network, execution.growing
+        self.alike = starts == 1 and not model.random.any()
+        number = 1 if self.alike else request.realizations
         self.request = replace(request, realizations=number, workers=execution.workers)
         self.text = digest(generate(model))
         apart = split(model, request.integrator, request.initial, request.records)
@@ -273,7 +290,7 @@ class Ensemble:
         configuration = {"network": self.network.to_dict(), "simulate": _plain(options), "text": self.text}
         found = [part.dataset(configuration) for part in self.parts]
         dataset = found[0] if len(found) == 1 else joined(self.network, *found)
-        if not self.random:
+        if self.alike:
             dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
         return dataset
 
@@ -396,4 +413,6 @@ def _plain(value: Any) -> Any:
     """Return options as JSON can hold them, without numbers of NumPy."""
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value

@@ -100,7 +100,7 @@ def begun_elsewhere(plan: Plan, bodies: np.ndarray, sums_of: Callable[[Plan], np
     scale, largest = _scale(usual), (MOST_REMEMBERED, 0, 0)
     velocity = np.sqrt(usual[2])
     for times in STARTS[:affordable]:
-        start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity]))
+        start = replace(plan.start, state=np.stack([plan.start.rest, times * velocity])[..., None])
         unobserved = replace(plan.observed, records=(), every=0)
         try:
             other = _means(plan, sums_of(replace(plan, start=start, observed=unobserved)))

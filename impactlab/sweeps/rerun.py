@@ -95,6 +95,8 @@ def _repeat(
         raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
     if not isinstance(records, list):
         raise InvalidInput(f"The stored records must be a list, not {records!r}.")
+    if isinstance(options["initial"], str) and options["initial"] not in ("stationary", "rest"):
+        raise InvalidInput(f"The stored initial must not name a file, as {options['initial']!r} does.")
     network = impactlab.Network.from_dict(configuration.get("network", {}))
     if digest(generate(Model.of(network))) != configuration.get("text"):
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")

@@ -1,0 +1,65 @@
+"""Going on from the end of an earlier run."""
+
+from __future__ import annotations
+
+import os
+import reprlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
+from impactlab.networks.network import Network
+from impactlab.records.final_state import FINAL, name_of
+from impactlab.results.dataset import configuration_of, part_of
+
+
+def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
+    """Return `initial` as values by name where it is an earlier run or the path of its file; else as it is.
+
+    Refused are runs without a final state, of other bodies or laws, and a seed that would repeat their noise.
+    """
+    if isinstance(initial, os.PathLike) or (isinstance(initial, str) and Path(initial).is_file()):
+        initial = part_of(initial, [name_of(quantity) for quantity in FINAL])
+    if not isinstance(initial, xr.Dataset | xr.DataTree):
+        return initial
+    configuration = configuration_of(initial)
+    if name_of("displacement") not in initial or name_of("velocity") not in initial:
+        raise InvalidInput(
+            "initial: this result has no final state; repeat the earlier run with record=il.FinalState()."
+        )
+    model = Model.of(network)
+    before = configuration.get("simulate")
+    if model.random.any() and isinstance(before, dict) and before.get("seed") == list(seed):
+        raise InvalidInput(
+            "The earlier run had the same rng, whose noise would be repeated; give another one, or pass one "
+            "np.random.default_rng(…) to both runs."
+        )
+    known = {"displacement": model.bodies, "velocity": model.bodies, "state": [label for label, _ in model.states]}
+    return {quantity: _values(initial, quantity, list(names)) for quantity, names in known.items()}
+
+
+def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[float]]:
+    """Return the final values of all realizations by name, of those names that are known and no others."""
+    name, dimension = name_of(quantity), FINAL[quantity].dimension
+    if name not in source and not known:
+        return {}
+    values = source.get(name, xr.DataArray(np.zeros((1, 0)), dims=("realization", dimension)))
+    if "realization" not in values.dims:  # one that was selected
+        values = values.expand_dims("realization")
+    if set(values.dims) != {"realization", dimension}:
+        raise InvalidInput(
+            f"initial: {name} has the dimensions {list(values.dims)}; select one point of a sweep, and all of each "
+            "realization."
+        )
+    labels = [str(label) for label in values[dimension].values]
+    if set(labels) != set(known):
+        what = "states of laws" if quantity == "state" else "oscillators"
+        raise InvalidInput(
+            f"initial: the earlier run has the {what} {reprlib.repr(labels)}, this network {reprlib.repr(known)}; "
+            'a run goes on with the same ones. Give other starts as {"displacement": {name: value}, …}.'
+        )
+    return dict(zip(labels, values.transpose(dimension, "realization").values.tolist(), strict=True))
