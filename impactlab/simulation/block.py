@@ -226,9 +226,22 @@ class Block:
 
     def _begin_on_path(self, x: np.ndarray, v: np.ndarray) -> None:
         """Add to the velocities what those at the kicks have beyond the velocities of the smooth path, (body, lane)."""
+        self.state.v[:-1] += self._beyond_path(x, v)
+
+    def _beyond_path(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return what velocities at kicks have beyond those of the smooth path, (body, lane)."""
         laws = Laws(self.states[None], np.array([self.time]))
         _, before = SmoothPath(self.plan, self.evaluate).begin(x[None], v[None], laws)
-        self.state.v[:-1] += before[0] - v
+        return before[0] - v
+
+    def _final(self) -> np.ndarray:
+        """Return a snapshot from which another run can go on, with velocities as `_begin_on_path` takes them."""
+        final, plan, bodies = self._snapshot(), self.plan, len(self.plan.system.bodies)
+        if plan.method.integrator.kicks and plan.method.interval == 1:
+            state, half = self.state, 0.5 * plan.clock.step / plan.system.linear[0][:, None]
+            v = state.v[:-1] - half * state.total[:-1]
+            final[bodies : 2 * bodies] = v - self._beyond_path(state.reading[:-1], v)
+        return final
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         state = self.state
@@ -439,7 +452,7 @@ class Block:
                 sums[batch] = total
             begin = end
         for keeper in keepers:
-            keeper.end(self._snapshot())
+            keeper.end(self._final())
         bodies, contacts, products, points = kept
         return BlockResult(bodies, contacts, products, points, [keeper.result() for keeper in keepers])
 
