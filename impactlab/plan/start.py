@@ -134,7 +134,7 @@ def realizations_of(initial: Any) -> int:
     if not isinstance(initial, Mapping):
         return 1
     groups = (values for values in initial.values() if isinstance(values, Mapping))
-    sizes = {len(value) for values in groups for value in values.values() if _several(value)} - {1}
+    sizes = {len(value) for values in groups for value in values.values() if _several(value)} - {0, 1}
     if len(sizes) > 1:
         raise InvalidInput(f"initial has values of {sorted(sizes)} realizations; give as many everywhere, or one.")
     return max(sizes, default=1)

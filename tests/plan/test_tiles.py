@@ -46,7 +46,7 @@ def small():
 
 def planned(network):
     options = {"spin_up": 0.03, "initial": "rest", "integrator": il.ExactFlow(), "seed": (1, 2)}
-    records = [il.Trajectory(0.02), il.Density(bins=20)]
+    records = [il.Trajectory(0.02), il.Density(bins=20), il.FinalState()]
     return plan_of(network, duration=0.2, step=1e-3, records=records, workers=1, **options)
 
 

@@ -196,6 +196,7 @@ CHANGES = {
     "realizations": (lambda c: c["simulate"].update(realizations=1.5), r"realizations must be a whole number"),
     "spin-up": (lambda c: c["simulate"].update(spin_up=[1]), r"spin_up must be a number"),
     "initial": (lambda c: c["simulate"].update(initial=5), r"initial must be"),
+    "initial file": (lambda c: c["simulate"].update(initial="victim"), r"initial must not name a file"),
     "step": (lambda c: c["simulate"].update(step="x"), r"step must be a number"),
     "network": (lambda c: c.update(network=5), r"A network is stored as a mapping, not 5"),
     "bodies": (lambda c: c["network"].update(oscillators=[1]), r"oscillators are stored as a mapping"),
