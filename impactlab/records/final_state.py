@@ -40,6 +40,8 @@ class FinalState(Record):
 
 
 class _End(Keeper):
+    wants_end = True
+
     def end(self, values: np.ndarray) -> None:
         self.values = values.T.copy()
 

@@ -15,7 +15,7 @@ from impactlab.errors import InvalidInput
 class Keeper:
     """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing."""
 
-    wants_start = False
+    wants_start, wants_end = False, False
 
     def __init__(self, ratio: int = 1) -> None:
         self.ratio, self.seen = ratio, 0

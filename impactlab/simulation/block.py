@@ -425,8 +425,9 @@ class Block:
             if not plan.method.integrator.kicks or own:  # the state itself, not where a kick is read
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
+            first = self._snapshot()
             for keeper in keepers:
-                keeper.start(self._snapshot())
+                keeper.start(first)
         if plan.method.integrator.kicks:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self.note_gaps(place, self.state.velocity)
@@ -452,7 +453,8 @@ class Block:
                 sums[batch] = total
             begin = end
         for keeper in keepers:
-            keeper.end(self._final())
+            if keeper.wants_end:
+                keeper.end(self._final())
         bodies, contacts, products, points = kept
         return BlockResult(bodies, contacts, products, points, [keeper.result() for keeper in keepers])
 
