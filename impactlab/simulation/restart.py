@@ -52,8 +52,8 @@ def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[floa
         values = values.expand_dims("realization")
     if set(values.dims) != {"realization", dimension}:
         raise InvalidInput(
-            f"initial: {name} has the dimensions {list(values.dims)}; select one point of a sweep, and all of each "
-            "realization."
+            f"initial: {name} has the dimensions {list(values.dims)}, not realization and {dimension}; of a sweep select "
+            "one point."
         )
     labels = [str(label) for label in values[dimension].values]
     if set(labels) != set(known):

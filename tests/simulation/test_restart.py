@@ -228,7 +228,7 @@ def test_starts_that_do_not_fit_are_refused(earlier, tmp_path):
         (earlier.isel(oscillator=[0]), r"has the oscillators \['a'\], this network \['a', 'b'\]"),
         (earlier.isel(state=[0]), r"has the states of laws \['held.hysteretic'\]"),
         (earlier.drop_vars("final_law_state"), r"has the states of laws \[\]"),
-        (earlier.expand_dims(speed=2), r"select one point of a sweep"),
+        (earlier.expand_dims(speed=2), r"of a sweep select one point"),
         (earlier.assign(final_velocity=earlier.final_velocity * np.nan), r"velocity of 'a' must be a finite number"),
         (earlier.drop_attrs(), r"There is no attribute 'impactlab_configuration'"),
         (tmp_path / "none.nc", r"There is no file .*none.nc"),
