@@ -16,6 +16,9 @@ from impactlab.kernels.random import addresses
 from impactlab.linear.laws import correlated_systems, linear_variances, white_variances
 from impactlab.plan.subdomains import Tile
 
+WORDS = "stationary", "rest"
+"""Starts that have a name."""
+
 QUANTITIES, STATE = ("displacement", "velocity"), "state"
 """What may be given of bodies at the start, and of laws."""
 

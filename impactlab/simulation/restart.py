@@ -13,6 +13,7 @@ import xarray as xr
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.networks.network import Network
+from impactlab.plan.start import WORDS
 from impactlab.records.final_state import FINAL, name_of
 from impactlab.results.dataset import configuration_of, part_of
 
@@ -22,7 +23,8 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
 
     Refused are runs without a final state, of other bodies or laws, and a seed that would repeat their noise.
     """
-    if isinstance(initial, os.PathLike) or (isinstance(initial, str) and Path(initial).is_file()):
+    named = isinstance(initial, str) and initial not in WORDS and Path(initial).is_file()
+    if isinstance(initial, os.PathLike) or named:
         initial = part_of(initial, [name_of(quantity) for quantity in FINAL])
     if not isinstance(initial, xr.Dataset | xr.DataTree):
         return initial
@@ -52,8 +54,8 @@ def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[floa
         values = values.expand_dims("realization")
     if set(values.dims) != {"realization", dimension}:
         raise InvalidInput(
-            f"initial: {name} has the dimensions {list(values.dims)}, not realization and {dimension}; of a sweep select "
-            "one point."
+            f"initial: {name} has the dimensions {list(values.dims)}, not realization and {dimension}; of a sweep "
+            "select one point."
         )
     labels = [str(label) for label in values[dimension].values]
     if set(labels) != set(known):

@@ -17,6 +17,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.plan.seed import Seed
+from impactlab.plan.start import WORDS
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.sweep import DONE, Sweep, run_points
@@ -95,7 +96,7 @@ def _repeat(
         raise InvalidInput(f"The stored seed must be two whole numbers from 0 to 2^64 - 1, not {seed!r}.")
     if not isinstance(records, list):
         raise InvalidInput(f"The stored records must be a list, not {records!r}.")
-    if isinstance(options["initial"], str) and options["initial"] not in ("stationary", "rest"):
+    if isinstance(options["initial"], str) and options["initial"] not in WORDS:
         raise InvalidInput(f"The stored initial must not name a file, as {options['initial']!r} does.")
     network = impactlab.Network.from_dict(configuration.get("network", {}))
     if digest(generate(Model.of(network))) != configuration.get("text"):
