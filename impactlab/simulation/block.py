@@ -232,7 +232,8 @@ class Block:
         """Return what velocities at kicks have beyond those of the smooth path, (body, lane)."""
         laws = Laws(self.states[None], np.array([self.time]))
         _, before = SmoothPath(self.plan, self.evaluate).begin(x[None], v[None], laws)
-        return before[0] - v
+        beyond: np.ndarray = before[0] - v
+        return beyond
 
     def _final(self) -> np.ndarray:
         """Return a snapshot from which another run can go on, with velocities as `_begin_on_path` takes them."""
