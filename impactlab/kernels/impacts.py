@@ -177,11 +177,30 @@ def _bend_neighbours(flight, contact, time, change, lane):  # type: ignore[no-un
             gap += s * (by + s * (bend + s * twist))
             rate = (by + s * (2.0 * bend + 3.0 * twist * s)) / length
         paths[GAP, near], paths[RATE, near], paths[SINCE, near] = gap, rate + grown, time
-        paths[SIZE, near] += step * abs(grown)
+        end = paths[END_GAP, near]
         _end(flight, near, lane)
+        paths[SIZE, near] += step * abs(grown) + abs(paths[END_GAP, near] - end)
         if abs(paths[END_GAP, near]) > ROUNDING * paths[SIZE, near]:
             paths[RESTS, near] = 0.0
         _foresee(paths, near, step)
+
+
+@kernel
+def _free(rigid, body, left):  # type: ignore[no-untyped-def]
+    """Return how far a body goes in some time on a velocity of 1, and how fast it is then."""
+    decay = rigid.flow[0, body]
+    square = rigid.flow[1, body] - decay * decay
+    if abs(square) * left * left < 1e-4:
+        z = square * left * left
+        way, speed = left * (1.0 - z / 6.0 * (1.0 - z / 20.0)), 1.0 - 0.5 * z * (1.0 - z / 12.0)
+    elif square > 0.0:
+        frequency = math.sqrt(square)
+        way, speed = math.sin(frequency * left) / frequency, math.cos(frequency * left)
+    else:
+        frequency = math.sqrt(-square)
+        way, speed = math.sinh(frequency * left) / frequency, math.cosh(frequency * left)
+    damped = math.exp(-decay * left)
+    return damped * way, damped * (speed - decay * way)
 
 
 @kernel
@@ -190,33 +209,41 @@ def _change(flight, contact, change, left, lane):  # type: ignore[no-untyped-def
     rigid, seen = flight.impacts.rigid, flight.impacts.seen
     for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
         body = rigid.bodies[entry]
-        decay, by = rigid.flow[0, body], rigid.shares[entry] * change
-        square = rigid.flow[1, body] - decay * decay
-        if abs(square) * left * left < 1e-4:
-            z = square * left * left
-            way, speed = left * (1.0 - z / 6.0 * (1.0 - z / 20.0)), 1.0 - 0.5 * z * (1.0 - z / 12.0)
-        elif square > 0.0:
-            frequency = math.sqrt(square)
-            way, speed = math.sin(frequency * left) / frequency, math.cos(frequency * left)
-        else:
-            frequency = math.sqrt(-square)
-            way, speed = math.sinh(frequency * left) / frequency, math.cosh(frequency * left)
-        damped = math.exp(-decay * left)
-        flight.x[body, lane] += damped * way * by
-        flight.v[body, lane] += damped * (speed - decay * way) * by
+        way, speed = _free(rigid, body, left)
+        by = rigid.shares[entry] * change
+        flight.x[body, lane] += way * by
+        flight.v[body, lane] += speed * by
     seen[IMPULSE, contact, lane] -= rigid.numbers[INERTIA, contact] * change
 
 
 @kernel
-def _rest(flight, contact, lane):  # type: ignore[no-untyped-def]
-    """Hold a contact closed to the end of the step, where it neither overlaps nor closes further."""
+def _held(rigid, contact, left):  # type: ignore[no-untyped-def]
+    """Return the impulse of a constant force that takes a rate of 1 from a contact within some time.
+
+    Friction and springs take part of what a force gives, so that this is more than the inertia.
+    """
+    yielding = 0.0
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        way, _ = _free(rigid, rigid.bodies[entry], left)
+        yielding += rigid.weights[entry] * rigid.shares[entry] * way
+    return rigid.numbers[INERTIA, contact] * (left / yielding if yielding > 0.0 else 1.0)
+
+
+@kernel
+def _rest(flight, contact, left, kicked, lane):  # type: ignore[no-untyped-def]
+    """Hold a contact closed to the end of the step, where it neither overlaps nor closes further.
+
+    Where kicks are part of what presses it, it does not open either: their sum with other forces counts alone.
+    """
     rigid, paths, seen = flight.impacts.rigid, flight.impacts.paths, flight.impacts.seen
-    overlap, rate = max(paths[END_GAP, contact], 0.0), max(paths[END_RATE, contact], 0.0)
+    overlap, rate = paths[END_GAP, contact], paths[END_RATE, contact]
+    if not kicked:
+        overlap, rate = max(overlap, 0.0), max(rate, 0.0)
     for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
         body, share = rigid.bodies[entry], rigid.shares[entry]
         flight.x[body, lane] -= share * overlap
         flight.v[body, lane] -= share * rate
-    seen[IMPULSE, contact, lane] += rigid.numbers[INERTIA, contact] * rate
+    seen[IMPULSE, contact, lane] += _held(rigid, contact, left) * rate
     paths[RATE, contact], paths[RESTS, contact], paths[DUE, contact] = 0.0, 1.0, math.inf
     _end(flight, contact, lane)
 
@@ -248,12 +275,22 @@ def _speed(flight, contact, now, lane):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _pressed(flight, contact, lane):  # type: ignore[no-untyped-def]
+    """Return how much faster a contact closes by the last kick."""
+    rigid, total = flight.impacts.rigid, 0.0
+    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
+        body = rigid.bodies[entry]
+        total += rigid.weights[entry] * rigid.flow[2, body] * flight.pushed[body, lane]
+    return total
+
+
+@kernel
 def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     """Let a contact close: it opens again with the restitution e, or rests.
 
     It rests if a bouncing that its acceleration a makes shorter and shorter ends within the step, which takes
-    ``2u/(1 − e)a`` from a rebound at u on, or takes too many impacts. Where it loses energy it rests, too, if it closes
-    no faster than the last kick made it.
+    ``2u/(1 − e)a`` from a rebound at u on, or takes too many impacts. Where it loses energy and what acts in the step
+    and the kick before it press it together, it rests, too, if it closes hardly faster than that kick changed its rate.
     """
     rigid, paths, step = flight.impacts.rigid, flight.impacts.paths, flight.step
     restitution, time = rigid.numbers[RESTITUTION, contact], paths[DUE, contact]
@@ -261,12 +298,9 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     rebound, length = restitution * speed, step - since
     _, _, bend, twist = _path(paths, contact, step)
     pull = (2.0 * bend + 6.0 * twist * (time - since) / length) / (length * length)
-    pressed = 0.0
-    for entry in range(rigid.begin[contact], rigid.begin[contact + 1]):
-        body = rigid.bodies[entry]
-        pressed += rigid.weights[entry] * rigid.flow[2, body] * flight.pushed[body, lane]
+    pressed = _pressed(flight, contact, lane)
     short = pull > 0.0 and 2.0 * rebound <= max(1.0 - restitution, 2.0 / MANY) * pull * left
-    kicked = restitution < 1.0 and time <= 0.0 and speed <= 1.5 * pressed
+    kicked = restitution < 1.0 and pressed + pull * step > 0.0 and speed <= 1.5 * abs(pressed)
     rests = short or kicked or paths[EVENTS, contact] > MANY
     change = -speed if rests else -(speed + rebound)
     _change(flight, contact, change, left, lane)
@@ -275,12 +309,24 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     paths[SIZE, contact] += step * abs(change)
     _end(flight, contact, lane)
     if rests:
-        _rest(flight, contact, lane)
+        _rest(flight, contact, left, kicked, lane)
     else:
         flight.impacts.seen[IMPACTS, contact, lane] += 1.0
         paths[RESTS, contact] = 0.0
         _foresee(paths, contact, step)
     _bend_neighbours(flight, contact, time, change, lane)
+
+
+@kernel
+def _hold(flight, contact, lane):  # type: ignore[no-untyped-def]
+    """Let a contact rest on if a kick and the forces in the step press it together, whichever of them lifts it."""
+    impacts, paths = flight.impacts, flight.impacts.paths
+    if impacts.spread[flight.row, contact] > 0.0 or _pressed(flight, contact, lane) == 0.0:
+        return
+    if paths[END_RATE, contact] > 0.0:
+        paths[GAP, contact] = 0.0
+        _rest(flight, contact, flight.step, True, lane)
+        _bend_neighbours(flight, contact, 0.0, 0.0, lane)
 
 
 @kernel
@@ -296,10 +342,14 @@ def _size(flight, contact, lane):  # type: ignore[no-untyped-def]
 
 @kernel
 def _first(paths):  # type: ignore[no-untyped-def]
-    """Return which contact closes first."""
+    """Return which contact closes first, of several at the same time that which has closed least often.
+
+    Bodies that rest on each other would otherwise settle in pairs, again and again after each impact of the next pair.
+    """
     first = 0
-    for contact in range(paths.shape[1]):
-        if paths[DUE, contact] < paths[DUE, first]:
+    for contact in range(1, paths.shape[1]):
+        later = paths[DUE, contact] - paths[DUE, first]
+        if later < 0.0 or (later == 0.0 and paths[EVENTS, contact] < paths[EVENTS, first]):
             first = contact
     return first
 
@@ -316,6 +366,9 @@ def _collide(flight, now, lane):  # type: ignore[no-untyped-def]
         paths[SIZE, contact] = impacts.seen[LARGEST, contact, lane]
         paths[SINCE, contact], paths[EVENTS, contact], paths[RESTS, contact] = 0.0, 0.0, 0.0
         _foresee(paths, contact, step)
+    for contact in range(count):
+        if impacts.seen[RESTING, contact, lane] > 0.0:
+            _hold(flight, contact, lane)
     for _ in range(2 * MANY * count):
         first = _first(paths)
         if paths[DUE, first] == math.inf:
@@ -323,13 +376,24 @@ def _collide(flight, now, lane):  # type: ignore[no-untyped-def]
                 impacts.seen[RESTING, contact, lane] = paths[RESTS, contact]
             return
         _meet(flight, first, now, lane)
-    flight.x[0, lane] = math.nan  # impacts do not end
+    for contact in range(count):  # bodies that rest on each other: what overlaps yet is held in the next step
+        resting = paths[RESTS, contact] == 1.0 or paths[DUE, contact] < math.inf
+        impacts.seen[RESTING, contact, lane] = 1.0 if resting else 0.0
+
+
+@kernel
+def _rested(seen, lane):  # type: ignore[no-untyped-def]
+    """Whether a contact of a lane was at rest at the end of the step before."""
+    number = 0.0
+    for contact in range(seen.shape[1]):
+        number += seen[RESTING, contact, lane]
+    return number > 0.0
 
 
 @kernel
 def _clear(seen):  # type: ignore[no-untyped-def]
-    """Forget what was seen in the step before."""
-    for row in range(LARGEST):
+    """Forget what was seen in the step before, but for rests."""
+    for row in range(RESTING):
         for contact in range(seen.shape[1]):
             for lane in range(seen.shape[2]):
                 seen[row, contact, lane] = 0.0
@@ -347,7 +411,7 @@ def collisions(place, now):  # type: ignore[no-untyped-def]
     _reach(rigid.numbers[CLEARANCE], flight.step, ends)
     _clear(seen)
     for lane in range(flight.x.shape[1]):
-        if ends[4, 0, lane] > 0.0:
+        if ends[4, 0, lane] > 0.0 or _rested(seen, lane):
             _collide(flight, now, lane)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from impactlab.kernels.combinations import elongations
+from impactlab.kernels.impacts import TOUCHING
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
@@ -137,10 +138,11 @@ def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: i
     noise that has these ends. It shows excursions that begin and end within the step. What noise adds to them
     is to first order ``HIDDEN σ² h p(0, 0)`` closings, whatever the mean acceleration; p is the density of
     (δ, δ') and σ√h the `jitter`. The density at (0, 0) is estimated from turning points just beyond contact, of
-    which a step that changes the closing velocity by Δ has ``|Δ|`` in each unit of p.
+    which a step that changes the closing velocity by Δ has ``|Δ|`` in each unit of p. A rigid contact that rests
+    has no excursions.
     """
     count = 1.0 if depth <= 0.0 < next_depth else 0.0
-    if closing * next_closing >= 0.0:
+    if closing * next_closing >= 0.0 or 0.0 < max(depth, next_depth) <= TOUCHING:
         return count
     by, next_by = step * closing, step * next_closing
     grazing = step * jitter * GRAZING

@@ -297,3 +297,66 @@ def test_impacts_that_no_step_resolves_are_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         il.simulate(wall(0.7), 200.0, realizations=64, step=0.1, integrator=PLAIN)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("number", [3, 6])
+def test_stack_rests(number, restitution):
+    """Balls that lie on each other stay there: each contact carries the weight above it, and comes to rest once."""
+    names, law = [f"ball {k}" for k in range(number)], il.RigidContact(restitution=restitution)
+    contacts = {f"under {above}": il.Contact(below, above, law) for below, above in pairwise([il.WALL, *names])}
+    weights = dict.fromkeys(names, il.ConstantForce(load=-10.0))
+    network = il.Network(dict.fromkeys(names, FREE), contacts, weights)
+    result = path(network, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0.0), 0.5, 0.01)
+    assert np.abs(result.displacement.values).max() < 1e-14
+    np.testing.assert_allclose(result.mean_contact_force, 10.0 * np.arange(number, 0, -1), rtol=1e-9)
+    np.testing.assert_array_equal(result.contact_ratio, 1.0)
+    if restitution < 1.0:
+        np.testing.assert_allclose(result.contact_rate * result.attrs["duration"], 1.0)
+
+
+def test_high_stack_that_does_not_settle_within_a_step_is_held():
+    names, law = [f"ball {k}" for k in range(20)], il.RigidContact(restitution=0.5)
+    contacts = {f"under {above}": il.Contact(below, above, law) for below, above in pairwise([il.WALL, *names])}
+    weights = dict.fromkeys(names, il.ConstantForce(load=-10.0))
+    network = il.Network(dict.fromkeys(names, FREE), contacts, weights)
+    result = path(network, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0.0), 0.1, 0.01)
+    assert np.abs(result.displacement.values).max() < 1e-7
+    np.testing.assert_allclose(result.mean_contact_force, 10.0 * np.arange(20, 0, -1), rtol=1e-3)
+
+
+@pytest.mark.parametrize("damping", [0.0, 20.0])
+@pytest.mark.parametrize("stiffness", [0.0, 4.0])
+def test_force_on_a_body_at_rest_is_all_that_presses_it(damping, stiffness):
+    """Also where friction would have taken much of it within a step."""
+    body = il.LinearOscillator(mass=1.0, damping=damping, stiffness=stiffness)
+    stop = il.Contact("a", il.WALL, il.RigidContact(restitution=0.5), clearance=0.1)
+    network = il.Network({"a": body}, {"stop": stop}, {"a": il.ConstantForce(load=3.0)})
+    result = path(network, {"a": 0.1}, {"a": 0.0}, 2.0, 0.05)
+    assert float(result.mean_contact_force[0]) == pytest.approx(3.0 - 0.1 * stiffness, rel=3e-4)
+    assert float(result.contact_ratio[0]) == 1.0
+
+
+@pytest.mark.parametrize("load", [2.0, -1.0])
+def test_rest_under_kicks_of_a_coupling(load):
+    """A spring that pulls a body to or off the wall acts in kicks: if the sum of forces presses it, it rests.
+
+    Its bouncing ends some steps early, at velocities of about a kick.
+    """
+    anchor = il.LinearOscillator(mass=1e9, damping=0.0, stiffness=0.0)
+    network = il.Network(
+        {"a": FREE, "anchor": anchor},
+        {"stop": il.Contact("a", il.WALL, il.RigidContact(restitution=0.7))},
+        {"a": il.ConstantForce(load=load)},
+        {"spring": il.Coupling("a", "anchor", il.LinearCoupling(stiffness=10.0, damping=0.0))},
+    )
+    there = (0.5 - load) / 10.0  # of the spring and the load, 0.5 N remain
+    start, still = {"a": 0.0, "anchor": there}, {"a": 0.1, "anchor": 0.0}
+    frequency, rebounds = math.sqrt(10.0), 0.1 * 0.7 ** np.arange(1, 100)
+    flying = float((2.0 / frequency * np.arctan(rebounds / (0.05 * frequency))).sum())
+    impulse = 1.7 * 0.1 / 0.3 + 0.5 * (4.0 - flying)
+    for step in (0.01, 0.0025):
+        result = path(network, start, still, 4.0, step)
+        assert float(result.contact_rate[0]) * 4.0 < 25.0
+        assert float(result.contact_ratio[0]) == pytest.approx(1.0 - flying / 4.0, abs=12.0 * step)
+        assert float(result.mean_contact_force[0]) * 4.0 == pytest.approx(impulse, rel=0.4 * step)
