@@ -17,7 +17,7 @@ import numpy as np
 from impactlab.kernels.arrays import value_at
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.random import normal_pair, philox
-from impactlab.kernels.rows import FLUX
+from impactlab.kernels.rows import FLUX, TOUCHING
 
 GAP, RATE, END_GAP, END_RATE, SINCE, DUE, SPEED, SIZE, EVENTS, RESTS = range(10)
 """Rows of the paths of contacts in a step, of one lane: gap and rate at both ends, when the path begins, when the
@@ -38,9 +38,6 @@ CLEARANCE, RESTITUTION, INERTIA = range(3)
 
 ROUNDING = 1e-14
 """Part of the size of a contact's displacements, and of its motion in a step, up to which a gap counts as closed."""
-
-TOUCHING = 1e-300
-"""Indentation of a contact that rests (m): positive, but nothing."""
 
 MANY = 1000
 """Impacts of a contact in a step after which it rests."""

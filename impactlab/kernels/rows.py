@@ -28,3 +28,6 @@ what lies between kicks; then the same as `TURN`. And how many rows these are. S
 
 PAIR_ROWS = 9
 """Rows of the sums over pairs of bodies: products of x, v, f of the first and x, v, f of the second."""
+
+TOUCHING = 1e-300
+"""Indentation of a rigid contact that rests (m): positive, but nothing."""

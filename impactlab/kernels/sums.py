@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 from impactlab.kernels.combinations import elongations
-from impactlab.kernels.impacts import TOUCHING
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
-from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
+from impactlab.kernels.rows import FF, FLUX, FV, FX, TOUCHING, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
 
