@@ -88,6 +88,7 @@ class Impacts(NamedTuple):
     paths: np.ndarray  # (10, rigid) of one lane
     before: np.ndarray  # [body, lane] velocities before the flow
     seen: np.ndarray  # [4, rigid, lane]
+    closings: np.ndarray  # [contact, lane] sums of closings, to which impacts are added
 
 
 class Flight(NamedTuple):
@@ -248,7 +249,7 @@ class _Types:
         self.forces = FORCES_OF_ONE if single else FORCES
         cross = named(Cross, pairs, table, table, table, pairs)
         rigid = named(RigidContacts, slots, slots, slots, numbers, numbers, table, table, slots, slots, numbers)
-        self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks)
+        self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks, block)
         self.flight = named(Flight, block, block, block, block, self.impacts, f8, i8)
         self.tables = named(Tables, numbers, slots, cube, cross, table, self.impacts)
         self.noise = named(

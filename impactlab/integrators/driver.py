@@ -13,7 +13,7 @@ from numba import i8, void
 
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
-from impactlab.kernels.impacts import add_impacts, collisions
+from impactlab.kernels.impacts import collisions
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
 from impactlab.kernels.points import add_history_of_points, add_turns_of_points
@@ -60,8 +60,6 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.add, account, index)
             if sums.points.sums.shape[2]:
                 call(functions.add_points, account, index)
-        if steps.summing:
-            add_impacts(tables.impacts, sums.contacts)
         if sampled(steps, index):
             number = (steps.phase + index + 1) // steps.every - 1
             write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)

@@ -17,6 +17,7 @@ from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.arrays import address_of, call
 from impactlab.kernels.flow import flow, flow_between, push_between
 from impactlab.kernels.impacts import show_impacts
+from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import coupled_systems, flowing_systems
@@ -41,6 +42,52 @@ MOST_OF_STRUCTURE = 32
 
 LEAST_SPLIT = 0.01
 """Largest friction over a step, ``c h/m``, that may act at one moment of it where an accuracy is to be reached."""
+
+
+@inlined
+def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+    """Make the flow of a step; return its slot of the history, with the displacements, and the force of the last kick.
+
+    Velocities of the state are those after the flow, and `Integrator.step` tells of the arguments.
+    """
+    coefficients, cross = tables.coefficients, tables.cross
+    noise, series, forced = driven.noise, driven.series, driven.forced
+    now = steps.first + index
+    past, slot = slot_of(history, (now - 1) % SLOTS), slot_of(history, now % SLOTS)
+    v, y, push, before = state.v, state.reading, state.work[0], state.work[1]
+    x, last_force = (past.x, past.force) if index else (state.x, state.total)
+    if series.bodies.shape[0]:
+        copy(x, y)
+        x = y
+        add_response(series, sample_of(steps, now), -1.0, x, v)
+    if cross.bodies.shape[0]:
+        copy(v, before)
+    sample, normals = index if noise.scale.shape[0] > 1 else 0, noise.normals[now % 4]
+    flow(coefficients, now % coefficients.shape[0], noise, sample, normals, x, v, slot.x)
+    if cross.bodies.shape[0]:
+        flow_between(cross, normals, x, before, slot.x, v)
+    if forced.bodies.shape[0]:
+        for part in range(2):  # mean and slope
+            clear(push)
+            add_forced(forced.force, 2 * index + part, forced.bodies, push)
+            add_scaled(coefficients, PUSH + 2 * part, push, slot.x)
+            add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
+            push_between(cross, part, push, slot.x, v)
+    if series.bodies.shape[0]:
+        add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)
+    return slot, last_force
+
+
+@inlined
+def _end_step(tables, state, slot, last_force, steps, index):  # type: ignore[no-untyped-def]
+    """Write what is read after a step, and what the next call begins with."""
+    last = index == steps.number - 1
+    if last or sampled(steps, index):
+        smooth_velocity(tables.coefficients, KICK, LAG, slot.v, slot.force, last_force, state.velocity)
+        copy(slot.contact_force, state.contact_force)
+    if last:
+        copy(slot.x, state.x)
+        copy(slot.force, state.total)
 
 
 class ExactFlow(Integrator):
@@ -95,48 +142,9 @@ class ExactFlow(Integrator):
 
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-        coefficients, cross = tables.coefficients, tables.cross
-        noise, series, forced, impacts = driven.noise, driven.series, driven.forced, tables.impacts
-        now = steps.first + index
-        past, slot = slot_of(history, (now - 1) % SLOTS), slot_of(history, now % SLOTS)
-        v, y, push, before = state.v, state.reading, state.work[0], state.work[1]
-        x, last_force = (past.x, past.force) if index else (state.x, state.total)
-        begin = x
-        if impacts.rigid.contacts.shape[0]:
-            copy(v, impacts.before)
-        if series.bodies.shape[0]:
-            copy(x, y)
-            x = y
-            add_response(series, sample_of(steps, now), -1.0, x, v)
-        if cross.bodies.shape[0]:
-            copy(v, before)
-        sample, normals = index if noise.scale.shape[0] > 1 else 0, noise.normals[now % 4]
-        flow(coefficients, now % coefficients.shape[0], noise, sample, normals, x, v, slot.x)
-        if cross.bodies.shape[0]:
-            flow_between(cross, normals, x, before, slot.x, v)
-        if forced.bodies.shape[0]:
-            for part in range(2):  # mean and slope
-                clear(push)
-                add_forced(forced.force, 2 * index + part, forced.bodies, push)
-                add_scaled(coefficients, PUSH + 2 * part, push, slot.x)
-                add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
-                push_between(cross, part, push, slot.x, v)
-        if series.bodies.shape[0]:
-            add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)
-        if impacts.rigid.contacts.shape[0]:
-            row = index if impacts.spread.shape[0] > 1 else 0
-            place = address_of(Flight(begin, slot.x, v, last_force, impacts, steps.step, row))
-            call(impacts.function, place, now)
-        kick(forces, tables, steps.passes, state.still, v, y, slot)
-        if impacts.rigid.contacts.shape[0]:
-            show_impacts(impacts, steps.step, slot.indentation, slot.contact_force)
-        last = index == steps.number - 1
-        if last or sampled(steps, index):
-            smooth_velocity(coefficients, KICK, LAG, slot.v, slot.force, last_force, state.velocity)
-            copy(slot.contact_force, state.contact_force)
-        if last:
-            copy(slot.x, state.x)
-            copy(slot.force, state.total)
+        slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+        kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+        _end_step(tables, state, slot, last_force, steps, index)
 
     @staticmethod
     def accepted(state, middle):  # type: ignore[no-untyped-def]
@@ -312,6 +320,26 @@ def _own(joint: np.ndarray) -> np.ndarray:
 
 def _over(number: float, frequency: float) -> float:
     return number / float(frequency) if frequency > 0.0 else float("inf")
+
+
+class RigidFlow(ExactFlow):
+    """The exact flow in which rigid contacts collide within steps.
+
+    `ExactFlow` turns into it where there are some, so that other networks pay nothing for it.
+    """
+
+    @staticmethod
+    def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+        impacts, now = tables.impacts, steps.first + index
+        begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
+        copy(state.v, impacts.before)
+        slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+        row = index if impacts.spread.shape[0] > 1 else 0
+        flight = Flight(begin, slot.x, state.v, last_force, impacts, steps.step, row)
+        call(impacts.function, address_of(flight), now)
+        kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+        show_impacts(impacts, steps, slot.indentation, slot.contact_force)
+        _end_step(tables, state, slot, last_force, steps, index)
 
 
 class WholeFlow(ExactFlow):

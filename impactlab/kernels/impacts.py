@@ -17,7 +17,7 @@ import numpy as np
 from impactlab.kernels.arrays import value_at
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.random import normal_pair, philox
-from impactlab.kernels.rows import FLUX, TOUCHING
+from impactlab.kernels.rows import TOUCHING
 
 GAP, RATE, END_GAP, END_RATE, SINCE, DUE, SPEED, SIZE, EVENTS, RESTS = range(10)
 """Rows of the paths of contacts in a step, of one lane: gap and rate at both ends, when the path begins, when the
@@ -413,21 +413,17 @@ def collisions(place, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def show_impacts(impacts, step, indentation, contact_force):  # type: ignore[no-untyped-def]
-    """Write forces of rigid contacts, means over a step, and indentations: as small as can be where they rest."""
+def show_impacts(impacts, steps, indentation, contact_force):  # type: ignore[no-untyped-def]
+    """Write forces of rigid contacts, means over a step, and indentations, as small as can be where they rest.
+
+    Impacts are counted here; contacts that come to rest are so by their indentation.
+    """
     seen = impacts.seen
     for rigid in range(seen.shape[1]):
         contact = impacts.rigid.contacts[rigid]
         for lane in range(contact_force.shape[1]):
-            contact_force[contact, lane] = seen[IMPULSE, rigid, lane] / step
+            contact_force[contact, lane] = seen[IMPULSE, rigid, lane] / steps.step
             indentation[contact, lane] = TOUCHING if seen[RESTING, rigid, lane] > 0.0 else -math.inf
-
-
-@inlined
-def add_impacts(impacts, sums):  # type: ignore[no-untyped-def]
-    """Add the numbers of impacts to the closings; contacts that come to rest are counted by their indentation."""
-    seen = impacts.seen
-    for rigid in range(seen.shape[1]):
-        contact = impacts.rigid.contacts[rigid]
-        for lane in range(seen.shape[2]):
-            sums[FLUX, contact, lane] += seen[IMPACTS, rigid, lane]
+        if steps.summing:
+            for lane in range(contact_force.shape[1]):
+                impacts.closings[contact, lane] += seen[IMPACTS, rigid, lane]

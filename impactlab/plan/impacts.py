@@ -75,9 +75,9 @@ class RigidImpacts:
         """Whether impacts take energy."""
         return bool((self.rigid.numbers[RESTITUTION] < 1.0).any())
 
-    def arrays(self, bodies: int, lanes: int, zeros: Zeros) -> Impacts:
-        """Return what a block of some lanes takes, with no realizations and no function yet."""
-        count = len(self.rigid.contacts)
+    def arrays(self, bodies: int, closings: np.ndarray, zeros: Zeros) -> Impacts:
+        """Return what a block takes, with no realizations and no function yet; closings are summed, [contact, lane]."""
+        count, lanes = len(self.rigid.contacts), closings.shape[-1]
         return Impacts(
             function=0,
             rigid=self.rigid,
@@ -88,6 +88,7 @@ class RigidImpacts:
             paths=zeros((PATHS, count)),
             before=zeros(((bodies + 1) * bool(count), lanes)),
             seen=zeros((SEEN, count, lanes)),
+            closings=closings,
         )
 
 

@@ -108,7 +108,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         parameters = with_states(parameters, forces.states, lanes, zeros)
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
-    normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, lanes, zeros)
+    normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, sums.contacts[FLUX], zeros)
     return Arrays(state, history, sums, normals, of_streams, parameters, impacts)
 
 

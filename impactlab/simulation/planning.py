@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.exact_flow import WholeFlow
+from impactlab.integrators.exact_flow import RigidFlow, WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
 from impactlab.linear.given_functions import jumping_laws
 from impactlab.nonlinear.closings import jitter
@@ -63,6 +63,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
     # at one moment of each step
     integrator = WholeFlow() if steps.jumping else request.integrator
+    if model.rigid.any():
+        integrator = RigidFlow(jumps=False)
     impacts = RigidImpacts.of(model, steps.step, request.seed)
     _warn(model, request, expected, steps, integrator, impacts)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)

@@ -264,7 +264,7 @@ def test_restitution_of_a_rigid_contact_is_its_own():
 def test_networks_without_rigid_contacts_run_without_impacts():
     """Their blocks hold nothing for impacts, and nothing of it is compiled."""
     network = wall(1.0).replace(contacts={"c": il.Contact("a", il.WALL, il.HertzContact(10.0))})
-    arrays = RigidImpacts.of(Model.of(network), 0.1, (0, 0)).arrays(1, 64, np.zeros)
+    arrays = RigidImpacts.of(Model.of(network), 0.1, (0, 0)).arrays(1, np.zeros((1, 64)), np.zeros)
     assert arrays.function == 0
     assert not any(item.size for item in (arrays.ends, arrays.before, arrays.seen))
 
