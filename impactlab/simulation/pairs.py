@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import xarray as xr
@@ -21,9 +22,6 @@ from impactlab.statistics.drift import DRIFT
 from impactlab.statistics.jackknife import controls_of
 from impactlab.statistics.regression import Regression
 
-if TYPE_CHECKING:
-    from impactlab.simulation.simulate import Ensemble
-
 SAFETY = 0.94
 """Part of the tolerance that is aimed at: what tells the scatter and the bias scatters itself."""
 
@@ -37,7 +35,29 @@ that leave the rest to their scatter are fewer than half as many."""
 UNLIKE = 0.2
 """Relative difference of the mean forces of a contact in the runs at one and two steps, from which a step is halved."""
 
-EnsembleOf = Callable[[int, float | None, bool], "Ensemble"]
+
+class Realizations(Protocol):
+    """Realizations at one step, to which more can be added; `impactlab.simulation.simulate.Ensemble` says more."""
+
+    @property
+    def plan(self) -> Plan: ...
+
+    @property
+    def number(self) -> int: ...
+
+    @property
+    def exact(self) -> bool: ...
+
+    def seconds(self) -> float: ...
+
+    def compile(self) -> None: ...
+
+    def grow(self, number: int, progress: Callable[[float], None], file: Path | None = None) -> None: ...
+
+    def dataset(self) -> xr.Dataset: ...
+
+
+EnsembleOf = Callable[[int, float | None, bool], Realizations]
 """Plans so many realizations at a step, or at one that is chosen; coarse ones have the noise of those at half the step.
 """
 
@@ -133,7 +153,7 @@ class Trial:
         self.heard: list[tuple[str, type[Warning]]] = []
 
     @property
-    def ensembles(self) -> list[Ensemble]:
+    def ensembles(self) -> list[Realizations]:
         """Those of realizations at the step and, where it has a bias, at twice the step."""
         return [self.fine] if self.coarse is None else [self.fine, self.coarse]
 

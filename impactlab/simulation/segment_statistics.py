@@ -130,8 +130,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / seen / size[:, None]
         if name == "contact_rate":
-            rigid, orders = coarse.impacts.rigid.contacts, coarse.impacts.orders[:, None]
-            relative[rigid] *= np.where(coarse.impacts.unresolved[:, None], 0.0, seen / (1.0 - finer**-orders))
+            relative[coarse.impacts.rigid.contacts] *= _of_impacts(coarse, finer, seen)
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)
@@ -147,6 +146,12 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
     return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached)
+
+
+def _of_impacts(plan: Plan, finer: int, seen: float) -> np.ndarray:
+    """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them."""
+    of_order = seen / (1.0 - finer ** -plan.impacts.orders[:, None])
+    return np.where(plan.impacts.unresolved[:, None], 0.0, of_order)
 
 
 def _gained(
