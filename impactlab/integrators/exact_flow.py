@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.fields import parameter
+from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
@@ -340,6 +341,11 @@ class RigidFlow(ExactFlow):
         kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
         show_impacts(impacts, steps, slot.indentation, slot.contact_force)
         _end_step(tables, state, slot, last_force, steps, index)
+
+    def check(self, model: Model) -> None:
+        super().check(model)
+        if not model.rigid.any():
+            raise InvalidInput("RigidFlow is for networks with rigid contacts; use il.ExactFlow().")
 
 
 class WholeFlow(ExactFlow):

@@ -299,7 +299,9 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     short = pull > 0.0 and 2.0 * rebound <= max(1.0 - restitution, 2.0 / MANY) * pull * left
     kicked = restitution < 1.0 and pressed + pull * step > 0.0 and speed <= 1.5 * abs(pressed)
     rests = short or kicked or paths[EVENTS, contact] > MANY
-    change = -speed if rests else -(speed + rebound)
+    # the kick before gave at once what grows over a step, from half a step before it on
+    ahead = (1.0 + restitution) * (time / step - 0.5) * pressed
+    change = -speed if rests else -(speed + rebound + (ahead if rebound + ahead > 0.0 else 0.0))
     _change(flight, contact, change, left, lane)
     paths[GAP, contact], paths[RATE, contact], paths[SINCE, contact] = 0.0, speed + change, time
     paths[EVENTS, contact] += 1.0

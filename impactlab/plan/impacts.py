@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Impacts, RigidContacts
 from impactlab.integrators.jumps import Zeros
 from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
@@ -17,6 +18,9 @@ from impactlab.kernels.random import addresses
 
 RESOLVED = 0.7
 """Order from which on a measurement tells what a step does not resolve of the rate of impacts."""
+
+OVERLAP = 1e-9
+"""Part of the size of displacements by which bodies of a rigid contact may overlap at a start: that of a rest."""
 
 LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
@@ -54,6 +58,18 @@ class RigidImpacts:
         spread = np.sqrt(gains @ model.initial_densities)[None]
         names = [model.contacts[contact] for contact in chosen]
         return cls(rigid, addresses(seed, names, "impacts"), gains, spread, model.impacted)
+
+    def check(self, model: Model, displacement: np.ndarray) -> None:
+        """Refuse a start, (body,) or (body, realization), at which bodies of a rigid contact overlap."""
+        rows = self.rigid.contacts
+        gap = model.ends.chosen(rows).gap(displacement.reshape(len(model.bodies), -1))
+        overlap = (gap - model.clearance[rows, None]).max(axis=1, initial=-np.inf)
+        size = np.abs(displacement).max(initial=0.0) + np.abs(model.clearance[rows])
+        for row in np.flatnonzero(overlap > OVERLAP * size)[:1]:
+            raise InvalidInput(
+                f"{model.contacts[rows[row]]!r} is rigid, and the start has its bodies {overlap[row]:.3g} m inside "
+                "each other; give an initial= that has them apart."
+            )
 
     @property
     def orders(self) -> np.ndarray:

@@ -66,6 +66,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     if model.rigid.any():
         integrator = RigidFlow(jumps=False)
     impacts = RigidImpacts.of(model, steps.step, request.seed)
+    if isinstance(start.state, np.ndarray):
+        impacts.check(model, start.state[0])
     _warn(model, request, expected, steps, integrator, impacts)
     observed, driving = _observed(model, request, steps, window), Driving.of(model)
     # all batches but the last are multiples of this many steps: they end with a sample, if any, and with an interval

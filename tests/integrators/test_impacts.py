@@ -6,10 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import impactlab as il
 from impactlab.assembly.model import Model
+from impactlab.integrators.exact_flow import RigidFlow
 from impactlab.kernels.impacts import MANY
 from impactlab.plan.impacts import RigidImpacts
 
@@ -241,6 +243,8 @@ def test_what_rigid_contacts_refuse():
         il.RigidContact(restitution=1.5)
     with pytest.raises(il.InvalidInput, match=r"RungeKutta4 knows no rigid contacts such as 'c'; use il.ExactFlow"):
         il.simulate(network, 10.0, integrator=il.RungeKutta4())
+    with pytest.raises(il.InvalidInput, match="RigidFlow is for networks with rigid contacts; use il.ExactFlow"):
+        il.simulate(il.Network({"a": FREE.replace(stiffness=1.0)}), 10.0, integrator=RigidFlow())
     with pytest.raises(il.InvalidInput, match="'c' is rigid, so that its impacts have impulses"):
         il.simulate(network, 10.0, record=il.PeakForces())
     with pytest.raises(il.InvalidInput, match="knows no impacts of rigid contacts such as 'c'"):
@@ -360,3 +364,35 @@ def test_rest_under_kicks_of_a_coupling(load):
         assert float(result.contact_rate[0]) * 4.0 < 25.0
         assert float(result.contact_ratio[0]) == pytest.approx(1.0 - flying / 4.0, abs=12.0 * step)
         assert float(result.mean_contact_force[0]) * 4.0 == pytest.approx(impulse, rel=0.4 * step)
+
+
+@pytest.mark.parametrize("restitution", [0.8, 1.0])
+def test_impacts_between_kicks_are_of_second_order(restitution):
+    """A Duffing oscillator against a stop: kicks act at the ends of steps, impacts anywhere; against DOP853."""
+    duration, clearance, cubic = 12.0, 0.5, 0.3
+
+    def hit(t, y):
+        return y[0] - clearance
+
+    hit.terminal, hit.direction = True, 1
+    time, state = 0.0, np.array([-1.0, 0.0])
+    while time < duration:
+        part = solve_ivp(
+            lambda t, y: [y[1], -y[0] - cubic * y[0] ** 3], (time, duration), state, method="DOP853", events=hit,
+            rtol=1e-12, atol=1e-13,
+        )  # fmt: skip
+        time, state = part.t[-1], part.y[:, -1].copy()
+        if part.status == 1:
+            state = np.array([clearance - 1e-15, -restitution * state[1]])
+    body = il.DuffingOscillator(mass=1.0, damping=0.0, stiffness=1.0, cubic=cubic)
+    contact = il.Contact("a", il.WALL, il.RigidContact(restitution=restitution), clearance=clearance)
+    network = il.Network({"a": body}, {"c": contact})
+    for step in (0.1, 0.05, 0.025):
+        result = path(network, {"a": -1.0}, {}, duration, step)
+        found = result.displacement.values[0, -1, 0], result.velocity.values[0, -1, 0]
+        assert np.abs(np.subtract(found, state)).max() < 0.2 * step**2, step
+
+
+def test_start_inside_a_rigid_contact_is_refused():
+    with pytest.raises(il.InvalidInput, match=r"'c' is rigid, and the start has its bodies 0\.5 m inside each other"):
+        il.simulate(wall(1.0), 10.0, initial={"displacement": {"a": 1.5}})

@@ -10,6 +10,7 @@ from scenes import phases
 from scipy.integrate import solve_ivp
 
 import impactlab as il
+from impactlab.integrators.exact_flow import RigidFlow
 from impactlab.linear.laws import lines_of
 from impactlab.plan.seed import seed_of
 
@@ -17,8 +18,9 @@ NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama
 
 
 def concrete(cls=il.Integrator):
-    """Return every integrator of the package that can be used."""
-    own = [cls] if cls.order is not None and cls.__module__.startswith("impactlab.") else []
+    """Return every integrator of the package that can be used; that of rigid contacts is for these alone."""
+    usable = cls.order is not None and cls is not RigidFlow
+    own = [cls] if usable and cls.__module__.startswith("impactlab.") else []
     return own + [item for child in cls.__subclasses__() for item in concrete(child)]
 
 
