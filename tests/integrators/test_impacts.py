@@ -243,7 +243,7 @@ def test_what_rigid_contacts_refuse():
         il.RigidContact(restitution=1.5)
     with pytest.raises(il.InvalidInput, match=r"RungeKutta4 knows no rigid contacts such as 'c'; use il.ExactFlow"):
         il.simulate(network, 10.0, integrator=il.RungeKutta4())
-    with pytest.raises(il.InvalidInput, match="RigidFlow is for networks with rigid contacts; use il.ExactFlow"):
+    with pytest.raises(il.InvalidInput, match=r"RigidFlow is for networks with rigid contacts; use il.ExactFlow"):
         il.simulate(il.Network({"a": FREE.replace(stiffness=1.0)}), 10.0, integrator=RigidFlow())
     with pytest.raises(il.InvalidInput, match="'c' is rigid, so that its impacts have impulses"):
         il.simulate(network, 10.0, record=il.PeakForces())
