@@ -1,4 +1,7 @@
-"""Rigid contacts: impacts within steps, their order, rests; exact laws and balances under noise."""
+"""Rigid contacts: impacts within steps, their order, rests; exact laws and balances under noise.
+
+Ensembles are campaigns: their loop takes a quarter of a minute to compile.
+"""
 
 import math
 import warnings
@@ -151,6 +154,7 @@ def test_endless_impacts_end():
     assert float(result.mean_contact_force[0]) == pytest.approx(10.0, rel=1e-3)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("step", [0.2, 0.4])
 def test_truncated_normal_law(step):
     """Impacts without loss leave the Gibbs law, at steps that are no shorter than a fifteenth of the period."""
@@ -187,6 +191,7 @@ def test_exact_law_is_the_truncated_normal():
         np.testing.assert_allclose(law.density("a", "displacement", places), normal.pdf(places), rtol=1e-9)
 
 
+@pytest.mark.campaign
 def test_loss_at_a_wall_in_the_middle():
     """Weak loss at d = 0: energies of an exponential law of ``πS/m = (c/m + (1 − e²) ω/π) T`` (stochastic averaging).
 
@@ -203,6 +208,7 @@ def test_loss_at_a_wall_in_the_middle():
     assert abs(force + shift) < 4.0 * np.hypot(*errors)
 
 
+@pytest.mark.campaign
 def test_same_paths_alone_and_among_others():
     network = wall(0.7)
     record = il.PerRealization()
@@ -295,6 +301,7 @@ def test_orders_of_the_rate_of_impacts():
     assert orders[4] == orders[5] == 0.05
 
 
+@pytest.mark.campaign
 def test_impacts_that_no_step_resolves_are_told():
     with pytest.warns(il.AccuracyWarning, match=r"contact_rate of 'c' counts the impacts .* to the power of 0\.2"):
         il.simulate(wall(0.3), 200.0, realizations=64, step=0.1, integrator=PLAIN)
