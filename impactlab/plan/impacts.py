@@ -34,7 +34,6 @@ class RigidImpacts:
     streams: np.ndarray  # (3, rigid) addresses of random numbers
     gains: np.ndarray  # (rigid, noise) variance that each white noise of unit density adds to rates in unit time
     spread: np.ndarray  # (1, rigid) root mean square that noise adds to rates in unit time, at time 0
-    impacted: np.ndarray  # (body,) whether each body has a rigid contact
 
     @classmethod
     def of(cls, model: Model, step: float, seed: tuple[int, int]) -> Self:
@@ -57,7 +56,7 @@ class RigidImpacts:
         gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
         spread = np.sqrt(gains @ model.initial_densities)[None]
         names = [model.contacts[contact] for contact in chosen]
-        return cls(rigid, addresses(seed, names, "impacts"), gains, spread, model.impacted)
+        return cls(rigid, addresses(seed, names, "impacts"), gains, spread)
 
     def check(self, model: Model, displacement: np.ndarray) -> None:
         """Refuse a start, (body,) or (body, realization), at which bodies of a rigid contact overlap."""
@@ -146,10 +145,8 @@ def _neighbours(
 def _gains(model: Model, slots: np.ndarray, pushes: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
     """Return what each white noise of unit density adds to the variance of rates, from ``w/m`` of the entries."""
     noises = model.sources["intensity"]
-    result = np.zeros((count, len(noises.names)))
-    for number in range(len(noises.names)):
-        force = np.zeros(len(model.mass))
-        driven, weight = noises.driven(number)
-        force[driven] = weight
-        result[:, number] = 2.0 * np.pi * np.bincount(rows, pushes * force[slots], count) ** 2
-    return result
+    number, body, weight = noises.drives
+    entry, pair = np.nonzero(slots[:, None] == body)
+    rates = np.zeros((count, len(noises.names)))
+    np.add.at(rates, (rows[entry], number[pair]), pushes[entry] * weight[pair])
+    return np.asarray(2.0 * np.pi * rates**2)
