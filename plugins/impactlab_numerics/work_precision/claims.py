@@ -20,6 +20,9 @@ FASTER = 3.0
 TIMES_PAPER = 300.0
 """Least factor between the time of Runge–Kutta with series and ours."""
 
+PRICE, PRICE_ELSEWHERE = 1.4, 1.5
+"""Largest factors between the times to a tolerance and of a run with the same standard error."""
+
 SECONDS = 2.0
 """Longest time to the highest accuracy (s)."""
 
@@ -33,7 +36,7 @@ THREADS = 1.85
 def claims(study: WorkPrecisionStudy, tree: xr.DataTree) -> list[Claim]:
     """Return the claims."""
     results = Results(study, tree)
-    return [_against_baoab(results), _threads(results), *_accuracy(results)]
+    return [_against_baoab(results), _threads(results), *_accuracy(results), _tolerance(results)]
 
 
 def _against_baoab(results: Results) -> Claim:
@@ -101,3 +104,17 @@ def _accuracy(results: Results) -> list[Claim]:
             verdict_of(stepping <= STEPPING),
         ),
     ]
+
+
+def _tolerance(results: Results) -> Claim:
+    """Judge the price of a tolerance, the medians of the rounds."""
+    table = results.tolerances
+    prices = {} if table is None else dict(zip(table["network"].values, table["ratio"].values, strict=True))
+    here, elsewhere = prices.pop(PAIR, math.inf), max(prices, key=prices.__getitem__, default="")
+    return Claim(
+        "accuracy",
+        f"A tolerance takes at most {PRICE:g} times the run with the same standard error, {PRICE_ELSEWHERE:g} times in "
+        "ten other networks.",
+        f"{here:.2f} times; elsewhere at most {prices.get(elsewhere, math.inf):.2f} times ({elsewhere})",
+        verdict_of(here <= PRICE and all(price <= PRICE_ELSEWHERE for price in prices.values()), table is not None),
+    )

@@ -20,6 +20,7 @@ from impactlab_numerics.work_precision.contributions import contributions
 from impactlab_numerics.work_precision.methods import Findings, Method, of_batches, of_dataset, seconds_to, unknown
 from impactlab_numerics.work_precision.peers import LONG_RUN, SEGMENT, Peer, peers
 from impactlab_numerics.work_precision.study import PAIR
+from impactlab_numerics.work_precision.tolerances import tolerances
 
 if TYPE_CHECKING:
     from impactlab_numerics.work_precision.study import WorkPrecisionStudy
@@ -40,7 +41,8 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
 
     Groups: ``methods`` (bias, scatter, run time and time to each accuracy, over case (a scheme at a
     step in a scene) and statistic), ``speed`` (steps of a body per second), ``contributions`` (what each device
-    is worth), ``direct`` (the default method run to the highest accuracy, with its real time).
+    is worth), ``direct`` (the default method run to the highest accuracy, with its real time), ``tolerances`` (the
+    price of an accuracy that is asked for).
     """
     table: Table = {}
     others: dict[Method, Peer] = {}
@@ -67,6 +69,7 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
     nodes["/contributions"] = contributions(study, table, nodes["/speed"])
     if study.direct:
         nodes["/direct"] = _direct(study, table[default(PAIR)])
+        nodes["/tolerances"] = tolerances(study)
     return xr.DataTree.from_dict(nodes)
 
 

@@ -22,7 +22,9 @@ class Results:
         self.methods = tree["methods"].to_dataset()
         self.speed = tree["speed"].to_dataset()
         self.contributions = tree["contributions"].to_dataset()
-        self.direct = tree["direct"].to_dataset() if "direct" in tree.children else None
+        self.direct, self.tolerances = (
+            tree[name].to_dataset() if name in tree.children else None for name in ("direct", "tolerances")
+        )
 
     @property
     def default(self) -> str:

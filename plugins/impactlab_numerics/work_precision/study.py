@@ -39,6 +39,7 @@ class WorkPrecisionStudy(FolderStudy):
     components: int = il.parameter(50000, minimum=1)
     band: tuple[float, float] = il.parameter((0.0, 500.0), units="Hz", minimum=0.0)
     accuracies: tuple[float, ...] = il.parameter((0.01, 0.001), above=0.0)
+    tolerance: float = il.parameter(0.003, above=0.0, maximum=1.0)
     body_steps: float = il.parameter(4e8, above=0.0)
     realizations: int = il.parameter(512, minimum=64)
     bins: int = il.parameter(100, minimum=10)

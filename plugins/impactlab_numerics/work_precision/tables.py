@@ -18,12 +18,14 @@ Rows = list[dict[str, Any]]
 
 
 def tables(study: WorkPrecisionStudy, tree: xr.DataTree) -> Iterable[tuple[str, Rows]]:
-    """Yield the methods of each scene, the contribution of each device, and the speeds."""
+    """Yield the methods of each scene, the contribution of each device, the speeds, and the price of tolerances."""
     results = Results(study, tree)
     for scene in study.scenes():
         yield f"E[x²] of the last body, {scene}", _methods(results, scene)
     yield "What each device contributes (E[x²] of the base case)", _contributions(results)
     yield "Steps of a body per second", _speeds(results)
+    if results.tolerances is not None:
+        yield "Time to a tolerance of E[x²], one core", _tolerances(results.tolerances)
 
 
 def _methods(results: Results, scene: str) -> Rows:
@@ -72,4 +74,19 @@ def _speeds(results: Results) -> Rows:
     return [
         {"run": str(run), "steps of a body per second": f"{results.body_steps(str(run)):.3g}"}
         for run in results.speed["run"].values
+    ]
+
+
+def _tolerances(table: xr.Dataset) -> Rows:
+    return [
+        {
+            "network": str(name),
+            "tolerance": f"{float(row['tolerance']):.2g}",
+            "time": time_text(float(row["seconds"])),
+            "time of a run with the same standard error": time_text(float(row["direct_seconds"])),
+            "ratio": f"{float(row['ratio']):.2f}",
+            "error over tolerance": f"{float(row['error']):.2f}",
+        }
+        for name in table["network"].values
+        for row in [table.sel(network=name)]
     ]

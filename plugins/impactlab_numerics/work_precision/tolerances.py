@@ -1,0 +1,95 @@
+"""The price of a tolerance: over that of a run which is known beforehand to be as accurate."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+import impactlab as il
+from impactlab_numerics.scenes import scene
+from impactlab_numerics.work_precision.study import PAIR
+
+if TYPE_CHECKING:
+    from impactlab_numerics.work_precision.study import WorkPrecisionStudy
+
+STATISTIC = "mean_square_displacement"
+
+FIRST = 256
+"""Realizations that tell how many make a direct run as accurate."""
+
+
+def networks() -> dict[str, il.Network]:
+    """Return ten networks besides the base case."""
+    pair = scene(2)
+    first, second = pair.oscillators.values()
+    ((contact, touching),) = pair.contacts.items()
+    hot = {"body_0": il.WhiteNoise(64.0), "body_1": il.WhiteNoise(1.0)}
+    stiffer = il.DuffingOscillator(
+        mass=second.mass, damping=second.damping, stiffness=second.stiffness, cubic=4.0 * second.stiffness
+    )
+    lossy = il.HuntCrossleyContact(1e4, dissipation=0.2)
+    cosines = {
+        name: il.ShinozukaNoise(noise.spectral_density, band=(0.0, 40.0), components=8000)  # type: ignore[attr-defined]
+        for name, noise in pair.excitations.items()
+    }
+    stop = il.Contact("body", il.WALL, il.LinearContact(2e4), clearance=0.1)
+    body, noise = il.LinearOscillator.from_frequency(2.0 * math.pi, 0.1), il.WhiteNoise(1.0)
+    return {
+        "chain of 3": scene(3),
+        "chain of 5": scene(5),
+        "chain of 10": scene(10),
+        "unequal temperatures": pair.replace(excitations=hot),
+        "Duffing": pair.replace(oscillators={"body_0": first, "body_1": stiffer}),
+        "rate-dependent contact": pair.replace(contacts={contact: touching.replace(law=lossy)}),
+        "bounded noise": pair.replace(excitations=cosines),
+        "linear contact": pair.replace(contacts={contact: touching.replace(law=il.LinearContact(1e4))}),
+        "stop": il.Network({"body": body}, {"stop": stop}, {"body": noise}),
+        "touching": pair.replace(contacts={contact: touching.replace(clearance=0.0)}),
+    }
+
+
+def tolerances(study: WorkPrecisionStudy) -> xr.Dataset:
+    """Run networks to a tolerance and, in turns, directly with the standard error that was reached; on one core."""
+    cases = [(PAIR, scene(2), study.accuracies[-1])]
+    cases += [(name, network, study.tolerance) for name, network in networks().items()]
+    rows = []
+    with ThreadPoolExecutor(1) as pool, warnings.catch_warnings():
+        warnings.simplefilter("ignore", il.AccuracyWarning)  # first runs are short
+        for _, network, tolerance in cases:
+            rounds = [_both(network, tolerance, study.seed + number, pool) for number in range(study.rounds + 1)]
+            rows.append((tolerance, *np.median(rounds[1:], axis=0)))  # the first compiles
+    texts = {
+        "tolerance": ("1", "relative tolerance of E[x²]"),
+        "seconds": ("s", "time to the tolerance"),
+        "direct_seconds": ("s", "time of a run with the same standard error"),
+        "error": ("1", "|bias| + 2 standard errors, over what is allowed"),
+        "ratio": ("1", "time to the tolerance over that of the direct run"),
+    }
+    columns = zip(texts.items(), np.array(rows).T, strict=True)
+    return xr.Dataset(
+        {name: ("network", values, {"units": units, "long_name": text}) for (name, (units, text)), values in columns},
+        {"network": [name for name, _, _ in cases]},
+    )
+
+
+def _both(network: il.Network, tolerance: float, seed: int, pool: Any) -> tuple[float, float, float, float]:
+    """Return the times of a run to a tolerance and of one as accurate (s), the error of the first, and their ratio."""
+    common: dict[str, Any] = {"executor": pool, "progress": False}
+    begin = time.perf_counter()
+    reached = il.simulate(network, tolerance={STATISTIC: tolerance}, max_seconds=600.0, rng=seed, **common)
+    seconds = time.perf_counter() - begin
+    options = {**common, "duration": reached.attrs["duration"], "spin_up": reached.attrs["spin_up"]}
+    error = f"{STATISTIC}_standard_error"
+    wanted = (reached[error] / reached[STATISTIC]).values
+    first = il.simulate(network, realizations=FIRST, rng=seed, **options)
+    needed = float(((first[error] / first[STATISTIC]).values / wanted).max() ** 2) * FIRST
+    begin = time.perf_counter()
+    il.simulate(network, realizations=max(2, round(needed)), rng=seed, **options)
+    direct = time.perf_counter() - begin
+    return seconds, direct, reached.attrs["error_over_tolerance"], seconds / direct
