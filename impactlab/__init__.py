@@ -49,6 +49,7 @@ _HOME = {
     "statistics.jackknife": ["effective_samples", "jackknife"],
     "records.final_state": ["FinalState"],
     "records.peaks": ["PeakForces"],
+    "records.phase": ["PhaseDensity", "PhaseMeans"],
     "records.record": ["Record"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],

@@ -63,6 +63,8 @@ from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.final_state import FinalState as FinalState
 from impactlab.records.peaks import PeakForces as PeakForces
+from impactlab.records.phase import PhaseDensity as PhaseDensity
+from impactlab.records.phase import PhaseMeans as PhaseMeans
 from impactlab.records.record import Record as Record
 from impactlab.records.spectrum import Spectrum as Spectrum
 from impactlab.records.trajectory import PerRealization as PerRealization

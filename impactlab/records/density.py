@@ -82,7 +82,7 @@ class Density(Record):
         return 8 * len(self.limits) * subsample_count(plan) * (self.bins + 2)
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Counts(self, plan, realizations, ratio)
+        return Counts(self, plan, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
@@ -176,7 +176,7 @@ class JointDensity(Record):
         }
 
 
-class _Counts(Keeper):
+class Counts(Keeper):
     """Histograms per subsample of realizations."""
 
     def __init__(self, record: Density, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
