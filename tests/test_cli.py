@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 import impactlab as il
-from impactlab.__main__ import DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, main
+from impactlab.command_line.main import main, parser
+from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE
 from impactlab.studies.discovery import study_class
 
 PLUGIN = Path(__file__).parent / "plugin_example"
@@ -59,9 +60,34 @@ def test_plugins_tell_what_fails(capsys, tmp_path, monkeypatch):
     assert main(["plugins"]) == USAGE
     assert "absent  broken 2.0  ModuleNotFoundError" in capsys.readouterr().out
     assert main(["list"]) == DONE
-    shown = capsys.readouterr()
-    assert "example" in shown.out
-    assert "'absent' of broken 2.0 cannot be used: ModuleNotFoundError" in shown.err
+    rows = dict(row.split(maxsplit=1) for row in capsys.readouterr().out.splitlines())
+    assert rows["example"].startswith("A body that a wall stops")
+    assert rows["absent"].startswith("cannot be used: ModuleNotFoundError: No module named 'nowhere_at_all'")
+    assert rows["absent"].endswith("(broken 2.0)")
+    assert main(["show", "absent"]) == USAGE
+    assert "'absent' of broken 2.0 cannot be used: ModuleNotFoundError" in capsys.readouterr().err
+
+
+def test_without_a_command_the_next_ones_are_named(capsys):
+    assert main([]) == DONE
+    shown = capsys.readouterr().out
+    commands = re.findall(r"^.{23}impactlab (.*?)(?:  .*)?$", shown, re.MULTILINE)
+    assert len(commands) == len([line for line in shown.splitlines() if line[23:].startswith("impactlab ")])
+    for command in commands:
+        if command != "--help":
+            parser().parse_args(command.split())
+
+
+def test_show_tells_settings_and_files(capsys):
+    assert main(["show", "example"]) == DONE
+    shown = capsys.readouterr().out
+    assert shown.startswith("example: A body that a wall stops <example>\n\nOne body between its spring and a wall")
+    assert re.search(r"^  clearances +m +\[0\.5, 1\.0\]$", shown, re.MULTILINE)
+    assert re.search(r"^  realizations +128$", shown, re.MULTILINE)
+    assert re.search(r"^  figures/contact_ratio\.svg  the part of the time", shown, re.MULTILINE)
+    assert "claims and checks" in shown
+    assert main(["show", "exampel"]) == USAGE
+    assert "did you mean 'example'?" in capsys.readouterr().err
 
 
 def test_run_prints_claims_and_writes_the_default_folder(capsys):
@@ -162,7 +188,7 @@ def test_bad_input_is_one_line(arguments, message, capsys):
     assert message in shown.err
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "example", "--colour"]])
+@pytest.mark.parametrize("arguments", [["walk"], ["run"], ["run", "example", "--colour"]])
 def test_bad_usage(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
@@ -249,7 +275,7 @@ def test_a_request_to_terminate_is_not_taken_for_an_error(capsys, monkeypatch):
 # imports
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["plugins"], ["run", "example", "--dry-run"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["show", "scaling"], ["run", "example", "--dry-run"]])
 def test_light_commands_import_nothing_heavy(arguments):
     code = (
         "import sys\nfrom impactlab.__main__ import main\n"
@@ -259,5 +285,14 @@ def test_light_commands_import_nothing_heavy(arguments):
     )
     heavy = process("-c", code).stderr.strip().splitlines()[-1]
     assert heavy.startswith("[] ")
-    if arguments == ["--help"]:
+    if arguments[0] != "run":
         assert heavy == "[] False"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes close in another way there")
+def test_nobody_reads_on():
+    command = [sys.executable, "-m", "impactlab"]
+    with subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        run.stdout.close()  # before anything is written
+        assert run.stderr.read() == b""
+        assert run.wait(30) == CLOSED

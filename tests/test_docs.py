@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import impactlab as il
-from impactlab.__main__ import _parser
+from impactlab.command_line.main import parser
 from impactlab.results.schema import STATISTICS
 
 ROOT = Path(__file__).parent.parent
@@ -79,7 +79,7 @@ def test_commands_that_are_shown_exist() -> None:
     commands = [line for line in shown if line.startswith("impactlab ")]
     assert commands
     for command in commands:
-        _parser().parse_args(shlex.split(command, comments=True)[1:])
+        parser().parse_args(shlex.split(command, comments=True)[1:])
 
 
 def test_readme_command_of_the_study_runs_it(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ LAYERS = [
     {"simulation"},
     {"sweeps"},
     {"studies"},
+    {"command_line"},
     {"__main__"},
 ]
 """Folders, and modules in none, from the bottom to the top. Imports are from lower rows, or within a folder."""

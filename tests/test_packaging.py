@@ -1,6 +1,7 @@
 """The wheel: built from the source files alone, installed into a clean environment, used from there."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -83,6 +84,18 @@ def test_installed_command_lists_the_studies(installed: Path) -> None:
         "two-system",
         "work-precision",
     ]
+
+
+@pytest.mark.campaign
+def test_a_new_study_is_installed_and_runs(installed: Path, tmp_path: Path) -> None:
+    impactlab = installed / "impactlab"
+    run(impactlab, "new", "my-study", folder=tmp_path)
+    options = ("--no-build-isolation", "--no-deps", "--no-index", "-e", tmp_path / "my-study")
+    run(*PIP, "--python", installed / "python", "install", *options, folder=tmp_path)
+    assert re.search(r"^my-study +A body beside a wall", run(impactlab, "list", folder=tmp_path), re.MULTILINE)
+    assert "clearances" in run(impactlab, "show", "my-study", folder=tmp_path)
+    assert "holds" in run(impactlab, "run", "my-study", "--quick", folder=tmp_path)
+    assert "2 passed" in run(installed / "python", "-m", "pytest", folder=tmp_path / "my-study")
 
 
 SIMULATION = """

@@ -18,14 +18,25 @@ import operator
 import reprlib
 import types
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Self, dataclass_transform
-
-import numpy as np
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 import impactlab
-from impactlab.components.evaluation import NUMBERS, TIME, UPDATE, Found, at_new_states, by_name, number_of
+from impactlab.components.evaluation import (
+    NUMBERS,
+    TIME,
+    UPDATE,
+    Found,
+    at_new_states,
+    by_name,
+    is_truth_value,
+    number_of,
+)
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
 from impactlab.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _POTENTIALS = {"potential": "force", "residual_potential": "residual"}
 """Kernels of potentials, and of the forces that they are integrals of."""
@@ -192,6 +203,8 @@ class Component:
         -------
         ndarray of float
         """
+        import numpy as np  # studies are listed without it
+
         function, used, fields = self.kernel(name)
         values = by_name(self.kernels[name], kinematic)
         filled = [getattr(self, field) for field in fields]
@@ -365,11 +378,11 @@ def _validated(declared: Declared, value: Any) -> Any:
     if kind == "float":
         value = finite(place, value)
     elif kind == "int":
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        if isinstance(value, bool) or not isinstance(value, (int, Integral)):
             raise InvalidInput(f"{place} must be a whole number, not {value!r}.")
         value = int(value)
     elif kind == "bool":
-        if not isinstance(value, (bool, np.bool_)):
+        if not is_truth_value(value):
             raise InvalidInput(f"{place} must be true or false, not {value!r}.")
         value = bool(value)
     elif kind == "str":
@@ -403,7 +416,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 def finite(place: str, value: Any) -> float:
     """Return a finite float, or raise `InvalidInput` that names the place."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if isinstance(value, bool) or not isinstance(value, (int, float, Real)):
         raise InvalidInput(f"{place} must be a number, not {value!r}.")
     try:
         number = float(value)
@@ -424,6 +437,8 @@ def positive(name: str, value: Any, units: str = "s") -> float:
 
 def finite_array(name: str, values: Any) -> np.ndarray:
     """Return an array of finite numbers, or refuse it."""
+    import numpy as np  # studies are listed without it
+
     array = np.asarray(values, dtype=float)
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name} must hold finite numbers only.")

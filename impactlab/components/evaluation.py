@@ -6,9 +6,11 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from numbers import Number
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 UPDATE, ELAPSED = "update", "elapsed"
 """Kernel that returns the states of a law, and its argument of time: how long ago those that it takes were accepted."""
@@ -16,8 +18,8 @@ UPDATE, ELAPSED = "update", "elapsed"
 TIME = "time"
 """Argument of a kernel that is the time since the beginning of the measurement (s), the last of the kinematic ones."""
 
-NUMBERS = (int, float, np.number)
-"""Types of numbers; truth values are among them."""
+NUMBERS = (int, float, Number)
+"""Types of numbers, also those of NumPy; truth values of Python are among them."""
 
 Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 """A kernel with the names of its kinematic arguments and of its fields."""
@@ -28,7 +30,7 @@ _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 def by_name(names: Sequence[str], kinematic: Sequence[Any]) -> dict[str, Any]:
     """Return kinematic arguments by their names; the time is 0 where it is left out."""
     left_out = names[len(kinematic) :] == (TIME,)
-    return dict(zip(names, (*kinematic, np.zeros(())) if left_out else kinematic, strict=True))
+    return dict(zip(names, (*kinematic, 0.0) if left_out else kinematic, strict=True))
 
 
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
@@ -37,6 +39,8 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     The arrays are all kinematic arguments of the family's kernel, in order; see `by_name`. The result is NaN where a
     function of Python overflows or is not defined, which compiled ones do not tell.
     """
+    import numpy as np  # studies are listed without it
+
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     by_class: dict[Any, list[int]] = {}
     for row, component in enumerate(components):
@@ -75,9 +79,18 @@ def number_of(value: Any) -> float:
     """Return what a kernel returned as a float."""
     if value is None:
         raise TypeError("it returned None; every branch must return a number")
-    if not isinstance(value, (*NUMBERS, np.bool_)):
+    if not isinstance(value, NUMBERS) and not is_truth_value(value):
         raise TypeError(f"it returned {value!r}, not a number")
     return float(value)
+
+
+def is_truth_value(value: Any) -> bool:
+    """Whether a value is true or false, in Python's type or in NumPy's."""
+    if isinstance(value, bool):
+        return True
+    import numpy as np  # studies are listed without it
+
+    return isinstance(value, np.bool_)
 
 
 def _at_new_states_of(cls: Any, name: str) -> Found:

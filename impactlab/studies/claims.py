@@ -17,17 +17,19 @@ _TEXTS = {
     "measured": "what the study finds",
     "verdict": "verdict",
     "criterion": "when the claim holds",
+    "figure": "name of the figure that shows it",
 }
 
 
 class Claim(NamedTuple):
-    """A statement with its measurement and verdict, and a criterion where it is not obvious."""
+    """A statement with its measurement and verdict; a criterion where it is not obvious, the figure that shows it."""
 
     section: str
     statement: str
     measured: str
     verdict: str
     criterion: str = ""
+    figure: str = ""
 
 
 class Check(NamedTuple):
@@ -56,13 +58,14 @@ def worst_verdict(verdicts: Iterable[str]) -> str:
 
 
 def table_of(claims: Iterable[Claim]) -> xr.Dataset:
-    """Return claims as the table that :meth:`Study.claims` returns; without a column of criteria if none is given."""
+    """Return claims as the table that :meth:`Study.claims` returns, without columns of which nothing is given."""
     import xarray as xr
 
     rows = list(claims)
     columns = {name: [getattr(row, name) for row in rows] for name in Claim._fields}
-    if not any(columns["criterion"]):
-        del columns["criterion"]
+    for optional in ("criterion", "figure"):
+        if not any(columns[optional]):
+            del columns[optional]
     return xr.Dataset({name: ("claim", texts, {"long_name": _TEXTS[name]}) for name, texts in columns.items()})
 
 

@@ -111,7 +111,12 @@ def _from_toml(path: Path) -> Study:
 def toml(study: Study) -> str:
     """Return the text of a TOML file that configures this study."""
     settings = {"study": study.name, **study.settings()}
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
+    return "".join(f"{key} = {toml_value(value)}\n" for key, value in settings.items())
+
+
+def toml_value(value: Any) -> str:
+    """Return the text of a setting in TOML: plain data without mappings."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def parse_setting(text: str, study: Study) -> tuple[str, Any]:

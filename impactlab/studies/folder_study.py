@@ -32,6 +32,12 @@ class FolderStudy(Study):
         if FolderStudy in cls.__bases__:
             cls.folder = cls.__module__.rpartition(".")[0]
 
+    @classmethod
+    def makes(cls, part: str) -> bool:
+        """Whether the folder has a module of that name, or the class a method of its own."""
+        own = getattr(cls, part) is not getattr(FolderStudy, part)
+        return own or importlib.util.find_spec(f"{cls.folder}.{part}") is not None
+
     def part(self, name: str) -> Callable[..., Any] | None:
         """Return the function of a part, or None if the folder has no such module."""
         place = f"{self.folder}.{name}"

@@ -55,6 +55,9 @@ class Study(Component):
     title: ClassVar[str]
     """One line that describes the study."""
 
+    captions: ClassVar[Mapping[str, str]] = {}
+    """What is seen in each figure, by its name; a name may end in ``*``."""
+
     required: ClassVar[tuple[str, ...]] = ("name", "title", "items", "collect")
 
     if TYPE_CHECKING:
@@ -102,6 +105,11 @@ class Study(Component):
     def tables(self, tree: xr.DataTree) -> Iterable[tuple[str, list[dict[str, Any]]]]:
         """Yield further tables for the report: a title and rows, column to text or number."""
         return ()
+
+    @classmethod
+    def makes(cls, part: str) -> bool:
+        """Whether the study has "claims", "checks", "figures" or "tables" of its own."""
+        return getattr(cls, part) is not getattr(Study, part)
 
     def settings(self) -> dict[str, Any]:
         """Return the fields as plain data, as a TOML file has them."""

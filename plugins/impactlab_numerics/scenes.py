@@ -16,7 +16,7 @@ STATISTICS = ("mean_square_displacement", "contact_ratio", "mean_contact_force",
 """What is compared: of the last body and of the last contact."""
 
 TEMPERATURE = 2.5  # J, that of the base case
-_LAW = il.HertzContact(1e4)
+_STIFFNESS = 1e4  # N m-3/2
 _CLEARANCE = 0.05  # m
 _RANGE = 5.0  # half width of a density in standard deviations of the body alone
 
@@ -29,7 +29,13 @@ def scene(bodies: int) -> il.Network:
     base case of Luo, Yan and Zhang (2023): ω1/ω2 = 16, spectral densities 16 and 1.
     """
     oscillators = _falling(bodies)
-    return il.chain(bodies, oscillators, _LAW, clearance=_CLEARANCE, excitation=[_noise(body) for body in oscillators])
+    return il.chain(
+        bodies,
+        oscillators,
+        il.HertzContact(_STIFFNESS),
+        clearance=_CLEARANCE,
+        excitation=[_noise(body) for body in oscillators],
+    )
 
 
 def grid(bodies: int) -> il.Network:
@@ -61,7 +67,9 @@ def _noise(body: il.Oscillator) -> il.WhiteNoise:
 def _network(bodies: list[il.LinearOscillator], pairs: list[tuple[int, int]]) -> il.Network:
     named = {f"body_{number}": body for number, body in enumerate(bodies)}
     contacts = {
-        f"contact_{number}": il.Contact(f"body_{first}", f"body_{second}", _LAW, clearance=_CLEARANCE)
+        f"contact_{number}": il.Contact(
+            f"body_{first}", f"body_{second}", il.HertzContact(_STIFFNESS), clearance=_CLEARANCE
+        )
         for number, (first, second) in enumerate(pairs)
     }
     return il.Network(named, contacts, {name: _noise(body) for name, body in named.items()})

@@ -19,6 +19,11 @@ class ExampleStudy(Study):
     name: ClassVar[str] = "example"
     title: ClassVar[str] = "A body that a wall stops <example>"
 
+    captions: ClassVar[Mapping[str, str]] = {
+        "system": "the body and its wall",
+        "contact_ratio": "the part of the time that the contact is closed, against the clearance",
+    }
+
     clearances: tuple[float, ...] = il.parameter((0.5, 1.0), units="m", minimum=0.0)
     realizations: int = il.parameter(128, minimum=1)
     duration: float = il.parameter(100.0, units="s", above=0.0)

@@ -1,0 +1,1 @@
+"""The command line: each family of commands has a module of its own."""

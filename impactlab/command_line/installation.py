@@ -1,0 +1,45 @@
+"""Commands on the installation: what offers studies, and whether all works."""
+
+from __future__ import annotations
+
+import argparse
+
+import impactlab
+from impactlab.command_line.output import DONE, USAGE, Command
+
+
+def add_commands(command: Command) -> None:
+    """Add the commands of this family."""
+    command("plugins", _plugins, "list the installed distributions that offer studies, and those that fail")
+    command("doctor", _doctor, "check this installation")
+
+
+def _plugins(_: argparse.Namespace) -> int:
+    from impactlab.studies.discovery import plugins
+
+    found = plugins()
+    for plugin in found:
+        print(f"{plugin.name}  {plugin.distribution}  {plugin.problem or 'ok'}")
+    return USAGE if any(plugin.problem for plugin in found) else DONE
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    """Print what this installation is, and whether a compiled network runs."""
+    import os
+    import time
+
+    from impactlab.kernels.jit import cache_folder
+    from impactlab.machine import cores
+    from impactlab.studies.run_folder import versions
+
+    for name, version in versions().items():
+        print(f"{name:12} {version}")
+    print(f"{'cores':12} {cores()}")
+    folder = cache_folder()
+    print(f"{'cache':12} {folder} ({'writable' if os.access(folder, os.W_OK) else 'not writable'})")
+    begin = time.perf_counter()
+    body = impactlab.LinearOscillator(stiffness=1.0, damping=1.0)
+    network = impactlab.chain(2, body, impactlab.HertzContact(10.0), excitation=impactlab.WhiteNoise(1.0))
+    impactlab.simulate(network, 30.0, realizations=64, rng=1)
+    print(f"{'simulation':12} works ({time.perf_counter() - begin:.2f} s with compilation or its cache)")
+    return DONE

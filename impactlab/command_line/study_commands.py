@@ -1,0 +1,89 @@
+"""Commands that tell of studies: which there are, and what one of them does."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import inspect
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from impactlab.command_line.output import DONE, Command, in_columns, say
+
+if TYPE_CHECKING:
+    from impactlab.studies import Study
+
+_WIDTH = 100  # characters of a line, unless a setting is longer
+
+
+def add_commands(command: Command) -> None:
+    """Add the commands of this family."""
+    command("list", _list, "list the studies that can be run")
+    show = command("show", _show, "show the settings of a study, and what it makes")
+    show.add_argument("study", metavar="STUDY", help="name of a study")
+
+
+def _list(_: argparse.Namespace) -> int:
+    from impactlab.studies.discovery import plugins
+
+    found = plugins()
+    rows = [
+        (item.name, item.study.title if item.study else f"cannot be used: {item.problem} ({item.distribution})")
+        for item in found
+    ]
+    if rows:
+        print(in_columns(rows))
+    else:
+        say("no study is installed.")
+    return DONE
+
+
+def _show(options: argparse.Namespace) -> int:
+    from impactlab.studies.discovery import study_class
+
+    print(described(study_class(options.study)))
+    return DONE
+
+
+def described(study: type[Study]) -> str:
+    """Return a page on a study: its settings and files. Only its class is read: an instance may need much more."""
+    text = inspect.cleandoc(study.__doc__ or "")
+    paragraphs = [textwrap.fill(" ".join(item.split()), _WIDTH) for item in text.split("\n\n")] if text else []
+    parts = [f"{study.name}: {study.title}", *paragraphs, "settings\n" + _settings(study)]
+    if "quick" in vars(study):
+        parts.append(textwrap.fill(f"--quick  {' '.join((inspect.getdoc(study.quick) or '').split())}", _WIDTH))
+    parts.append(f"makes, in {Path('results', study.name)} or --out FOLDER\n{_files(study)}")
+    parts.append(f"run it  impactlab run {study.name}")
+    return "\n\n".join(parts)
+
+
+def _settings(study: type[Study]) -> str:
+    from impactlab.studies.discovery import toml_value
+
+    rows = [
+        (name, "" if study.units(name) == "1" else study.units(name), toml_value(default))
+        for name, default in _defaults(study).items()
+    ]
+    return in_columns(rows, "  ") if rows else "  none"
+
+
+def _defaults(study: type[Study]) -> dict[str, object]:
+    return {field.name: field.default for field in dataclasses.fields(study)}
+
+
+def _files(study: type[Study]) -> str:
+    judged = [name for name in ("claims", "checks") if study.makes(name)]
+    rows = [
+        ("report.html", "claims, figures, tables and settings on one page"),
+        ("result.nc", "the numbers (netCDF with groups, an xarray.DataTree)"),
+        ("manifest.json", "settings, versions and digests of the files"),
+    ]
+    figures = list(study.captions.items()) or ([("*", "")] if study.makes("figures") else [])
+    rows += [(f"figures/{name}.svg", caption) for name, caption in figures]
+    width = max(len(name) for name, _ in rows) + 4
+    lines = [
+        textwrap.fill(f"  {name:{width - 2}}{text}", _WIDTH + 10, subsequent_indent=" " * width) for name, text in rows
+    ]
+    lines.append(f"  and says how its {' and '.join(judged)} came out" if judged else "  no claims and no checks")
+    return "\n".join(lines)
