@@ -8,11 +8,12 @@ from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
 from impactlab.components.contact import RigidContact as RigidContact
 from impactlab.components.contact import backlash as backlash
-from impactlab.components.coupling import BoucWenCoupling as BoucWenCoupling
 from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
-from impactlab.components.coupling import MaxwellCoupling as MaxwellCoupling
+from impactlab.components.dampers import FrictionCoupling as FrictionCoupling
+from impactlab.components.dampers import PowerLawDampingCoupling as PowerLawDampingCoupling
+from impactlab.components.dampers import QuadraticDampingCoupling as QuadraticDampingCoupling
 from impactlab.components.dissipative import CarvalhoMartinsContact as CarvalhoMartinsContact
 from impactlab.components.dissipative import FloresContact as FloresContact
 from impactlab.components.dissipative import GonthierContact as GonthierContact
@@ -29,6 +30,11 @@ from impactlab.components.excitation import Source as Source
 from impactlab.components.excitation import WhiteNoise as WhiteNoise
 from impactlab.components.fields import parameter as parameter
 from impactlab.components.fields import state as state
+from impactlab.components.hysteresis import BoucWenCoupling as BoucWenCoupling
+from impactlab.components.hysteresis import JenkinsCoupling as JenkinsCoupling
+from impactlab.components.hysteresis import MaxwellCoupling as MaxwellCoupling
+from impactlab.components.hysteresis import PiezoelectricCoupling as PiezoelectricCoupling
+from impactlab.components.hysteresis import ZenerCoupling as ZenerCoupling
 from impactlab.components.loads import Chirp as Chirp
 from impactlab.components.loads import ConstantForce as ConstantForce
 from impactlab.components.loads import Harmonic as Harmonic
@@ -43,6 +49,9 @@ from impactlab.components.plastic import ThorntonContact as ThorntonContact
 from impactlab.components.plastic import WaltonBraunContact as WaltonBraunContact
 from impactlab.components.sides import WALL as WALL
 from impactlab.components.sides import Combination as Combination
+from impactlab.components.springs import BilinearCoupling as BilinearCoupling
+from impactlab.components.springs import CubicCoupling as CubicCoupling
+from impactlab.components.springs import PowerLawCoupling as PowerLawCoupling
 from impactlab.components.structure import LinearStructure as LinearStructure
 from impactlab.components.structure import ModalStructure as ModalStructure
 from impactlab.errors import AccuracyWarning as AccuracyWarning

@@ -235,16 +235,19 @@ def test_compiled_and_plain_force_agree(cls):
     np.testing.assert_array_max_ulp(force, plain, maxulp=1)
 
 
-@pytest.mark.parametrize("cls", COUPLING_LAWS)
-def test_compiled_and_plain_coupling_agree(cls):
+def test_compiled_and_plain_couplings_agree():
     """On both bodies, to one unit in the last place; nothing pulls at no extension and no rate."""
-    law = sample(cls)
-    bodies = {"a": il.LinearOscillator(), "b": il.LinearOscillator()}
-    y = np.random.default_rng(3).normal(size=(4, 100))
-    force = compiled_forces(il.Network(bodies, couplings={"c": il.Coupling("a", "b", law)}), y)[1]
-    plain = law.evaluate(y[1] - y[0], y[3] - y[2])
-    np.testing.assert_array_max_ulp(force, np.array([plain, -plain]), maxulp=1)
-    assert law.evaluate(0.0) == 0.0
+    laws = {cls.__name__: sample(cls) for cls in COUPLING_LAWS}
+    bodies = dict.fromkeys((f"{name} {end}" for name in laws for end in "ab"), il.LinearOscillator())
+    couplings = {name: il.Coupling(f"{name} a", f"{name} b", law) for name, law in laws.items()}
+    y = np.random.default_rng(3).normal(size=(4 * len(laws), 100))
+    forces = dict(zip(bodies, compiled_forces(il.Network(bodies, couplings=couplings), y)[1], strict=True))
+    places, rates = (dict(zip(bodies, part, strict=True)) for part in np.split(y, 2))
+    for name, law in laws.items():
+        ends = f"{name} a", f"{name} b"
+        plain = law.evaluate(*(item[ends[1]] - item[ends[0]] for item in (places, rates)))
+        np.testing.assert_array_max_ulp(np.array([forces[end] for end in ends]), np.array([plain, -plain]), maxulp=1)
+        assert law.evaluate(0.0) == 0.0
 
 
 def test_compiled_and_plain_given_forces_agree():

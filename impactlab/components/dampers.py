@@ -1,0 +1,73 @@
+"""Coupling laws that are nonlinear dampers: odd functions of the rate of the extension."""
+
+from __future__ import annotations
+
+import math
+
+from impactlab.components.coupling import CouplingLaw
+from impactlab.components.fields import parameter
+
+
+class QuadraticDampingCoupling(CouplingLaw):
+    """Damper of turbulent flow: force ``damping |e'| e'`` at the rate e' of the extension.
+
+    J. R. Morison, M. P. O'Brien, J. W. Johnson and S. A. Schaaf, Trans. AIME 189 (1950) 149. For a body in a fluid that
+    is at rest, coupled to `WALL`, the coefficient is half the density times the drag coefficient and the area.
+
+    Parameters
+    ----------
+    damping : float
+        Coefficient of the force (N s2 m-2).
+    """
+
+    damping: float = parameter(units="N s2 m-2", minimum=0.0)
+
+    @staticmethod
+    def force(rate, damping):  # type: ignore[no-untyped-def]
+        return damping * abs(rate) * rate
+
+
+class PowerLawDampingCoupling(CouplingLaw):
+    """Damper whose force is a power of the rate: ``damping |e'/1 m s-1|^p sign e'``.
+
+    M. C. Constantinou and M. D. Symans, Technical Report NCEER-92-0032 (1992), for fluid dampers of buildings, of which
+    p is 0.3 to 2. Exponent 2 is `QuadraticDampingCoupling`, which is faster; dry friction, the limit 0, is
+    `FrictionCoupling` or, with sticking, `JenkinsCoupling`.
+
+    Parameters
+    ----------
+    damping : float
+        Coefficient, given as the force at a rate of 1 m s-1 (N).
+    exponent : float
+        Exponent p, more than 0 and at most 20.
+    """
+
+    damping: float = parameter(units="N", minimum=0.0)
+    exponent: float = parameter(above=0.0, maximum=20.0)
+
+    @staticmethod
+    def force(rate, damping, exponent):  # type: ignore[no-untyped-def]
+        return math.copysign(damping * abs(rate) ** exponent, rate)
+
+
+class FrictionCoupling(CouplingLaw):
+    """Dry friction that is smooth about rest: force ``friction tanh(e'/velocity)``.
+
+    S. Andersson, A. Söderberg and S. Björklund, Tribol. Int. 40 (2007) 580. Coulomb's law is the limit of a vanishing
+    velocity scale. Nothing sticks: under a steady force f below the friction F a body creeps at
+    ``velocity artanh(f/F)``. `JenkinsCoupling` sticks.
+
+    Parameters
+    ----------
+    friction : float
+        Force of sliding (N).
+    velocity : float
+        Velocity at which the force is 0.76 of that (m s-1). Steps resolve it: they get shorter in proportion.
+    """
+
+    friction: float = parameter(units="N", minimum=0.0)
+    velocity: float = parameter(units="m s-1", above=0.0)
+
+    @staticmethod
+    def force(rate, friction, velocity):  # type: ignore[no-untyped-def]
+        return friction * math.tanh(rate / velocity)
