@@ -13,7 +13,14 @@ _HOME = {
     "components.component": ["Component"],
     "components.fields": ["parameter", "state"],
     "components.structure": ["LinearStructure", "ModalStructure"],
-    "components.oscillator": ["DuffingOscillator", "LinearOscillator", "Oscillator"],
+    "components.oscillator": [
+        "DoubleWellOscillator",
+        "DuffingOscillator",
+        "InvertedOscillator",
+        "LinearOscillator",
+        "Oscillator",
+    ],
+    "components.self_excited": ["RayleighOscillator", "VanDerPolOscillator"],
     "components.sides": ["WALL", "Combination"],
     "components.contact": [
         "Contact",

@@ -41,12 +41,16 @@ from impactlab.components.loads import Harmonic as Harmonic
 from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce
+from impactlab.components.oscillator import DoubleWellOscillator as DoubleWellOscillator
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
+from impactlab.components.oscillator import InvertedOscillator as InvertedOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator
 from impactlab.components.oscillator import Oscillator as Oscillator
 from impactlab.components.plastic import AdhesiveContact as AdhesiveContact
 from impactlab.components.plastic import ThorntonContact as ThorntonContact
 from impactlab.components.plastic import WaltonBraunContact as WaltonBraunContact
+from impactlab.components.self_excited import RayleighOscillator as RayleighOscillator
+from impactlab.components.self_excited import VanDerPolOscillator as VanDerPolOscillator
 from impactlab.components.sides import WALL as WALL
 from impactlab.components.sides import Combination as Combination
 from impactlab.components.springs import BilinearCoupling as BilinearCoupling

@@ -14,7 +14,7 @@ from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
-from impactlab.components.oscillator import LinearOscillator, Oscillator
+from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
 from impactlab.components.structure import LinearStructure, ModalStructure, Structure
@@ -76,6 +76,7 @@ class Composition:
             raise InvalidInput("A network needs at least one oscillator; none was given.")
         bodies, terms, points = _with_structures(self._oscillators)
         self._check_names(bodies, terms, points)
+        self._check_held()
         self._expanded = _Expanded(
             bodies,
             points,
@@ -122,6 +123,18 @@ class Composition:
                     raise InvalidInput(
                         f"{kind} {name!r} drives {body!r}, which is not in the network; {self._instead(body, known)}"
                     )
+
+    def _check_held(self) -> None:
+        """Refuse bodies that nothing keeps from moving away."""
+        links = [*self._contacts.values(), *self._couplings.values()]
+        for name, body in self._oscillators.items():
+            if not isinstance(body, InvertedOscillator) or body.repulsion <= body.stiffness:
+                continue
+            if not any(name in named_by(link) for link in links):
+                raise InvalidInput(
+                    f"Nothing holds {name!r}, which is repelled by {body.repulsion - body.stiffness:g} N m-1 more than "
+                    "its spring holds it: add stops or a coupling, or use il.DoubleWellOscillator."
+                )
 
     def _forces(self, name: str, item: Excitation | Source | BaseMotion) -> Excitation | Source:
         """Return an excitation; in the place of a motion of the ground, the source of forces on all that follows it."""

@@ -62,7 +62,7 @@ class FrictionCoupling(CouplingLaw):
     friction : float
         Force of sliding (N).
     velocity : float
-        Velocity at which the force is 0.76 of that (m s-1). Steps resolve it: they get shorter in proportion.
+        Velocity at which the force is 0.76 of that (m s-1); the smaller, the shorter the steps.
     """
 
     friction: float = parameter(units="N", minimum=0.0)

@@ -123,3 +123,64 @@ class DuffingOscillator(Oscillator):
     def residual_potential(displacement, cubic):  # type: ignore[no-untyped-def]
         square = displacement * displacement
         return 0.25 * cubic * square * square
+
+
+class InvertedOscillator(Oscillator):
+    """Body that is repelled from its centre: residual force ``−repulsion x``, as of an inverted pendulum.
+
+    S. W. Shaw and R. H. Rand, Int. J. Non-Linear Mech. 24 (1989) 41, between stops. The repulsion is what is taken off
+    the `stiffness`, which is 0 by default. A network in which no contact and no coupling holds it is refused.
+
+    Parameters
+    ----------
+    repulsion : float
+        Negative stiffness (N m-1).
+    """
+
+    repulsion: float = parameter(units="N m-1", minimum=0.0)
+
+    @staticmethod
+    def residual(displacement, repulsion):  # type: ignore[no-untyped-def]
+        return -repulsion * displacement
+
+    @staticmethod
+    def residual_potential(displacement, repulsion):  # type: ignore[no-untyped-def]
+        return -0.5 * repulsion * displacement * displacement
+
+
+class DoubleWellOscillator(Oscillator):
+    """Body that is repelled from its centre, into one of two wells: residual force ``cubic x³ − repulsion x``.
+
+    P. Holmes, Philos. Trans. R. Soc. A 292 (1979) 419, and F. C. Moon and P. J. Holmes, J. Sound Vib. 65 (1979) 275: a
+    Duffing oscillator of negative stiffness, such as a beam that has buckled. The repulsion is what is taken off the
+    `stiffness`, which is 0 by default.
+
+    Parameters
+    ----------
+    cubic : float
+        Coefficient of the cubic restoring force (N m-3).
+    repulsion : float
+        Negative stiffness (N m-1).
+    """
+
+    cubic: float = parameter(units="N m-3", above=0.0)
+    repulsion: float = parameter(units="N m-1", minimum=0.0)
+
+    @property
+    def wells(self) -> float:
+        """Distance of the wells from the centre (m); 0 where the spring is stronger than the repulsion."""
+        return float((max(self.repulsion - self.stiffness, 0.0) / self.cubic) ** 0.5)
+
+    @property
+    def barrier(self) -> float:
+        """Energy at the centre above that in the wells (J)."""
+        return float(max(self.repulsion - self.stiffness, 0.0) ** 2 / (4.0 * self.cubic))
+
+    @staticmethod
+    def residual(displacement, cubic, repulsion):  # type: ignore[no-untyped-def]
+        return (cubic * displacement * displacement - repulsion) * displacement
+
+    @staticmethod
+    def residual_potential(displacement, cubic, repulsion):  # type: ignore[no-untyped-def]
+        square = displacement * displacement
+        return (0.25 * cubic * square - 0.5 * repulsion) * square

@@ -25,6 +25,7 @@ from impactlab.reference.subsystems import (
     is_steady_noise,
     named,
     refusal,
+    sides,
     spectral_density,
     subsystems_of,
 )
@@ -114,7 +115,10 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
         yield f"{name!r} is excited by {excitation}; the law is known for constant white noise only, as {cure}."
     elif density and not oscillator.damping:
         cure = f"damping {math.pi * density / known:.6g} N s m-1" if known else "damping"
-        yield f"{name!r} has noise without damping and gains energy for ever; with {cure} it would have a law."
+        if _slowed(subsystem, name):
+            yield f"{name!r} has noise without linear damping of its own, and no temperature; it would need {cure}."
+        else:
+            yield f"{name!r} has noise without damping and gains energy for ever; with {cure} it would have a law."
     elif oscillator.damping and not density:
         cure = f"S = {oscillator.damping * known / math.pi:.6g} N2 s rad-1" if known else "white noise"
         yield f"{name!r} has damping without noise: its temperature is 0; with {cure} it would have a law."
@@ -134,6 +138,17 @@ def _body_reasons(subsystem: Subsystem, name: str) -> Iterator[str]:
                 f"{kind}, the class of {name!r}, does not define residual_potential; define "
                 f"residual_potential(displacement, ...), the integral of {kind}.residual from 0."
             )
+
+
+def _slowed(subsystem: Subsystem, body: str) -> bool:
+    """Whether forces that depend on velocities or the past act on a body, beside its own damping."""
+    oscillator = subsystem.network.oscillators[body]
+    if oscillator.has_kernel("residual") and "velocity" in oscillator.kernel("residual")[1]:
+        return True
+    laws = [item.law for item in subsystem.couplings.values() if body in sides(item)]
+    touching = [item.law for item in subsystem.contacts.values() if body in sides(item)]
+    lossy = [law for law in touching if law.state_names() or "rate" in law.kernel("force")[1]]
+    return bool(lossy) or any(law.dissipative for law in laws)
 
 
 def _contact_reasons(name: str, contact: Contact) -> Iterator[str]:
@@ -167,6 +182,8 @@ def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
         yield _with_states(f"the force of coupling {name!r}", coupling.law)
     elif TIME in coupling.law.arguments("force")[0]:
         yield f"the force of coupling {name!r} {_TIMED}"
+    elif "rate" in coupling.law.kernel("force")[1] and not is_linear(coupling):
+        yield f"the force of coupling {name!r} depends on the rate without noise of its own: it has no temperature."
     elif not is_linear(coupling):
         yield f"the law of coupling {name!r} is not an il.LinearCoupling, the only one that is treated."
     elif coupling.law.linear[1]:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.special import beta, ellipk
 
 import impactlab as il
@@ -187,12 +187,52 @@ def test_what_the_circuit_takes_is_what_its_resistor_dissipates():
     assert work == pytest.approx(np.mean(np.square(values[-2000:])) / 15.0 * 2000 * step, rel=1e-4)
 
 
-@pytest.mark.parametrize("law", [SOFTENING, il.CubicCoupling(1.0), DAMPERS["quadratic"][0], SOLID, CIRCUIT, SLIDER])
-def test_no_exact_law_with_the_reason(law):
+REFUSED = {
+    "not an il.LinearCoupling": [SOFTENING, il.CubicCoupling(1.0)],
+    "depends on the rate without noise": [law for law, _ in DAMPERS.values()],
+    "depends on the past, by the states": [SOLID, CIRCUIT, SLIDER],
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_no_exact_law_with_the_reason(reason):
+    body = il.LinearOscillator(damping=1.0, stiffness=1.0)
+    for law in REFUSED[reason]:
+        network = il.Network({"a": body}, {}, {"a": il.WhiteNoise(1.0)}, {"own": il.Coupling("a", il.WALL, law)})
+        with pytest.raises(il.NoExactReference, match=f"coupling 'own' .*{reason}"):
+            il.exact(network)
+        if law.dissipative:
+            with pytest.raises(il.NoExactReference, match="without linear damping of its own, and no temperature"):
+                il.exact(network.replace(oscillators={"a": body.replace(damping=0.0)}))
+
+
+LAWS_UNDER_NOISE = {
+    "quadratic": (il.QuadraticDampingCoupling(3.0), lambda v: abs(v) ** 3),
+    "root": (il.PowerLawDampingCoupling(1.0, exponent=0.5), lambda v: abs(v) ** 1.5 / 1.5),
+    "smooth friction": (il.FrictionCoupling(1.0, velocity=0.5), lambda v: 0.5 * math.log(math.cosh(v / 0.5))),
+    "friction": (
+        il.FrictionCoupling(1.0, velocity=2e-3),
+        lambda v: abs(v) + 2e-3 * math.log1p(math.exp(-1e3 * abs(v))),
+    ),
+}  # dampers, and the integrals of their forces  # fmt: skip
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", LAWS_UNDER_NOISE)
+def test_velocities_of_a_free_body_under_white_noise(name):
+    """Their density is ``exp(−m G(v)/(π S))``, with the integral G of the force, at the automatic step."""
+    law, integral = LAWS_UNDER_NOISE[name]
+    mass, density = 1.5, 0.2
+
+    def moment(power):
+        options = {"points": [0.01, 0.1, 1.0], "limit": 500}
+        return quad(lambda v: v**power * math.exp(-mass * integral(v) / (math.pi * density)), 0.0, 20.0, **options)[0]
+
+    exact = moment(2) / moment(0)
     network = il.Network(
-        {"a": il.LinearOscillator(damping=1.0, stiffness=1.0)}, {}, {"a": il.WhiteNoise(1.0)},
-        {"own": il.Coupling("a", il.WALL, law)},
-    )  # fmt: skip
-    reason = "depends on the past, by the states" if law.state_names() else "not an il.LinearCoupling"
-    with pytest.raises(il.NoExactReference, match=f"coupling 'own' .*{reason}"):
-        il.exact(network)
+        {"a": il.LinearOscillator(mass=mass)}, {}, {"a": il.WhiteNoise(density)}, {"d": il.Coupling(il.WALL, "a", law)}
+    )
+    result = il.simulate(network, 400.0, realizations=1024, spin_up=50.0, initial="rest", rng=3)
+    value, error = (float(result[f"mean_square_velocity{end}"].item()) for end in ("", "_standard_error"))
+    assert error < 3e-3 * exact
+    assert abs(value - exact) < 5e-3 * exact + 3.0 * error
