@@ -7,47 +7,47 @@ from impactlab.components.oscillator import Oscillator
 
 
 class VanDerPolOscillator(Oscillator):
-    """Body with a damper that drives it at small displacements: residual force ``−drive (1 − (x/width)²) x'``.
+    """Body with a damper that drives it at small displacements: residual force ``−growth (1 − (x/width)²) x'``.
 
     B. van der Pol, Philos. Mag. (7) 2 (1926) 978, whose equation ``x'' − μ (1 − x²) x' + x = 0`` has a unit mass, a
-    unit stiffness, ``drive`` μ and a unit width. Its amplitude is close to twice the width for all μ.
+    unit stiffness, ``growth`` μ and a unit width. Its amplitude is close to twice the width for all μ.
 
     Parameters
     ----------
-    drive : float
-        Coefficient of the damper at rest, which drives (N s m-1).
+    growth : float
+        Coefficient of the negative damping at rest (N s m-1).
     width : float
         Displacement beyond which it damps (m).
     """
 
-    drive: float = parameter(units="N s m-1", minimum=0.0)
+    growth: float = parameter(units="N s m-1", minimum=0.0)
     width: float = parameter(1.0, units="m", above=0.0)
 
     @staticmethod
-    def residual(displacement, velocity, drive, width):  # type: ignore[no-untyped-def]
-        part = displacement / width
-        return drive * (part * part - 1.0) * velocity
+    def residual(displacement, velocity, growth, width):  # type: ignore[no-untyped-def]
+        ratio = displacement / width
+        return growth * (ratio * ratio - 1.0) * velocity
 
 
 class RayleighOscillator(Oscillator):
-    """Body with a damper that drives it at small velocities: residual force ``−drive (1 − (x'/speed)²) x'``.
+    """Body with a damper that drives it at small velocities: residual force ``−growth (1 − (x'/speed)²) x'``.
 
-    Lord Rayleigh, Philos. Mag. (5) 15 (1883) 229. A small drive leaves the motion nearly harmonic, with the amplitude
+    Lord Rayleigh, Philos. Mag. (5) 15 (1883) 229. A small growth leaves the motion nearly harmonic, with the amplitude
     ``2 speed/(sqrt(3) ω)``. Its velocity moves as the displacement of `VanDerPolOscillator` with
     ``width = speed/sqrt(3)`` does.
 
     Parameters
     ----------
-    drive : float
-        Coefficient of the damper at rest, which drives (N s m-1).
+    growth : float
+        Coefficient of the negative damping at rest (N s m-1).
     speed : float
         Velocity beyond which it damps (m s-1).
     """
 
-    drive: float = parameter(units="N s m-1", minimum=0.0)
+    growth: float = parameter(units="N s m-1", minimum=0.0)
     speed: float = parameter(1.0, units="m s-1", above=0.0)
 
     @staticmethod
-    def residual(velocity, drive, speed):  # type: ignore[no-untyped-def]
-        part = velocity / speed
-        return drive * (part * part - 1.0) * velocity
+    def residual(velocity, growth, speed):  # type: ignore[no-untyped-def]
+        ratio = velocity / speed
+        return growth * (ratio * ratio - 1.0) * velocity

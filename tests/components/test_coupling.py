@@ -5,7 +5,6 @@ import pickle
 
 import numpy as np
 import pytest
-from impactlab_numerics.laws.couplings import CubicCoupling
 from laws import DampedCubicCoupling, TwoLines
 from scenes import base, deviations
 from scipy.integrate import dblquad, solve_ivp
@@ -86,7 +85,7 @@ def test_a_law_of_ones_own_between_contacts_and_bodies():
     """Against the equation written by hand; the extension is that of the second over the first."""
     bodies = {"a": il.DuffingOscillator(2.0), "b": il.LinearOscillator(mass=2.0)}
     gap = {"gap": il.Contact("a", "b", il.HertzContact(100.0), clearance=0.1)}
-    network = il.Network(bodies, gap, couplings={"c": il.Coupling("b", "a", CubicCoupling(5.0))})
+    network = il.Network(bodies, gap, couplings={"c": il.Coupling("b", "a", il.CubicCoupling(5.0))})
     x = np.array([0.9, 0.2])
     pull, push = 5.0 * (0.2 - 0.9) ** 3, 100.0 * 0.6**1.5
     expected = [pull - push - 2.0 * 0.9**3, (-pull + push) / 2.0]
@@ -219,7 +218,7 @@ def test_springs_and_dampers_limit_the_step():
 def test_tangent_of_a_law_of_ones_own():
     """At the amplitude that stores the energy: ``cubic e⁴/4 = E``, tangent ``3 cubic e²``."""
     bodies = dict.fromkeys("ab", il.LinearOscillator(stiffness=1.0, damping=0.1))
-    network = il.Network(bodies, couplings={"c": il.Coupling("a", "b", CubicCoupling(5.0))})
+    network = il.Network(bodies, couplings={"c": il.Coupling("a", "b", il.CubicCoupling(5.0))})
     stiffening = Stiffening.of(Model.of(network), np.full(2, 0.3))
     assert stiffening.couplings[0] == pytest.approx(3.0 * 5.0 * np.sqrt(4.0 * 0.3 / 5.0), rel=0.05)  # 64 intervals
 
@@ -471,7 +470,7 @@ def test_a_cold_body_may_be_heated_by_its_coupling():
     ("couplings", "message"),
     [
         ({"s": spring("one", "two", 60.0, 1.0)}, r"coupling 's' has damping without noise: its temperature is 0"),
-        ({"s": il.Coupling("one", "two", CubicCoupling(1.0))}, r"law of coupling 's' is not an il.LinearCoupling"),
+        ({"s": il.Coupling("one", "two", il.CubicCoupling(1.0))}, r"law of coupling 's' is not an il.LinearCoupling"),
     ],
 )
 def test_no_exact_law(couplings, message):

@@ -7,7 +7,6 @@ import pytest
 from impactlab_numerics.laws.oscillators import (
     DragOscillator,
     FrictionOscillator,
-    VanDerPolOscillator,
     ViscousOscillator,
 )
 
@@ -104,7 +103,9 @@ STRENGTHS = [
     pytest.param(alone(FrictionOscillator(0.5, creep=0.1, damping=0.2, stiffness=1.0)), marks=pytest.mark.campaign),
     pytest.param(alone(FrictionOscillator(0.5, creep=0.005, damping=0.2, stiffness=1.0)), marks=pytest.mark.campaign),
     alone(DragOscillator(10.0, damping=0.2, stiffness=1.0)),
-    pytest.param(alone(VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)), marks=pytest.mark.campaign),
+    pytest.param(
+        alone(il.VanDerPolOscillator(3.0, width=1.0, damping=0.02, stiffness=1.0)), marks=pytest.mark.campaign
+    ),
 ]
 
 STATISTICS = (

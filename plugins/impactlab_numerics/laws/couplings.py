@@ -25,13 +25,3 @@ class StringCoupling(il.CouplingLaw):
     @staticmethod
     def force(extension, stiffness, slack):  # type: ignore[no-untyped-def]
         return stiffness * max(extension - slack, 0.0)
-
-
-class CubicCoupling(il.CouplingLaw):
-    """Spring without a linear part: force ``cubic e³``."""
-
-    cubic: float = il.parameter(units="N m-3", minimum=0.0)
-
-    @staticmethod
-    def force(extension, cubic):  # type: ignore[no-untyped-def]
-        return cubic * extension * extension * extension

@@ -1,4 +1,4 @@
-"""Residual forces as people write them: damping, friction and self-excitation, stops and other springs."""
+"""Residual forces as people write them: damping, friction, stops and other springs."""
 
 from __future__ import annotations
 
@@ -57,30 +57,6 @@ class CoulombOscillator(il.Oscillator):
     @staticmethod
     def residual(velocity, friction, creep):  # type: ignore[no-untyped-def]
         return friction * velocity / math.sqrt(velocity * velocity + creep * creep)
-
-
-class VanDerPolOscillator(il.Oscillator):
-    """Self-excitation: residual force ``growth (x²/width² − 1) v``."""
-
-    growth: float = il.parameter(units="N s m-1", minimum=0.0)
-    width: float = il.parameter(units="m", above=0.0)
-
-    @staticmethod
-    def residual(displacement, velocity, growth, width):  # type: ignore[no-untyped-def]
-        ratio = displacement / width
-        return growth * (ratio * ratio - 1.0) * velocity
-
-
-class RayleighOscillator(il.Oscillator):
-    """Self-excitation by the velocity: residual force ``growth (v²/speed² − 1) v``."""
-
-    growth: float = il.parameter(units="N s m-1", minimum=0.0)
-    speed: float = il.parameter(units="m s-1", above=0.0)
-
-    @staticmethod
-    def residual(velocity, growth, speed):  # type: ignore[no-untyped-def]
-        ratio = velocity / speed
-        return growth * (ratio * ratio - 1.0) * velocity
 
 
 class StopOscillator(il.Oscillator):

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import impactlab as il
-from impactlab_numerics.laws.couplings import CubicCoupling
 from impactlab_numerics.laws.excitations import Burst
 from impactlab_numerics.laws.oscillators import DragOscillator, SofteningOscillator
 
@@ -102,7 +101,7 @@ def _network(
             damping = 0.0 if draw.chance(0.5) else mass * frequency * draw.scale()
             law: il.CouplingLaw = il.LinearCoupling(stiffness, damping=damping)
         else:
-            law = CubicCoupling(stiffness / length**2)
+            law = il.CubicCoupling(stiffness / length**2)
         held[f"coupling_{index}"] = il.Coupling(*_sides(draw, names), law)
     return il.Network(made, touching, excitations, held)
 

@@ -24,7 +24,6 @@ from impactlab_numerics.laws.oscillators import (
     CoulombOscillator,
     CubicDragOscillator,
     QuinticOscillator,
-    RayleighOscillator,
 )
 from impactlab_numerics.trust.drawing import RELAXATIONS, Costly, Law, Scene, Sketch, between, number, one_of
 from impactlab_numerics.trust.networks import Draw
@@ -100,7 +99,7 @@ def friction(rng: np.random.Generator) -> Scene:
         elif kind == 0:
             body = CubicDragOscillator(drag=share * usual / thermal**2, **fields)
         else:
-            body = RayleighOscillator(growth=0.3 * share * usual, speed=thermal * between(rng, 0.7, 3.0), **fields)
+            body = il.RayleighOscillator(growth=0.3 * share * usual, speed=thermal * between(rng, 0.7, 3.0), **fields)
         sketch.resolve(0.1 * mass / rate)
         return body
 

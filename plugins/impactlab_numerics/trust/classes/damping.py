@@ -11,7 +11,6 @@ import impactlab as il
 from impactlab_numerics.laws.oscillators import (
     DragOscillator,
     FrictionOscillator,
-    VanDerPolOscillator,
     ViscousOscillator,
 )
 from impactlab_numerics.trust.drawing import Scene, Sketch, between, number
@@ -42,7 +41,7 @@ def residual_damping(rng: np.random.Generator) -> Scene:
         else:
             width = math.sqrt(sketch.temperature / stiffness) * between(rng, 0.5, 3.0)
             growth = 0.5 * share * usual
-            rate, body = 8.0 * growth, VanDerPolOscillator(growth=growth, width=width, **fields)
+            rate, body = 8.0 * growth, il.VanDerPolOscillator(growth=growth, width=width, **fields)
         sketch.resolve(0.1 * mass / rate)
         return body
 
