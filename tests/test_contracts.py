@@ -281,7 +281,8 @@ def test_states_stay_where_nothing_moves(cls):
 @each_with("residual", OSCILLATORS)
 def test_compiled_and_plain_residual_agree(cls):
     body = sample(cls).replace(mass=1.0, damping=0.0, stiffness=0.0)
-    compiled = il.Network({"a": body}).compile()
+    held = {"held": il.Coupling("a", il.WALL, il.LinearCoupling(0.0))}
+    compiled = il.Network({"a": body}, couplings=held).compile()
     y = np.random.default_rng(2).normal(size=(2, 100))
     acceleration = [compiled.rhs(0.0, column)[1] for column in y.T]
     np.testing.assert_array_max_ulp(-np.array(acceleration), np.array(body.call("residual", *y)), maxulp=1)

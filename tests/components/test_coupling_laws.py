@@ -233,7 +233,7 @@ def test_velocities_of_a_free_body_under_white_noise(name):
     network = il.Network(
         {"a": il.LinearOscillator(mass=mass)}, {}, {"a": il.WhiteNoise(density)}, {"d": il.Coupling(il.WALL, "a", law)}
     )
-    result = il.simulate(network, 400.0, realizations=4096, spin_up=50.0, initial="rest", rng=3)
+    result = il.simulate(network, 400.0, realizations=8192, spin_up=50.0, initial="rest", rng=3)
     value, error = (float(result[f"mean_square_velocity{end}"].item()) for end in ("", "_standard_error"))
     assert error < 3e-3 * exact
     assert abs(value - exact) < 5e-3 * exact + 3.0 * error
