@@ -287,7 +287,7 @@ def test_exact_law_of_contacts_along_a_combination():
             {"excitations": {"a": il.ShinozukaNoise(0.5, band=(0.0, 9.0), components=40)}},
             "'a': the law is known for constant white noise only",
         ),
-        ({"couplings": {"s": il.Coupling("a", "b", DampedCubicCoupling(1.0, damping=0.0))}}, "'s' is not an il.Linear"),
+        ({"couplings": {"s": il.Coupling("a", "b", DampedCubicCoupling(1.0, damping=0.0))}}, "'s' depends on the rate"),
         ({"oscillators": {"c": il.LinearOscillator(damping=0.2)}}, "no spring confines one of their motions"),
     ],
 )
