@@ -55,10 +55,13 @@ def test_plugins_tell_what_fails(capsys, tmp_path, monkeypatch):
     folder = tmp_path / "broken-2.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
-    (folder / "entry_points.txt").write_text("[impactlab.studies]\nabsent = nowhere_at_all:Thing\n")
+    entries = ["[impactlab.studies]", "absent = nowhere_at_all:Thing", "[impactlab.components]", "Lost = nowhere:Lost"]
+    (folder / "entry_points.txt").write_text("\n".join(entries))
     monkeypatch.syspath_prepend(str(tmp_path))
     assert main(["plugins"]) == USAGE
-    assert "absent  broken 2.0  ModuleNotFoundError" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "absent  broken 2.0  ModuleNotFoundError" in shown
+    assert "Lost  component  The component 'Lost' of broken 2.0 cannot be used: ModuleNotFoundError" in shown
     assert main(["list"]) == DONE
     rows = dict(row.split(maxsplit=1) for row in capsys.readouterr().out.splitlines())
     assert rows["example"].startswith("A body that a wall stops")

@@ -12,7 +12,7 @@ PACKAGE = Path(impactlab.__file__).parent
 
 LAYERS = [
     {"errors"},
-    {"machine", "progress", "results", "kernels", "components"},
+    {"machine", "progress", "toml_text", "results", "kernels", "components"},
     {"assembly"},
     {"linear"},
     {"integrators", "reference"},

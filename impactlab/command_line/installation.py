@@ -10,17 +10,23 @@ from impactlab.command_line.output import DONE, USAGE, Command
 
 def add_commands(command: Command) -> None:
     """Add the commands of this family."""
-    command("plugins", _plugins, "list the installed distributions that offer studies, and those that fail")
+    command("plugins", _plugins, "list what installed distributions offer, and what of it fails")
     command("doctor", _doctor, "check this installation")
 
 
 def _plugins(_: argparse.Namespace) -> int:
+    from impactlab.components.offered import load_offered, offered_names
     from impactlab.studies.discovery import plugins
 
     found = plugins()
     for plugin in found:
         print(f"{plugin.name}  {plugin.distribution}  {plugin.problem or 'ok'}")
-    return USAGE if any(plugin.problem for plugin in found) else DONE
+    code = USAGE if any(plugin.problem for plugin in found) else DONE
+    for name in offered_names():
+        problem = load_offered(name)
+        print(f"{name}  component  {problem or 'ok'}")
+        code = USAGE if problem else code
+    return code
 
 
 def _doctor(_: argparse.Namespace) -> int:

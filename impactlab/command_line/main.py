@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import impactlab
-from impactlab.command_line import installation, new_command, run_commands, study_commands
+from impactlab.command_line import installation, network_commands, new_command, run_commands, study_commands
 from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, say
 from impactlab.command_line.run_commands import Terminated, resumable
 from impactlab.errors import ImpactLabError, InvalidInput
@@ -26,6 +26,7 @@ _NEXT = """impactlab {version}: networks of oscillators that collide
 run a study            impactlab list                   what can be run
                        impactlab show two-system        its settings, and what it makes
                        impactlab run two-system --quick
+simulate a network     impactlab simulate NETWORK.toml --duration 100 --realizations 64 -o result.nc
 your own study         impactlab new my-study           writes a package that runs at once
 all commands           impactlab --help                 and impactlab COMMAND --help
 your installation      impactlab doctor
@@ -90,7 +91,7 @@ def parser() -> argparse.ArgumentParser:
         added.set_defaults(action=action)
         return added
 
-    for family in (study_commands, run_commands, new_command, installation):
+    for family in (study_commands, run_commands, new_command, network_commands, installation):
         family.add_commands(command)
     return parser
 

@@ -6,7 +6,6 @@ import argparse
 import importlib.util
 import keyword
 import re
-from importlib.metadata import entry_points
 from pathlib import Path
 from string import Template
 
@@ -30,6 +29,8 @@ def _new(options: argparse.Namespace) -> int:
 
 def write_study(name: str, folder: Path) -> None:
     """Write the package of a study into a folder that is made for it; a name that is taken is refused."""
+    from importlib.metadata import entry_points
+
     from impactlab.studies.discovery import GROUP
 
     module = name.replace("-", "_")

@@ -59,10 +59,10 @@ def described(study: type[Study]) -> str:
 
 
 def _settings(study: type[Study]) -> str:
-    from impactlab.studies.discovery import toml_value
+    from impactlab.toml_text import value_text
 
     rows = [
-        (name, "" if study.units(name) == "1" else study.units(name), toml_value(default))
+        (name, "" if study.units(name) == "1" else study.units(name), value_text(default))
         for name, default in _defaults(study).items()
     ]
     return in_columns(rows, "  ") if rows else "  none"

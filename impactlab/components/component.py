@@ -33,6 +33,7 @@ from impactlab.components.evaluation import (
     number_of,
 )
 from impactlab.components.fields import Declared, declared_by, make_first_field_positional
+from impactlab.components.offered import load_offered, offered_names
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -137,13 +138,15 @@ class Component:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Make a component from what :meth:`to_dict` returned.
 
-        The class is looked up by name among those of impactlab and those that are defined;
+        The class is looked up by name among those of impactlab, those that are defined, and those that an
+        installed distribution offers by an entry point of its name in the group ``impactlab.components``;
         nothing else is imported.
 
         Raises
         ------
         InvalidInput
-            If the class is not defined, several have the name, or it belongs to another family.
+            If the class is not defined, several have the name, it belongs to another family, or what a distribution
+            offers cannot be used.
         """
         if not isinstance(data, Mapping):
             raise InvalidInput(f"A {cls.__name__} is stored as a mapping, not {reprlib.repr(data)}.")
@@ -151,10 +154,9 @@ class Component:
         module, _, name = str(fields.pop("type", cls.__name__)).rpartition(".")
         found = [item for place, item in _classes(name).items() if module in ("", place)]
         if not found:
-            raise InvalidInput(
-                f"No component class named {name!r} is defined; {suggestion(name, _REGISTRY)} "
-                "Import the module that defines it first."
-            )
+            near = difflib.get_close_matches(name, {*_REGISTRY, *dir(impactlab), *offered_names()}, n=1)
+            advice = f"did you mean {near[0]!r}?" if near else "import the module that defines it first."
+            raise InvalidInput(f"No component class named {name!r} is defined; {advice}")
         if len(found) > 1:
             places = ", ".join(item.__module__ for item in found)
             whole = f"{found[0].__module__}.{name}"
@@ -232,6 +234,8 @@ def _classes(name: str) -> dict[str, type[Component]]:
     """Return the classes of a name by their modules, also the bundled one whose module nobody has needed yet."""
     if name in dir(impactlab):
         getattr(impactlab, name)
+    if name not in _REGISTRY and (problem := load_offered(name)):
+        raise InvalidInput(problem)
     return _REGISTRY.get(name, {})
 
 

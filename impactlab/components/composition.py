@@ -31,7 +31,7 @@ _MOST_ALIKE = 1e10
 _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
-_FAMILIES: dict[str, tuple[type[Component], ...]] = {
+FAMILIES: dict[str, tuple[type[Component], ...]] = {
     "oscillators": (Oscillator, LinearStructure, ModalStructure),
     "contacts": (Contact,),
     "excitations": (Excitation, Source, BaseMotion),
@@ -266,10 +266,14 @@ class Composition:
             _changed("coupling", self._couplings, couplings),
         )
 
+    def given(self) -> dict[str, Mapping[str, Component]]:
+        """Return the members as they were given, by family and name."""
+        return {title: MappingProxyType(getattr(self, f"_{title}")) for title in FAMILIES}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the network as plain data that JSON can hold."""
         return {
-            title: {name: item.to_dict() for name, item in getattr(self, f"_{title}").items()} for title in _FAMILIES
+            title: {name: item.to_dict() for name, item in family.items()} for title, family in self.given().items()
         }
 
     @classmethod
@@ -278,13 +282,13 @@ class Composition:
         if not isinstance(data, Mapping):
             raise InvalidInput(f"A network is stored as a mapping, not {reprlib.repr(data)}.")
         for title, family in data.items():
-            if title not in _FAMILIES:
-                raise InvalidInput(f"A network has {', '.join(_FAMILIES)}, but not {title!r}.")
+            if title not in FAMILIES:
+                raise InvalidInput(f"A network has no {title!r}; {suggestion(title, FAMILIES)}")
             if not isinstance(family, Mapping):
                 raise InvalidInput(f"{title} are stored as a mapping, not {reprlib.repr(family)}.")
         families: dict[str, Any] = {
-            title: {name: _kind_of(item, kinds).from_dict(item) for name, item in data.get(title, {}).items()}
-            for title, kinds in _FAMILIES.items()
+            title: {name: kind_of(item, kinds).from_dict(item) for name, item in data.get(title, {}).items()}
+            for title, kinds in FAMILIES.items()
         }
         return cls(**families)
 
@@ -298,16 +302,16 @@ class Composition:
 
     def _members(self) -> tuple[tuple[tuple[str, Component], ...], ...]:
         """Names and members of all families, in order."""
-        return tuple(tuple(getattr(self, f"_{title}").items()) for title in _FAMILIES)
+        return tuple(tuple(getattr(self, f"_{title}").items()) for title in FAMILIES)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, f"_{title}") for title in _FAMILIES)
+        return type(self), tuple(getattr(self, f"_{title}") for title in FAMILIES)
 
     def __repr__(self) -> str:
         counts = [_count(self._oscillators, "body", "bodies"), _count(self._contacts, "contact", "contacts")]
         counts += [_count(self._couplings, "coupling", "couplings")] if self._couplings else []
         lines = [f"Network: {', '.join(counts)}, {_count(self._excitations, 'excitation', 'excitations')}"]
-        for title in _FAMILIES:
+        for title in FAMILIES:
             members = getattr(self, f"_{title}")
             if members:
                 lines.append(f"  {title}")
@@ -319,7 +323,7 @@ class Composition:
 
 def _family(title: str, members: Family[Any]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
-    kinds = _FAMILIES[title]
+    kinds = FAMILIES[title]
     expected = " or ".join(f"il.{kind.__name__}" for kind in kinds)
     try:
         pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
@@ -414,7 +418,7 @@ def _at_bodies(name: str, item: Excitation | Source, points: Mapping[str, Shares
     return item.replace(on=on)
 
 
-def _kind_of(item: Any, kinds: tuple[type[Component], ...]) -> type[Component]:
+def kind_of(item: Any, kinds: tuple[type[Component], ...]) -> type[Component]:
     """Return the kind of a stored member by the name of its class; the first one if none of the kinds has it."""
     name = item.get("type", "") if isinstance(item, Mapping) else ""
     return next((kind for kind in kinds if str(name).rpartition(".")[2] == kind.__name__), kinds[0])

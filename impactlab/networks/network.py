@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import impactlab
 from impactlab.components.composition import Composition
@@ -13,6 +14,7 @@ from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
+from impactlab.networks.network_file import NetworkFile, text_of
 
 if TYPE_CHECKING:
     from impactlab import CompiledNetwork, Integrator, NetworkCheck
@@ -73,6 +75,32 @@ class Network(Composition):
             If the step or the integrator cannot be used; with the words of `simulate`.
         """
         return impactlab.NetworkCheck.of(self, step, integrator)
+
+    def to_toml(self) -> str:
+        """Return the network as a text in TOML that people can read, with units; :meth:`from_toml` makes it again.
+
+        It has a table for each body, contact, excitation and coupling, ``[oscillators.name]``, with the name of
+        its class as ``type`` and its fields, and a table below for a law, ``[contacts.name.law]``.
+        """
+        return text_of(self)
+
+    @classmethod
+    def from_toml(cls, source: str | os.PathLike[str]) -> Self:
+        """Make a network from what :meth:`to_toml` returned, or what somebody wrote.
+
+        Parameters
+        ----------
+        source : path or str
+            A file; or the text itself, of more than one line. A table ``simulate``, with options for
+            the command line, is left out.
+
+        Raises
+        ------
+        InvalidInput
+            If the network cannot be made; the message names the line.
+        """
+        network: Self = NetworkFile.read(source).network(cls)
+        return network
 
     def source(self) -> str:
         """Return the text of the module that is generated for this network."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tomllib
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.studies.study import Study
+from impactlab.toml_text import value_text
 
 GROUP = "impactlab.studies"
 """Group of entry points in which a distribution names its studies."""
@@ -111,12 +111,7 @@ def _from_toml(path: Path) -> Study:
 def toml(study: Study) -> str:
     """Return the text of a TOML file that configures this study."""
     settings = {"study": study.name, **study.settings()}
-    return "".join(f"{key} = {toml_value(value)}\n" for key, value in settings.items())
-
-
-def toml_value(value: Any) -> str:
-    """Return the text of a setting in TOML: plain data without mappings."""
-    return json.dumps(value, ensure_ascii=False)
+    return "".join(f"{key} = {value_text(value)}\n" for key, value in settings.items())
 
 
 def parse_setting(text: str, study: Study) -> tuple[str, Any]:

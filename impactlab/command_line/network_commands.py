@@ -1,0 +1,159 @@
+"""Commands on networks in files: simulate one."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import inspect
+import math
+import re
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import impactlab
+from impactlab.command_line.output import DONE, Command, in_columns, say
+from impactlab.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_GIVEN_HERE = {"network", "rng", "record", "executor", "progress", "out"}
+"""Parameters of `simulate` that are no options of a file; for two of them there are others."""
+
+_SHOWN = 6
+"""Bodies or contacts whose statistics are printed."""
+
+
+def add_commands(command: Command) -> None:
+    """Add the commands of this family."""
+    simulate = command("simulate", _simulate, "simulate a network that a TOML file describes")
+    simulate.add_argument("network", metavar="NETWORK.toml", help="what il.Network.to_toml writes")
+    simulate.add_argument("--duration", type=float, metavar="SECONDS", help="time that is measured")
+    simulate.add_argument("--realizations", type=int, metavar="N", help="number of realizations (default: 1)")
+    simulate.add_argument("--seed", type=int, metavar="N", help="of the random numbers (default: another each time)")
+    simulate.add_argument("--records", nargs="+", metavar="RECORD", help="such as Density,quantity=velocity Trajectory")
+    simulate.add_argument("-o", "--out", metavar="RESULT.nc", help="file for the result")
+    simulate.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE",
+                          help="module, or .py file, with classes of your own; it is executed")  # fmt: skip
+    simulate.add_argument("-q", "--quiet", action="store_true", help="print no statistics and no progress")
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from impactlab.networks.network_file import SIMULATE, NetworkFile
+
+    for module in options.modules:
+        _import(module)
+    file = NetworkFile.read(options.network)
+    network = file.network(impactlab.Network)
+    named = ("duration", "realizations", "seed", "records")
+    given = {name: getattr(options, name) for name in named if getattr(options, name) is not None}
+    arguments = _arguments(file, given)
+    out = None if "tolerance" in arguments else options.out
+    try:
+        result = impactlab.simulate(network, progress=False if options.quiet else None, out=out, **arguments)
+    except InvalidInput as error:
+        name = str(error).split()[0]
+        if name in given or name not in file.options:
+            raise
+        raise file.refusal((SIMULATE, name), str(error)) from error
+    if options.out != out:
+        impactlab.save(result, options.out)
+    if not options.quiet:
+        print(in_columns(list(_statistics(result))))
+        if options.out:
+            say(f"the result is {options.out}")
+    return DONE
+
+
+def _arguments(file: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `simulate`: the options of the file, in whose place may be those that are given."""
+    from impactlab.components.component import suggestion
+    from impactlab.networks.network_file import SIMULATE
+
+    own = set(inspect.signature(impactlab.simulate).parameters) - _GIVEN_HERE
+    known = sorted(own | {"seed", "records"})
+    for name in file.options:
+        if name not in known:
+            message = f"A simulation has no option {name!r}; {suggestion(name, known)}"
+            raise file.refusal((SIMULATE, name), message)
+    arguments = {**file.options, **given}
+    records, integrator = arguments.pop("records", []), arguments.get("integrator")
+    try:
+        arguments["record"] = [_record(item) for item in (records if isinstance(records, list) else [records])]
+    except InvalidInput as error:
+        if "records" in given:
+            raise
+        raise file.refusal((SIMULATE, "records"), str(error)) from error
+    if integrator is not None:
+        data = {"type": integrator} if isinstance(integrator, str) else integrator
+        arguments["integrator"] = impactlab.Integrator.from_dict(data)
+    arguments["rng"] = arguments.pop("seed", None)
+    return arguments
+
+
+def _record(given: Any) -> impactlab.Record:
+    """Return a record from its data, or from a text such as ``Density,quantity=velocity,bins=50``."""
+    if not isinstance(given, str):
+        return impactlab.Record.from_dict(given)
+    name, *fields = re.split(r",(?=\s*\w+\s*=)", given)
+    return impactlab.Record.from_dict({"type": name.strip(), **dict(map(_field, fields))})
+
+
+def _field(text: str) -> tuple[str, Any]:
+    """Return name and value of ``name=value``; quotes may be left out of a text."""
+    name, _, value = (part.strip() for part in text.partition("="))
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, value
+
+
+def _import(module: str) -> None:
+    """Import a module, or a file of Python, as the user asks for."""
+    try:
+        if not module.endswith(".py"):
+            sys.path.insert(0, "")
+            importlib.import_module(module)
+            return
+        name = Path(module).stem
+        spec = importlib.util.spec_from_file_location(name, module)
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = found = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(found)
+    except Exception as error:  # whatever it does when it is imported
+        raise InvalidInput(f"Cannot import {module}: {type(error).__name__}: {error}") from error
+
+
+def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
+    """Give rows of text with the statistics: name, label, value with standard error, units."""
+    from impactlab.results.schema import STATISTICS
+
+    for name in STATISTICS:
+        if name not in result:
+            continue
+        values = result[name]
+        errors = result.get(f"{name}_standard_error")
+        labels = values[values.dims[0]].values.tolist()
+        for index, label in enumerate(labels[:_SHOWN]):
+            error = math.nan if errors is None else errors.values[index].item()
+            units = values.attrs.get("units", "1")
+            yield name, label, measured_text(values.values[index].item(), error), "" if units == "1" else units
+        if len(labels) > _SHOWN:
+            yield name, f"… {len(labels) - _SHOWN} more", "", ""
+
+
+def measured_text(value: float, error: float) -> str:
+    """Return a value to two digits of its standard error, with it; with a power of 10 where they are small or large."""
+    if not (math.isfinite(value) and 0.0 < error < math.inf):
+        return f"{value:.6g}"
+    power = math.floor(math.log10(max(abs(value), error)))
+    power = power if power < -3 or power > 5 else 0
+    value, error = value / 10.0**power, error / 10.0**power
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    text = f"{value:.{digits}f} ± {error:.{digits}f}"
+    return f"({text})e{power}" if power else text
