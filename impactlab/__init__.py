@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 _HOME = {
     "components.component": ["Component"],
     "components.fields": ["parameter", "state"],
+    "components.beams": ["beam"],
     "components.structure": ["LinearStructure", "ModalStructure"],
     "components.oscillator": [
         "DoubleWellOscillator",
