@@ -76,7 +76,8 @@ class Apart(Compiler):
 def kernel(function: Function) -> Function:
     """Compile a function when it is first called, without the interpreter's lock, and cache it; see `Apart`.
 
-    What only compiled loops call is not even loaded when their machine code is cached.
+    It stands in the machine code of what calls it: a call hands over nine numbers for each array, on the stack. What
+    only compiled loops call is not even loaded when their machine code is cached.
     """
     return _kernel(function, kernel, Apart)
 
@@ -90,7 +91,9 @@ def scattered(function: Function) -> Function:
 
 def _kernel(function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler]) -> Function:
     with _cached_here():
-        compiled = numba.njit(nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline)(function)
+        compiled = numba.njit(
+            nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline, forceinline=True
+        )(function)
     _dispatchers.append(compiled)
     _kernels[compiled] = made_by
     return compiled  # type: ignore[no-any-return]
