@@ -91,9 +91,9 @@ def scattered(function: Function) -> Function:
 
 def _kernel(function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler]) -> Function:
     with _cached_here():
-        compiled = numba.njit(
-            nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline, forceinline=True
-        )(function)
+        compiled = numba.njit(nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline, forceinline=True)(
+            function
+        )
     _dispatchers.append(compiled)
     _kernels[compiled] = made_by
     return compiled  # type: ignore[no-any-return]
