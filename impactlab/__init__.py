@@ -91,11 +91,14 @@ _HOME = {
     ],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
+_SUBMODULES = ["plot"]
 
-__all__ = sorted([*_MODULE, "__version__"])
+__all__ = sorted([*_MODULE, *_SUBMODULES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
+    if name in _SUBMODULES:
+        return import_module(f"impactlab.{name}")
     if name not in _MODULE:
         raise AttributeError(f"module 'impactlab' has no attribute {name!r}")
     value = getattr(import_module(f"impactlab.{_MODULE[name]}"), name)

@@ -1,5 +1,6 @@
 """The public names, for editors and type checkers; `__init__.py` loads them when they are used."""
 
+from impactlab import plot as plot
 from impactlab.components.beams import beam as beam
 from impactlab.components.component import Component as Component
 from impactlab.components.contact import Contact as Contact

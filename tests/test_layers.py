@@ -21,7 +21,7 @@ LAYERS = [
     {"plan"},
     {"networks", "statistics"},
     {"records", "plotting"},
-    {"simulation"},
+    {"simulation", "plot"},
     {"sweeps"},
     {"studies"},
     {"command_line"},

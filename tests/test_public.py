@@ -1,6 +1,7 @@
 """The public names: they exist, are documented, and stand in the stub."""
 
 import ast
+import functools
 import inspect
 import re
 from importlib import metadata
@@ -12,6 +13,7 @@ import impactlab as il
 
 NAMES = [name for name in il.__all__ if name != "__version__"]
 CLASSES = [name for name in NAMES if inspect.isclass(getattr(il, name))]
+PLOTS = [f"plot.{name}" for name in il.plot.__all__]
 FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(il, name))]
 
 
@@ -28,7 +30,7 @@ def test_names_of_the_design():
 @pytest.mark.parametrize("name", NAMES)
 def test_name_resolves_to_what_it_names(name):
     value = getattr(il, name)
-    assert getattr(value, "__name__", name) == name
+    assert getattr(value, "__name__", name).removeprefix("impactlab.") == name
     assert (inspect.getdoc(value) or "").strip()
 
 
@@ -49,17 +51,21 @@ def test_stub_lists_exactly_the_public_names():
         elif isinstance(node, ast.AnnAssign):
             stub[node.target.id] = None
     assert sorted(stub) == il.__all__
-    assert stub == {**{name: f"impactlab.{module}" for name, module in il._MODULE.items()}, "__version__": None}
+    assert stub == {
+        **{name: f"impactlab.{module}" for name, module in il._MODULE.items()},
+        **dict.fromkeys(il._SUBMODULES, "impactlab"),
+        "__version__": None,
+    }
 
 
 def test_version_is_that_of_the_distribution():
     assert il.__version__ == metadata.version("impactlab")
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", [*FUNCTIONS, *PLOTS])
 def test_function_is_documented_in_numpydoc_style(name):
     """Every argument stands under Parameters; what is returned and raised is said."""
-    function = getattr(il, name)
+    function = functools.reduce(getattr, name.split("."), il)
     text = inspect.getdoc(function)
     summary = text.splitlines()[0]
     assert re.fullmatch(r"[A-Z][^.]*(\.[^.]*)*\.", summary), summary

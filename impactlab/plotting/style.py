@@ -15,6 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from impactlab.errors import InvalidInput
+
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that can be told apart with every kind of colour vision (Okabe and Ito)."""
 
@@ -73,6 +75,29 @@ def number_text(value: float) -> str:
     mantissa, exponent = text.split("e")
     factor = "" if mantissa == "1" else rf"{mantissa} \times "
     return rf"${factor}10^{{{int(exponent)}}}$"
+
+
+def label_text(name: str, units: str) -> str:
+    """Return the label of an axis: a quantity with its units in the notation of UDUNITS."""
+    return name if units in ("", "1") else f"{name} ({units_text(units)})"
+
+
+def axes_of(ax: Axes | None, size: tuple[float, float] = (4.8, 3.2)) -> Axes:
+    """Return the axes that were given, or those of a new figure of pyplot."""
+    if ax is None:
+        from matplotlib import pyplot
+
+        return pyplot.subplots(figsize=size)[1]
+    if not isinstance(ax, Axes):
+        raise InvalidInput(f"ax must be axes of Matplotlib, not {ax!r}.")
+    return ax
+
+
+def legend(axes: Axes, most: int = 8) -> Axes:
+    """Add a legend if it helps: there is something to tell apart, and not too much."""
+    if 1 < len(axes.get_legend_handles_labels()[1]) <= most:
+        axes.legend()
+    return axes
 
 
 def band(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None, **line: Any) -> None:

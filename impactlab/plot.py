@@ -1,0 +1,21 @@
+"""Plots of networks and results, on axes of Matplotlib: ``il.plot.density(result)``.
+
+Every function draws into ``ax=``, or a new figure of pyplot, and returns the axes; nothing is shown or saved.
+"""
+
+from impactlab.plotting.curves import peaks, spectrum
+from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.lines import profile, sweep
+from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
+
+__all__ = [
+    "density",
+    "joint_density",
+    "peaks",
+    "phase_portrait",
+    "profile",
+    "spectrum",
+    "stroboscopic",
+    "sweep",
+    "trajectory",
+]

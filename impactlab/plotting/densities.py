@@ -1,0 +1,177 @@
+"""Plots of probability densities, of one coordinate and of two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+
+from impactlab.plotting.held import configuration, contact_weights, error_of, rows, variable
+from impactlab.plotting.style import COLORS, axes_of, band, label_text, legend, style
+
+
+class BinDensities(Protocol):
+    """A law that knows densities, such as an `ExactReference`."""
+
+    def bin_density(self, oscillator: str, quantity: str, edges: Any) -> np.ndarray: ...
+
+
+class JointDensities(Protocol):
+    """A law that knows joint densities, such as an `ExactReference`."""
+
+    def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray: ...
+
+
+DECADES = 6.0
+"""Decades below the largest density that logarithmic axes show at most."""
+
+
+VISIBLE = 1e-3
+"""Part of the largest density from which on it can be seen on linear axes."""
+
+
+@style()
+def density(
+    result: xr.Dataset,
+    names: str | Iterable[str] | None = None,
+    quantity: str = "displacement",
+    *,
+    reference: BinDensities | None = None,
+    log: bool = False,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw probability densities with a band of two standard errors, and exact ones beside them.
+
+    Parameters
+    ----------
+    result : Dataset
+        Of a simulation with ``record=[il.Density(quantity)]``.
+    names : str or sequence of str, optional
+        Bodies, or points of structures for the quantities of these; all that were recorded by default.
+    quantity : str
+        "displacement", "velocity", "point_displacement" or "point_velocity".
+    reference : ExactReference or FokkerPlanckReference, optional
+        The law of the network, drawn as a dashed line, averaged over the same bins.
+    log : bool
+        Whether densities are drawn on a logarithmic axis, which shows the tails.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If the result holds no such density, or a name is unknown.
+    """
+    name, argument = f"density_{quantity}", "" if quantity == "displacement" else repr(quantity)
+    inner = f"{quantity}_bin"
+    data = variable(result, name, f"density of the {quantity.replace('_', ' ')}", f"il.Density({argument})", [inner])
+    axes, top, reached = axes_of(ax), 0.0, []
+    for label, place in rows(data, names):
+        center, value = result[f"{quantity}_center"].sel(place).values, data.sel(place).values
+        shown = np.where(value > 0.0, value, np.nan) if log else value
+        band(axes, center, shown, error_of(result, name, place), label=label)
+        top = max(top, float(value.max()))
+        reached.append(center[value > (0.0 if log else VISIBLE) * value.max()][[0, -1]])
+        if reference is not None:
+            edges = result[f"{quantity}_edges"].sel(place).values
+            exact = reference.bin_density(label, quantity.removeprefix("point_"), edges)
+            axes.plot(center, exact, color="black", ls=(0, (4, 2.5)), lw=1.0)
+    if reference is not None:
+        axes.lines[-1].set_label("exact")
+    of_center = result[f"{quantity}_center"].attrs
+    axes.set_xlabel(label_text(quantity.removeprefix("point_"), str(of_center["units"])))
+    axes.set_ylabel(label_text("probability density", str(data.attrs["units"])))
+    axes.set_xlim(np.min(reached), np.max(reached))
+    if log:
+        axes.set_yscale("log")
+        lowest = float(data.where(data > 0.0).min())
+        axes.set_ylim(max(0.5 * lowest, top * 10.0**-DECADES), 2.0 * top)
+    else:
+        axes.set_ylim(bottom=0.0)
+    return legend(axes)
+
+
+@style()
+def joint_density(
+    result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None
+) -> Axes:
+    """Draw the joint density of two displacements, with the line on which a contact of the two closes.
+
+    Parameters
+    ----------
+    result : Dataset
+        Of a simulation with ``record=[il.JointDensity(first, second)]``.
+    reference : ExactReference, optional
+        The law of the network, drawn as contours.
+    log : bool
+        Whether the colours are those of the logarithm of the density.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If the result holds no joint density.
+    """
+    inner = ["joint_first_bin", "joint_second_bin"]
+    data = variable(result, "joint_density", "joint density", "il.JointDensity(first, second)", inner)
+    edges = [result[f"joint_{side}_edges"].values for side in ("first", "second")]
+    first, second = _bodies(result)
+    axes = axes_of(ax, (4.6, 3.6))
+    density = data.values
+    shown = np.ma.masked_less_equal(density, 0.0)  # white, so that what was never reached can be told from little
+    norm = LogNorm(max(shown.min(), shown.max() * 10.0**-DECADES), shown.max()) if log else None
+    mesh = axes.pcolormesh(*edges, shown.T, cmap="Blues", norm=norm, rasterized=True)
+    root = axes.get_figure(root=True)
+    assert root is not None
+    root.colorbar(mesh, ax=axes, label=label_text("joint density", str(data.attrs["units"])))
+    if reference is not None:
+        x, y = (0.5 * (edge[1:] + edge[:-1]) for edge in edges)
+        exact = reference.joint_density(first, second, x[:, None], y[None, :])
+        levels = exact.max() * (10.0 ** np.arange(-4.0, 0.0) if log else np.linspace(0.1, 0.9, 5))
+        axes.contour(x, y, exact.T, levels, colors="black", linewidths=0.7, linestyles="dashed")
+        axes.plot([], [], color="black", lw=0.7, ls="--", label="exact")
+    for name, (a, b), clearance in _lines(result, first, second):
+        label, color = f"{name} closes", COLORS[1]
+        if b:
+            axes.axline((0.0, clearance / b), slope=-a / b, color=color, lw=1.2, label=label)
+        else:
+            axes.axvline(clearance / a, color=color, lw=1.2, label=label)
+    axes.set(xlim=_reached(edges[0], density.sum(axis=1)), ylim=_reached(edges[1], density.sum(axis=0)))
+    axes.set_xlabel(label_text(f"displacement of {first}", "m"))
+    axes.set_ylabel(label_text(f"displacement of {second}", "m"))
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend()
+    return axes
+
+
+def _reached(edges: np.ndarray, bins: np.ndarray) -> tuple[float, float]:
+    """Return between which edges there is something."""
+    inside = np.flatnonzero(bins)
+    return float(edges[inside[0]]), float(edges[inside[-1] + 1])
+
+
+def _bodies(result: xr.Dataset) -> tuple[str, str]:
+    """Return the names of the two bodies, which only the stored record has."""
+    records = configuration(result).get("simulate", {}).get("record", [])
+    found = [(str(item["first"]), str(item["second"])) for item in records if item["type"] == "JointDensity"]
+    return found[0] if found else ("first", "second")
+
+
+def _lines(result: xr.Dataset, first: str, second: str) -> Iterator[tuple[str, tuple[float, float], float]]:
+    """Give name, weights of the two bodies and clearance of each contact that these alone close."""
+    for name, (weights, clearance) in contact_weights(result).items():
+        if weights and weights.keys() <= {first, second}:
+            yield name, (weights.get(first, 0.0), weights.get(second, 0.0)), clearance

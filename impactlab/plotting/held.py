@@ -1,0 +1,101 @@
+"""What results hold for a plot: variables, their rows by name; errors say which record makes what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from impactlab.components.component import suggestion
+from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.results.dataset import configuration_of
+from impactlab.results.schema import BODY, CONTACT, POINT
+
+LABELS = (BODY, CONTACT, POINT)
+"""Dimensions whose labels are names of members of a network."""
+
+
+def known_dataset(result: Any) -> xr.Dataset:
+    """Return a result, or refuse what is none."""
+    if not isinstance(result, xr.Dataset):
+        raise InvalidInput(f"A plot takes the dataset that il.simulate or il.sweep returned, not {type(result)!r}.")
+    return result
+
+
+def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str]) -> xr.DataArray:
+    """Return a variable of one simulation that a record makes.
+
+    Parameters
+    ----------
+    result : Dataset
+    name : str
+        Of the variable.
+    what : str
+        What it is, and
+    record : str
+        how to ask for it, in the error that says that it is missing.
+    inner : iterable of str
+        Dimensions that it may have, those of names aside.
+    """
+    dataset = known_dataset(result)
+    if name not in dataset:
+        raise InvalidInput(f"The result holds no {what}; ask for it with simulate(…, record=[{record}]).")
+    found = dataset[name]
+    if further := [str(item) for item in found.dims if item not in (*inner, *LABELS)]:
+        example = ", ".join(f"{item}=…" for item in further)
+        raise InvalidInput(f"The result is one over {', '.join(further)}: select a point of it, result.sel({example}).")
+    return found
+
+
+def names_of(data: xr.DataArray) -> tuple[str, list[str]]:
+    """Return the dimension of a variable that has names, and the names; one that was selected counts, too."""
+    dimension = next(name for name in LABELS if name in data.coords)
+    return dimension, [str(name) for name in np.atleast_1d(data[dimension].values)]
+
+
+def rows(data: xr.DataArray, names: str | Iterable[str] | None = None) -> Iterator[tuple[str, dict[str, str]]]:
+    """Give the names of what a variable is known of, and what selects each; all that were recorded by default."""
+    dimension, known = names_of(data)
+    whole = dimension in data.dims
+    recorded = [name for name in known if np.isfinite(data.sel({dimension: name} if whole else {}).values).any()]
+    wanted = recorded if names is None else [names] if isinstance(names, str) else list(names)
+    for name in wanted:
+        if name not in recorded:
+            why = "was not recorded" if name in known else f"is not in the result; {suggestion(str(name), recorded)}"
+            raise InvalidInput(f"{name!r} {why}")
+        yield name, {dimension: name} if whole else {}
+
+
+def error_of(result: xr.Dataset, name: str, place: Mapping[str, Any]) -> np.ndarray:
+    """Return the standard errors of a row of a variable; 0 where there are none, so that bands are lines."""
+    error = f"{name}_standard_error"
+    if error not in result:
+        return np.zeros(result[name].sel(place).shape)
+    return np.asarray(np.nan_to_num(result[error].sel(place).values))
+
+
+def configuration(result: xr.Dataset) -> dict[str, Any]:
+    """Return what is stored of how a result was made, as plain data; nothing if that is lost."""
+    try:
+        return configuration_of(result)
+    except ImpactLabError:
+        return {}
+
+
+def contact_weights(result: xr.Dataset) -> dict[str, tuple[dict[str, float], float]]:
+    """Return the weights w of bodies and points in ``first − second = w·x``, and the clearance, of each contact.
+
+    They are read from plain data, so that the classes of the laws need not be known.
+    """
+    contacts = configuration(result).get("network", {}).get("contacts", {})
+    found = {}
+    for name, contact in contacts.items():
+        weights: dict[str, float] = {}
+        for sign, side in ((1.0, contact["first"]), (-1.0, contact["second"])):
+            of_side = {side: 1.0} if isinstance(side, str) else side.get("combination", {})
+            for body, weight in of_side.items():
+                weights[body] = weights.get(body, 0.0) + sign * weight
+        found[str(name)] = weights, float(contact["clearance"])
+    return found

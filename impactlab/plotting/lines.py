@@ -1,0 +1,181 @@
+"""Plots of statistics: along the axis of a sweep, and along a chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import product
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from impactlab.components.component import suggestion
+from impactlab.errors import InvalidInput
+from impactlab.plotting.held import LABELS, error_of, known_dataset
+from impactlab.plotting.style import axes_of, band, label_text, legend, number_text, points, style, units_text
+from impactlab.results.schema import variables
+
+NAMED = 12
+"""Places along an axis whose names are written."""
+
+
+@style()
+def sweep(
+    result: xr.Dataset,
+    statistic: str,
+    names: str | Iterable[str] | None = None,
+    *,
+    along: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a statistic along one axis of a sweep, with bands of two standard errors.
+
+    There is a line for each body or contact and each value of the other axes, and where the sweep has exact values a
+    dashed one beside it. Points that were refused are left out.
+
+    Parameters
+    ----------
+    result : Dataset
+        What `sweep` returned, or part of it.
+    statistic : str
+        Name of the variable, such as "contact_ratio".
+    names : str or sequence of str, optional
+        Bodies, contacts or points; all by default.
+    along : str, optional
+        The axis; the first one by default.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such statistic, name or axis.
+    """
+    data = _statistic(result, statistic)
+    own = [str(name) for name in data.dims if name not in LABELS]
+    if not own:
+        raise InvalidInput("The result is one simulation; il.plot.sweep takes what il.sweep returned.")
+    axis = own[0] if along is None else along
+    if axis not in own:
+        raise InvalidInput(f"along: {suggestion(axis, own)}")
+    if data[axis].dtype.kind in "fiu":
+        result = result.sortby(axis)
+        data = result[statistic]
+    axes = axes_of(ax)
+    x = _positions(axes, data[axis])
+    for label, place in _lines(data, [name for name in own if name != axis], names):
+        band(axes, x, data.sel(place).values, error_of(result, statistic, place), label=label, marker="o", ms=3.0)
+        if f"{statistic}_exact" in result:
+            exact = result[f"{statistic}_exact"].sel(place).values
+            axes.plot(x, exact, color="black", ls=(0, (4, 2.5)), lw=1.0)
+    if f"{statistic}_exact" in result:
+        axes.lines[-1].set_label("exact")
+    attrs = data[axis].attrs
+    axes.set_xlabel(label_text(str(attrs.get("long_name", axis.replace("_", " "))), str(attrs.get("units", ""))))
+    axes.set_ylabel(_label(data))
+    return legend(axes)
+
+
+@style()
+def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Axes | None = None) -> Axes:
+    """Draw a statistic of all bodies, contacts or points, in the order of the network, as along a chain.
+
+    Parameters
+    ----------
+    result : Dataset
+        What `simulate` returned.
+    statistic : str
+        Name of the variable, such as "mean_square_velocity".
+    reference : ExactReference, FokkerPlanckReference or Dataset, optional
+        A law, or its statistics, or another result, drawn as a dashed line.
+    ax : Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such statistic, or the result is a sweep.
+    """
+    data = _statistic(result, statistic)
+    if len(data.dims) != 1 or data.dims[0] not in LABELS:
+        raise InvalidInput(f"{statistic} has the dimensions {data.dims}; select one simulation.")
+    dimension = str(data.dims[0])
+    axes, x = axes_of(ax), np.arange(1, data.size + 1)
+    error = error_of(result, statistic, {})
+    if data.size > NAMED:
+        band(axes, x, data.values, error, label="simulated")
+        axes.set_xlabel(f"number of the {dimension}")
+    else:
+        points(axes, x, data.values, error, label="simulated")
+        axes.set_xticks(x, [str(name) for name in data[dimension].values])
+        axes.set_xlim(0.5, data.size + 0.5)
+        axes.set_xlabel(dimension)
+    if reference is not None:
+        known = reference if isinstance(reference, xr.Dataset) else reference.statistics()
+        exact = _statistic(known, statistic).reindex({dimension: data[dimension]})
+        look: dict[str, Any] = (
+            {"ls": (0, (4, 2.5)), "lw": 1.0} if data.size > NAMED else {"ls": "", "marker": "_", "ms": 12}
+        )
+        axes.plot(x, exact.values, color="black", label="reference", **look)
+    axes.set_ylabel(_label(data))
+    return legend(axes)
+
+
+def _statistic(result: Any, name: str) -> xr.DataArray:
+    dataset = known_dataset(result)
+    if name not in dataset:
+        known = [item for item in variables() if item in dataset]
+        raise InvalidInput(f"The result holds no {name!r}; {suggestion(name, known)}")
+    return dataset[name]
+
+
+def _label(data: xr.DataArray) -> str:
+    return label_text(str(data.attrs.get("long_name", data.name)), str(data.attrs.get("units", "")))
+
+
+def _lines(
+    data: xr.DataArray, others: list[str], names: str | Iterable[str] | None
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Give the label of each line, which tells it from the others, and what selects it."""
+    choices: dict[str, list[Any]] = {}
+    for dimension in LABELS:
+        if dimension in data.dims:
+            known = data[dimension].values.tolist()
+            wanted = known if names is None else [names] if isinstance(names, str) else list(names)
+            for name in wanted:
+                if name not in known:
+                    raise InvalidInput(f"There is no {dimension} {name!r}; {suggestion(name, known)}")
+            choices[dimension] = wanted
+    choices |= {name: data[name].values.tolist() for name in others}
+    for values in product(*choices.values()):
+        place = dict(zip(choices, values, strict=True))
+        told = [
+            _told(data, name, value) for name, value in place.items() if len(choices[name]) > 1 or len(choices) == 1
+        ]
+        yield ", ".join(told) or str(data.name), place
+
+
+def _told(data: xr.DataArray, name: str, value: Any) -> str:
+    if name in LABELS:
+        return str(value)
+    shown = number_text(value) if isinstance(value, int | float) else str(value)
+    units = str(data[name].attrs.get("units", "1"))
+    return f"{name.replace('_', ' ')} = {shown}{'' if units == '1' else f' {units_text(units)}'}"
+
+
+def _positions(axes: Axes, coordinate: xr.DataArray) -> np.ndarray:
+    """Return where the values of an axis are: numbers at their places, texts side by side."""
+    values = coordinate.values
+    if values.dtype.kind in "fiu":
+        return np.asarray(values, dtype=float)
+    axes.set_xticks(np.arange(len(values)), [str(value) for value in values])
+    return np.arange(len(values), dtype=float)

@@ -1,0 +1,293 @@
+"""Plots of results, by what is drawn: the data of lines and bands, labels with units."""
+
+from __future__ import annotations
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+import impactlab as il
+from impactlab.plotting.densities import DECADES
+
+SLOW = 2.0 * np.pi
+NETWORK = il.Network(
+    {"one": il.LinearOscillator.from_frequency(16.0 * SLOW, 0.1), "two": il.LinearOscillator.from_frequency(SLOW, 0.1)},
+    {"gap": il.Contact("one", "two", il.HertzContact(1e4), clearance=0.05)},
+    {"one": il.WhiteNoise(16.0), "two": il.WhiteNoise(1.0)},
+)
+RECORDS = [
+    il.Density(bins=40), il.Density("velocity", oscillators=["two"], bins=20), il.JointDensity("one", "two", bins=20),
+    il.PeakForces(window=5.0, return_times=(1.0, 5.0)), il.Spectrum(segment=5.0), il.Trajectory(0.01),
+]  # fmt: skip
+CONTACT_FREE = NETWORK.replace(contacts={"gap": None})
+
+
+@pytest.fixture(scope="module")
+def result():
+    return il.simulate(NETWORK, duration=20.0, realizations=64, record=RECORDS, rng=1)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return il.exact(NETWORK)
+
+
+@pytest.fixture
+def ax():
+    return Figure().subplots()
+
+
+def over(clearance, place="middle"):
+    """A small dataset as a sweep has it."""
+    shape, labels = (len(place), len(clearance), 2), ["a", "b"]
+    value = np.arange(np.prod(shape), dtype=float).reshape(shape)
+    value[0, -1] = np.nan
+    attrs = {"units": "m2", "long_name": "mean square displacement"}
+    dims, name = ("place", "clearance", "oscillator"), "mean_square_displacement"
+    data = {
+        name: (dims, value, attrs),
+        f"{name}_standard_error": (dims, 0.1 * value),
+        f"{name}_exact": (dims, value + 1),
+    }
+    coordinates = {"place": place, "clearance": ("clearance", clearance, {"units": "m"}), "oscillator": labels}
+    return xr.Dataset(data, coordinates)
+
+
+def line(axes, label):
+    (found,) = (item for item in axes.lines if item.get_label() == label)
+    return found.get_xydata().T
+
+
+def areas(axes):
+    return [item for item in axes.collections if isinstance(item, PolyCollection)]
+
+
+def labels(axes):
+    return axes.get_xlabel(), axes.get_ylabel()
+
+
+def legend(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_new_figures_are_those_of_pyplot_and_the_style_ends(result):
+    before = dict(matplotlib.rcParams)
+    axes = il.plot.density(result)
+    assert isinstance(axes, Axes)
+    assert axes.figure.number in pyplot.get_fignums()
+    assert dict(matplotlib.rcParams) == before
+    pyplot.close(axes.figure)
+
+
+def test_density_has_a_band_and_the_exact_law(result, exact, ax):
+    assert il.plot.density(result, "two", reference=exact, ax=ax) is ax
+    two = result.sel(oscillator="two")
+    np.testing.assert_array_equal(line(ax, "two"), [two.displacement_center, two.density_displacement])
+    np.testing.assert_array_equal(
+        line(ax, "exact")[1], exact.bin_density("two", "displacement", two.displacement_edges.values)
+    )
+    (area,) = areas(ax)
+    width = 2.0 * two.density_displacement_standard_error
+    ends = area.get_paths()[0].vertices[:, 1]
+    assert ends.max() == (two.density_displacement + width).max()
+    assert labels(ax) == ("displacement (m)", "probability density (m$^{-1}$)")
+    assert legend(ax) == ["two", "exact"]
+
+
+def test_density_of_what_was_recorded_shows_tails(result, ax):
+    il.plot.density(result, quantity="velocity", log=True, ax=ax)
+    assert [item.get_label() for item in ax.lines] == ["two"]
+    assert labels(ax) == ("velocity (m s$^{-1}$)", "probability density (s m$^{-1}$)")
+    assert ax.get_yscale() == "log"
+    top = result.density_velocity.max().item()
+    assert 0.5 * top * 10.0**-DECADES < ax.get_ylim()[0] < 1e-2 * top
+    with pytest.raises(il.InvalidInput, match="'one' was not recorded"):
+        il.plot.density(result, "one", "velocity", ax=ax)
+    with pytest.raises(il.InvalidInput, match="'tow' is not in the result; did you mean 'two'"):
+        il.plot.density(result, "tow", ax=ax)
+
+
+def test_a_body_that_was_selected(result, ax):
+    il.plot.density(result.sel(oscillator="two"), ax=ax)
+    assert line(ax, "two").shape == (2, 40)
+
+
+def test_joint_density_shows_where_the_contact_closes(result, exact, ax):
+    il.plot.joint_density(result, reference=exact, ax=ax)
+    (mesh,) = (item for item in ax.collections if isinstance(item, matplotlib.collections.QuadMesh))
+    np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), 0.0), result.joint_density.values.T)
+    (closing,) = (item for item in ax.lines if item.get_label() == "gap closes")
+    assert closing.get_slope() == 1.0
+    assert closing.get_xy1() == (0.0, -0.05)
+    assert labels(ax) == ("displacement of one (m)", "displacement of two (m)")
+    assert ax.figure.axes[1].get_ylabel() == "joint density (m$^{-2}$)"
+
+
+def test_spectrum_beside_the_linear_one(result, ax):
+    linear = il.exact(CONTACT_FREE)
+    il.plot.spectrum(result, "one", reference=linear, ax=ax)
+    frequencies = result.displacement_frequency.values[1:]
+    value = result.spectrum_displacement.sel(oscillator="one").values[1:]
+    np.testing.assert_array_equal(line(ax, "one"), [frequencies, np.where(value > 0.0, value, np.nan)])
+    np.testing.assert_array_equal(line(ax, "one, linear")[1], linear.spectrum("one", "displacement", frequencies))
+    assert labels(ax) == ("angular frequency (rad s$^{-1}$)", "spectral density (m$^{2}$ s rad$^{-1}$)")
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+
+
+def test_peaks_over_their_return_time(result, exact, ax):
+    il.plot.peaks(result, reference=exact, ax=ax)
+    times, forces = line(ax, "gap")
+    rate = result.crossing_rate.sel(contact="gap")
+    at = np.isin(rate.values, 1.0 / times) | np.isclose(rate.values[:, None] * times, 1.0).any(axis=1)
+    np.testing.assert_allclose(result.crossing_force.sel(contact="gap").values[at], forces)
+    assert times[0] == 1.0 / rate.max()
+    of_law, forces_of_law = line(ax, "exact")
+    error = result.crossing_rate_standard_error.sel(contact="gap").values[at]
+    often = np.isin(forces, forces_of_law) & (1.0 / times > 10.0 * error)  # where counts are nearly normal
+    z = (1.0 / times - 1.0 / np.interp(forces, forces_of_law, of_law))[often] / error[often]
+    assert np.abs(z).max() < 4.5
+    np.testing.assert_allclose(1.0 / of_law[3], exact.crossing_rate("gap", "contact_force", forces_of_law[3]))
+    (levels,) = (item for item in ax.containers if len(item[0].get_xdata()) == 2)
+    np.testing.assert_array_equal(levels[0].get_ydata(), result.return_level.sel(contact="gap"))
+    (dots,) = (item for item in ax.lines if item.get_marker() == "." and len(item.get_xdata()))
+    assert dots.get_ydata()[0] == result.window_peak_force.max()
+    assert dots.get_xdata()[0] == pytest.approx(
+        5.0 * 2 * 64 * 4, rel=0.01
+    )  # the largest of 64 realizations of 4 windows
+    assert labels(ax) == ("return time (s)", "contact force (N)")
+
+
+def test_trajectory_shades_contacts(result, ax):
+    il.plot.trajectory(result, realization=3, ax=ax)
+    path = result.sel(realization=3)
+    for name in ("one", "two"):
+        np.testing.assert_array_equal(line(ax, name), [path.time, path.displacement.sel(oscillator=name)])
+    (shaded,) = areas(ax)
+    assert shaded.get_label() == "gap closed"
+    closed = path.contact_force.sel(contact="gap").values > 0.0
+    begins = closed & ~np.append(False, closed[:-1])
+    assert len(shaded.get_paths()) == begins.sum() > 3
+    first = shaded.get_paths()[0].get_extents()
+    assert first.x0 == pytest.approx(path.time[np.argmax(begins)].item() - 0.005, abs=1e-9)
+    assert labels(ax) == ("time (s)", "displacement (m)")
+
+
+def test_trajectory_of_combinations_and_contacts(result, ax):
+    il.plot.trajectory(result, il.Combination({"one": 1.0, "two": -0.5}), "velocity", ax=ax)
+    velocity = result.velocity.sel(realization=0)
+    expected = velocity.sel(oscillator="one") - 0.5 * velocity.sel(oscillator="two")
+    np.testing.assert_allclose(line(ax, "one − 0.5 two")[1], expected)
+    assert labels(ax)[1] == "velocity of one − 0.5 two (m s$^{-1}$)"
+    forces = il.plot.trajectory(result, "gap", "contact_force", ax=Figure().subplots())
+    np.testing.assert_array_equal(line(forces, "gap")[1], result.contact_force.sel(realization=0, contact="gap"))
+    assert labels(forces)[1] == "contact force of gap (N)"
+    assert not areas(forces)
+
+
+def test_phase_portrait_marks_contacts(result, ax):
+    il.plot.phase_portrait(result, "two", ax=ax)
+    path = result.sel(realization=0, oscillator="two")
+    np.testing.assert_array_equal(line(ax, "open"), [path.displacement, path.velocity])
+    inside = line(ax, "in contact")
+    closed = (path.contact_force.sel(contact="gap") > 0.0).values
+    assert np.isfinite(inside[0][closed]).all()
+    assert np.isnan(inside[0]).any()
+    assert labels(ax) == ("displacement of two (m)", "velocity of two (m s$^{-1}$)")
+
+
+def test_stroboscopic_section_has_the_samples_of_a_period(result, ax):
+    il.plot.stroboscopic(result.sel(time=slice(5.0, None)), "two", 0.3, realization=2, ax=ax)
+    path = result.sel(realization=2, oscillator="two").isel(time=slice(500, None, 30))
+    np.testing.assert_array_equal(ax.lines[0].get_xydata().T, [path.displacement, path.velocity])
+    every = il.plot.stroboscopic(result, "two", 0.3, ax=Figure().subplots())
+    assert len(every.lines[0].get_xdata()) == 64 * 67
+    with pytest.raises(il.InvalidInput, match=r"period of 0\.303 s is no whole number of intervals of 0\.01 s"):
+        il.plot.stroboscopic(result, "two", 0.303)
+
+
+def test_a_settled_motion_is_one_point_not_its_rounding(ax):
+    time = np.arange(0.0, 40.0, 0.25)
+    x, v = np.sin(2.0 * np.pi * time), np.cos(2.0 * np.pi * time)
+    dims = ("time", "oscillator")
+    settled = xr.Dataset(
+        {"displacement": (dims, x[:, None]), "velocity": (dims, v[:, None])}, {"time": time, "oscillator": ["a"]}
+    )
+    il.plot.stroboscopic(settled, "a", 1.0, ax=ax)
+    assert np.diff(ax.get_xlim()) > 0.1
+    assert abs(ax.get_xlim()[0] + ax.get_xlim()[1]) < 1e-9
+
+
+def test_sweep_draws_a_band_for_each_line(ax):
+    data = over([0.1, 0.05, 0.2], place=["left", "right"])
+    il.plot.sweep(data, "mean_square_displacement", "b", along="clearance", ax=ax)
+    right = data.sortby("clearance").sel(place="right", oscillator="b").mean_square_displacement
+    np.testing.assert_array_equal(line(ax, "place = right"), [right.clearance, right])
+    assert np.isnan(line(ax, "place = left")[1][2])  # the refused point
+    exact = [item for item in ax.lines if item.get_linestyle() != "-"]
+    np.testing.assert_array_equal(exact[1].get_ydata(), right + 1.0)
+    assert areas(ax)[1].get_paths()[0].get_extents().y1 == 1.2 * right.max()
+    assert labels(ax) == ("clearance (m)", "mean square displacement (m$^{2}$)")
+    assert legend(ax) == ["place = left", "place = right", "exact"]
+    texts = il.plot.sweep(data, "mean_square_displacement", "b", ax=Figure().subplots())
+    assert [item.get_text() for item in texts.get_xticklabels()] == ["left", "right"]
+    assert legend(texts)[0] == "clearance = 0.1 m"
+    with pytest.raises(il.InvalidInput, match="along: did you mean 'clearance'"):
+        il.plot.sweep(data, "mean_square_displacement", along="clearence")
+
+
+def test_profile_along_a_chain(result, exact, ax):
+    il.plot.profile(result, "mean_square_velocity", reference=exact, ax=ax)
+    np.testing.assert_array_equal(line(ax, "reference")[1], exact.statistics().mean_square_velocity)
+    assert [item.get_text() for item in ax.get_xticklabels()] == ["one", "two"]
+    assert labels(ax) == ("oscillator", "mean square velocity (m$^{2}$ s$^{-2}$)")
+    many = xr.Dataset({"contact_rate": ("contact", np.arange(30.0))}, {"contact": [f"gap {n}" for n in range(30)]})
+    axes = il.plot.profile(many, "contact_rate", ax=Figure().subplots())
+    np.testing.assert_array_equal(line(axes, "simulated"), [np.arange(1, 31), np.arange(30.0)])
+    assert axes.get_xlabel() == "number of the contact"
+
+
+@pytest.mark.parametrize(
+    ("draw", "error"),
+    [
+        (il.plot.density, r"no density of the displacement; ask for it with simulate\(…, record=\[il\.Density\(\)\]\)"),
+        (lambda data: il.plot.density(data, quantity="velocity"), r"record=\[il\.Density\('velocity'\)\]"),
+        (il.plot.joint_density, r"no joint density; .* record=\[il\.JointDensity\(first, second\)\]"),
+        (il.plot.spectrum, r"no spectrum of the displacement; .* record=\[il\.Spectrum\(\)\]"),
+        (il.plot.peaks, r"no peak forces; .* record=\[il\.PeakForces\(\)\]"),
+        (il.plot.trajectory, r"no trajectories; .* record=\[il\.Trajectory\(interval=…\)\]"),
+        (lambda data: il.plot.phase_portrait(data, "one"), "no trajectories"),
+        (lambda data: il.plot.stroboscopic(data, "one", 1.0), "no trajectories"),
+        (lambda data: il.plot.profile(data, "contact_ration"), "no 'contact_ration'; did you mean 'contact_ratio'"),
+        (lambda data: il.plot.sweep(data, "contact_ratio"), r"takes what il\.sweep returned"),
+    ],
+)
+def test_what_is_missing_is_asked_of_a_record(result, draw, error):
+    bare = result[["contact_ratio", "mean_square_velocity"]]
+    with pytest.raises(il.InvalidInput, match=error):
+        draw(bare)
+
+
+def test_points_of_sweeps_are_selected(result):
+    both = xr.concat([result, result], dim="clearance", join="override")
+    with pytest.raises(il.InvalidInput, match=r"one over clearance: select a point of it, result\.sel\(clearance=…\)"):
+        il.plot.density(both)
+    with pytest.raises(il.InvalidInput, match=r"takes the dataset that il\.simulate or il\.sweep returned"):
+        il.plot.density(NETWORK)
+    with pytest.raises(il.InvalidInput, match="There is no realization 64"):
+        il.plot.trajectory(result, realization=64)
+    with pytest.raises(il.InvalidInput, match="quantity: did you mean 'velocity'"):
+        il.plot.trajectory(result, quantity="velocty")
+    with pytest.raises(il.InvalidInput, match="ax must be axes of Matplotlib"):
+        il.plot.density(result, ax=Figure())
+
+
+def test_nothing_is_loaded_before_it_is_used(run_python):
+    text = (
+        "import sys, impactlab as il; print('matplotlib' in sys.modules); il.plot; print('matplotlib' in sys.modules)"
+    )
+    assert run_python("-c", text).split() == ["False", "True"]
