@@ -5,12 +5,14 @@ Every function draws into ``ax=``, or a new figure of pyplot, and returns the ax
 
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.drawing import network
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
 
 __all__ = [
     "density",
     "joint_density",
+    "network",
     "peaks",
     "phase_portrait",
     "profile",

@@ -1,266 +1,465 @@
-"""Drawings of networks: bodies in a row with springs, dampers and contacts."""
+"""Drawings of networks: bodies in a row with springs, dampers, contacts, couplings and excitations."""
 
 from __future__ import annotations
 
 import itertools
-import re
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Rectangle
 
 import impactlab
-from impactlab.components.component import Component
 from impactlab.components.contact import Contact
-from impactlab.components.excitation import Excitation
-from impactlab.components.oscillator import Oscillator
-from impactlab.components.sides import WALL
+from impactlab.components.coupling import LinearCoupling
+from impactlab.components.excitation import BaseMotion
+from impactlab.components.sides import WALL, is_difference, weights_of
 from impactlab.errors import InvalidInput
-from impactlab.plotting.style import COLORS, number_text, style, units_text
-
-BODIES = 8
-"""Largest number of bodies that are drawn."""
-
+from impactlab.plotting import symbols
+from impactlab.plotting.captions import (
+    excitation_lines,
+    law_lines,
+    numbers,
+    side_text,
+    structure_lines,
+    widest,
+    with_units,
+)
+from impactlab.plotting.layout import ELLIPSIS, Link, Push, is_structure, layout_of, own_name
+from impactlab.plotting.style import axes_of, number_text, style
+from impactlab.plotting.symbols import FORCE, INK, LETTER, LINE
 
 # Lengths are in inches; the bodies move to the left and to the right.
 
-_WIDTH, _HEIGHT = 1.15, 0.85  # of a body
-_GAP = 0.95  # between two bodies
+_WIDTH, _HEIGHT = 1.15, 0.85  # of a body, at least
+_GAP, _WIDEST = 0.95, 1.7  # between two bodies
 _ANCHOR = 1.35  # from a body to its support beside it
-_BUMPER = 0.22
-_BELOW = 1.35  # from the lower side of a body to the floor, where supports stand on it
-_INK, _PALE, _GROUND = "#222222", "#E8EEF4", "#888888"
+_PITCH = 0.4  # from one symbol below a body to the next, without text
+_SHARED = 0.42  # height of a source of several bodies
+_WALL = 0.12
 
 
 def draw_network(network: impactlab.Network, ax: Axes | None = None) -> Figure:
-    """Draw the bodies of a network in a row, with their springs, dampers, contacts and excitations.
+    """Draw a network and return its figure, which is none of pyplot; see :func:`network`."""
+    drawing = _Drawing.of(network)
+    if ax is None:
+        figure = Figure(figsize=drawing.size, layout=None)
+        figure.set_layout_engine("none")
+        ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    root = drawing.draw(ax).get_figure(root=True)
+    assert root is not None
+    return root
+
+
+def network(network: impactlab.Network, ax: Axes | None = None) -> Axes:
+    """Draw a network: bodies in a row with springs, dampers, contacts, couplings and excitations.
+
+    Structures are dashed boxes on which the points that are used have their names. A hook is a contact that closes
+    when its bodies part. What joins bodies that are not neighbours, or weighted sums of them, lies below the row; of a
+    long chain the first and the last bodies are drawn. What is not drawn is named.
 
     Parameters
     ----------
     network : Network
-        Drawn are the first eight bodies and their contacts with walls and neighbours;
-        what is not drawn is named below, as are couplings and contacts of combinations.
+        What to draw.
     ax : Axes, optional
-        Where to draw; a figure of the right size is made by default.
+        Where to draw; a new figure of the right size by default.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    Axes
 
     Raises
     ------
     InvalidInput
         If something else than a network is given.
     """
-    if not isinstance(network, impactlab.Network):
-        raise InvalidInput(f"draw_network takes an il.Network, not {network!r}.")
-    with style():
-        row = _in_a_row(network)
-        shown = row[:BODIES]
-        drawn = _drawable(network, shown)
-        left, right = (any(contact.first is WALL for contact in drawn.values()),
-                       any(contact.second is WALL for contact in drawn.values()))  # fmt: skip
-        beside = not left and (len(shown) == 1 or (len(shown) == 2 and not right))
-        start = {name: index * (_WIDTH + _GAP) for index, name in enumerate(shown)}
-        low = -_ANCHOR - 0.3 if beside else -_GAP - 0.3 if left else -0.5
-        high = start[shown[-1]] + _WIDTH
-        high += _ANCHOR + 0.3 if beside and len(shown) == 2 else _GAP + 0.3 if right else 0.3
-        bottom, top = (-0.55 if beside else -_BELOW - 0.4), _HEIGHT + 0.75
-        notes = _notes(network, row, drawn)
-        bottom -= 0.2 * len(notes)
-        if ax is None:
-            figure = Figure(figsize=(high - low, top - bottom), layout=None)
-            figure.set_layout_engine("none")
-            ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        ax.set(xlim=(low, high), ylim=(bottom, top), aspect="equal")
+    drawing = _Drawing.of(network)
+    if ax is None:
+        ax = axes_of(None, drawing.size)
+        ax.figure.set_layout_engine("none")  # type: ignore[union-attr]
+        ax.set_position((0.0, 0.0, 1.0, 1.0))
+    return drawing.draw(axes_of(ax))
+
+
+class _Drawing:
+    """A network with the measures of its drawing."""
+
+    def __init__(self, network: impactlab.Network) -> None:
+        self.network, self.layout = network, layout_of(network)
+        self.members = network.given["oscillators"]
+        self.several = self.layout.links > 1
+        self.captions = {name: self._caption(name) for name in self.layout.row}
+
+    @classmethod
+    def of(cls, network: Any) -> _Drawing:
+        if not isinstance(network, impactlab.Network):
+            raise InvalidInput(f"A drawing is of an il.Network, not of {network!r}.")
+        return cls(network)
+
+    def _caption(self, name: str) -> list[str]:
+        """Return what is written on a body, below its name."""
+        if name == ELLIPSIS:
+            return []
+        body: Any = self.members[name]
+        if is_structure(body):
+            return structure_lines(body)
+        own = numbers(body, ("mass", "damping", "stiffness", *body.state_names()))
+        return [rf"$m$ = {with_units(body.mass, 'kg')}", *own]
+
+    # measures
+
+    @cached_property
+    def lanes(self) -> list[list[tuple[Link, list[str], float]]]:
+        """What lies in each place between bodies: links, their text and height."""
+        return [[self._lane(link) for link in place] for place in self.layout.between]
+
+    def _lane(self, item: Link) -> tuple[Link, list[str], float]:
+        lines = law_lines(item.name if self.several else "", item.link.law)
+        symbol = 0.62 if isinstance(item.link, Contact) else 0.12 + 0.22 * len(_symbols(item.link.law))
+        return item, lines, symbol + LINE * len(lines) + 0.06
+
+    @cached_property
+    def height(self) -> float:
+        """Height of the bodies."""
+        written = [0.5 + 0.15 * len(caption) for caption in self.captions.values()]
+        return max(_HEIGHT, *written, *(sum(height for *_, height in place) for place in self.lanes))
+
+    @cached_property
+    def beside(self) -> bool:
+        """Whether supports are beside the bodies, not below them."""
+        row, held = self.layout.row, self.layout.stops or any(is_structure(item) for item in self.members.values())
+        ends = self.layout.between[0] or self.layout.between[-1] or self.layout.apart
+        return len(row) <= 2 and not held and not ends
+
+    @cached_property
+    def starts(self) -> dict[str, float]:
+        """Left sides of the bodies."""
+        result, x = {}, 0.0
+        for name, place in zip(self.layout.row, self.lanes[1:], strict=True):
+            result[name] = x
+            x += self.widths[name] + (_spacing(place) if place or ELLIPSIS not in self.layout.row else 0.4)
+        return result
+
+    @cached_property
+    def widths(self) -> dict[str, float]:
+        """Widths of the bodies."""
+        wide = {name: LETTER * 1.08 * widest([*lines, f"{name}  "]) + 0.12 for name, lines in self.captions.items()}
+        for name in wide:
+            if name != ELLIPSIS and is_structure(self.members[name]):
+                wide[name] += 1.1  # the names of points stand on both sides
+            stops = self.held[name] if self.layout.stops.get(name) else []
+            wide[name] = max(wide[name], *(LETTER * widest(lines) + 0.6 for *_, lines in stops), 0.0)
+        return {name: max(_WIDTH if name else 0.3, width) for name, width in wide.items()}
+
+    @cached_property
+    def apart(self) -> list[tuple[Link, list[str], float]]:
+        """Links below the row with their text and the height of their line."""
+        result, y = [], -0.12
+        for item in self.layout.apart:
+            lines = self._apart_text(item)
+            tall = 0.3 if isinstance(item.link, Contact) else 0.14
+            result.append((item, lines, y - tall))
+            y -= tall + 0.22 + LINE * len(lines)
+        return result
+
+    def _apart_text(self, item: Link) -> list[str]:
+        lines = law_lines(item.name, item.link.law)
+        if is_difference(item.link):
+            return lines
+        sides = f"{side_text(item.link.first)} with {side_text(item.link.second)}"
+        clearance = f", {with_units(item.link.clearance, 'm')}" if isinstance(item.link, Contact) else ""
+        return [lines[0], f"{sides}{clearance}", *lines[1:]]
+
+    @cached_property
+    def held(self) -> dict[str, list[tuple[str, Any, list[str]]]]:
+        """What is below each body: a symbol, the link of a wall if there is one, and its text."""
+        result: dict[str, list[tuple[str, Any, list[str]]]] = {}
+        for name in self.layout.row:
+            found = result.setdefault(name, [])
+            if name == ELLIPSIS:
+                continue
+            body: Any = self.members[name]
+            if not is_structure(body):
+                found += [
+                    (kind, None, [rf"${letter}$ = {with_units(value, units)}"])
+                    for kind, letter, value, units in (
+                        ("spring", "k", body.stiffness, "N m-1"),
+                        ("damper", "c", body.damping, "N s m-1"),
+                    )
+                    if value
+                ]
+            for item in self.layout.stops.get(name, []):
+                lines = law_lines(item.name if self.several else "", item.link.law)
+                kinds = ["gap"] if isinstance(item.link, Contact) else _symbols(item.link.law)
+                found += [(kind, item.link, lines if kind == kinds[-1] else []) for kind in kinds]
+        return result
+
+    @cached_property
+    def below(self) -> float:
+        """Where supports begin, beneath what joins bodies that are apart."""
+        if not self.apart:
+            return -0.02
+        _, lines, y = self.apart[-1]
+        return y - 0.22 - LINE * len(lines)
+
+    @cached_property
+    def floor(self) -> float:
+        """Height of the floor."""
+        if self.beside:
+            return -0.55
+        depth = [sum(_depth(kind, lines) for kind, _, lines in items) for items in self.held.values()]
+        return self.below - max(0.35, *depth) - 0.1
+
+    @cached_property
+    def top(self) -> float:
+        """Height of what is written above the bodies."""
+        own = [sum(len(lines) for _, lines in self._pushes(name)) for name in self.layout.row]
+        return self.height + _SHARED * len(self.layout.shared) + (0.32 + LINE * max(own) if any(own) else 0.2)
+
+    @cached_property
+    def limits(self) -> tuple[float, float, float, float]:
+        """Left, right, lower and upper end of the drawing."""
+        row = self.layout.row
+        held = [self.beside and bool(self.held[name]) for name in row]
+        first, last = (_spacing(place) + 0.3 if place else 0.3 for place in (self.lanes[0], self.lanes[-1]))
+        left = -_ANCHOR - 0.3 if held[0] else -first
+        right = self.starts[row[-1]] + self.widths[row[-1]]
+        right += _ANCHOR + 0.3 if held[-1] and len(row) == 2 else last
+        moved = [f"{' ' * 13}{self._ground_text(*item)}" for item in self.layout.ground]
+        wide = LETTER * widest([*self.notes, *moved, *(self._shared_text(push) for push in self.layout.shared)]) + 0.3
+        bottom = self.floor - 0.22 - (0.3 if self.layout.ground else 0.0) - 0.18 * len(self.notes)
+        return left, max(right, left + wide), bottom, self.top
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height."""
+        left, right, bottom, top = self.limits
+        return right - left, top - bottom
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not drawn."""
+        return self.layout.left_out
+
+    # drawing
+
+    @style()
+    def draw(self, ax: Axes) -> Axes:
+        """Draw everything."""
+        left, right, bottom, top = self.limits
+        ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         ax.set_axis_off()
-        for index, name in enumerate(shown):
-            side = 0 if not beside else -1 if index == 0 else 1
-            _draw_body(ax, start[name], name, network.oscillators[name], side)
-            _draw_excitations(ax, start[name], name, network.excitations_of(name))
-        if not beside:
-            _hatched(ax, low + 0.1, -_BELOW - 0.12, high - low - 0.2, 0.12)
-        for contact in drawn.values():
-            _draw_contact(ax, contact, start)
-        for index, note in enumerate(reversed(notes)):
-            ax.text(low + 0.1, bottom + 0.1 + 0.2 * index, note, fontsize=7.5, color=_INK)
-        root = ax.get_figure(root=True)
-        assert root is not None
-        return root
+        if not self.beside:
+            symbols.hatched(ax, left + 0.1, self.floor - _WALL, right - left - 0.2, _WALL)
+        for item, lines, y in self.apart:
+            self._draw_apart(ax, item, lines, y)
+        for name in self.layout.row:
+            self._draw_body(ax, name)
+        for place, lanes in enumerate(self.lanes):
+            self._draw_between(ax, place, lanes)
+        for index, push in enumerate(self.layout.shared):
+            self._draw_shared(ax, push, self.height + 0.14 + _SHARED * index)
+        for index, (name, motion) in enumerate(self.layout.ground):
+            y = self.floor - 0.32 - 0.25 * index
+            symbols.arrow(ax, (left + 0.1, y), (left + 0.7, y), both=True)
+            symbols.text(ax, left + 0.8, y, [self._ground_text(name, motion)], FORCE, ha="left", va="center")
+        for index, note in enumerate(reversed(self.notes)):
+            symbols.text(ax, left + 0.1, bottom + 0.06 + 0.18 * index, [note], ha="left", va="bottom")
+        return ax
 
+    def _draw_body(self, ax: Axes, name: str) -> None:
+        x, width, height = self.starts[name], self.widths[name], self.height
+        centre = x + width / 2.0
+        if name == ELLIPSIS:
+            ax.text(centre, height / 2.0, "\N{MIDLINE HORIZONTAL ELLIPSIS}", ha="center", va="center", fontsize=16)
+            return
+        symbols.box(ax, x, width, height, dashed=is_structure(self.members[name]))
+        ax.text(centre, height / 2.0 + 0.06, name, ha="center", va="bottom", fontsize=10, weight="bold", color=INK)
+        caption = "\n".join(self.captions[name])
+        ax.text(centre, height / 2.0 + 0.02, caption, ha="center", va="top", fontsize=8, color=INK)
+        self._draw_beside(ax, name) if self.beside else self._draw_below(ax, name)
+        y = height + 0.16 + _SHARED * len(self.layout.shared)
+        pushes = list(self._pushes(name))
+        if pushes:
+            symbols.arrow(ax, (centre - 0.35, y), (centre + 0.35, y))
+            lines = [line for _, lines in pushes for line in lines]
+            symbols.text(ax, centre, y + 0.08, lines, FORCE, va="bottom")
 
-def _in_a_row(network: impactlab.Network) -> list[str]:
-    """Return the names of the bodies so that contacts join neighbours, from left to right, where they can."""
-    follower: dict[str, str] = {}
-    for contact in network.contacts.values():
-        if isinstance(contact.first, str) and isinstance(contact.second, str):
-            follower.setdefault(contact.first, contact.second)
-    heads = [name for name in network.oscillators if name not in follower.values()]
-    row: list[str] = []
-    for name in (*heads, *network.oscillators):
-        here: str | None = name
-        while here is not None and here not in row:
-            row.append(here)
-            here = follower.get(here)
-    return row
+    def _pushes(self, name: str) -> Iterator[tuple[Push, list[str]]]:
+        """Give what drives a body alone, with its text."""
+        for push in self.layout.own.get(name, []):
+            lines = excitation_lines(push.excitation)
+            for place, weight in push.on.items():
+                where = own_name(self.layout, place)
+                source = push.name if push.name != place else ""
+                times = f"{number_text(weight)} times" if weight != 1.0 else ""
+                told = ", ".join(item for item in (source, times, f"at {where}" if where else "") if item)
+                lines = [told, *lines] if told else lines
+            yield push, lines
 
-
-def _drawable(network: impactlab.Network, shown: list[str]) -> dict[str, Contact]:
-    """Return one contact for each place between neighbours, and between the ends and walls."""
-    ends = [WALL, *shown, WALL]
-    places = list(itertools.pairwise(ends))
-    drawn: dict[str, Contact] = {}
-    for name, contact in network.contacts.items():
-        place = (contact.first, contact.second)
-        if place in places:
-            places.remove(place)
-            drawn[name] = contact
-    return drawn
-
-
-def _notes(network: impactlab.Network, row: list[str], drawn: dict[str, Contact]) -> list[str]:
-    notes = []
-    if len(row) > BODIES:
-        notes.append(f"… and {len(row) - BODIES} more bodies, {len(network.contacts) - len(drawn)} more contacts")
-    else:
-        hidden = [
-            f"{name} ({contact.first}, {contact.second})"
-            for name, contact in network.named_contacts.items()
-            if name not in drawn
-        ]
-        if hidden:
-            notes.append(f"Not drawn: {', '.join(hidden)}")
-    if network.couplings:
-        notes.append(f"Couplings, not drawn: {', '.join(list(network.couplings)[:BODIES])}")
-    return notes
-
-
-def _draw_body(ax: Axes, x: float, name: str, body: Oscillator, side: int) -> None:
-    box = FancyBboxPatch(
-        (x, 0.0), _WIDTH, _HEIGHT, boxstyle="round,pad=0,rounding_size=0.06", facecolor=_PALE, edgecolor=_INK
-    )
-    ax.add_patch(box)
-    extra = [line for line in _fields(body) if line.split(" ")[0] not in ("mass", "damping", "stiffness")]
-    lines = [rf"$m$ = {number_text(body.mass)} kg", *extra]
-    centre = x + _WIDTH / 2.0
-    ax.text(centre, 0.62 * _HEIGHT, name, ha="center", va="bottom", fontsize=10, weight="bold", color=_INK)
-    ax.text(centre, 0.52 * _HEIGHT, "\n".join(lines), ha="center", va="top", fontsize=8, color=_INK)
-    parts = [
-        (_spring, rf"$k$ = {number_text(body.stiffness)} {units_text('N m-1')}", body.stiffness),
-        (_damper, rf"$c$ = {number_text(body.damping)} {units_text('N s m-1')}", body.damping),
-    ]
-    if not (body.stiffness or body.damping):
-        return
-    if side:
-        near = x if side < 0 else x + _WIDTH
+    def _draw_beside(self, ax: Axes, name: str) -> None:
+        x, width = self.starts[name], self.widths[name]
+        side = -1.0 if name == self.layout.row[0] else 1.0
+        near = x if side < 0.0 else x + width
         far = near + side * _ANCHOR
-        _hatched(ax, far if side > 0 else far - 0.12, -0.2, 0.12, _HEIGHT + 0.4)
-        heights = (0.78 * _HEIGHT, 0.2 * _HEIGHT)
-    else:
-        far, near = x + 0.1, x + _WIDTH - 0.06
-        ax.plot([near, near], [-0.95, 0.0], color=_INK, lw=1.2)
-        _hatched(ax, far - 0.1, -_BELOW, 0.1, _BELOW - 0.2)
-        heights = (-0.42, -0.95)
-    for (draw, text, value), height in zip(parts, heights, strict=True):
-        if value:
-            draw(ax, min(near, far), max(near, far), height)
-            ax.text((near + far) / 2.0, height - 0.13, text, ha="center", va="top", fontsize=7.5, color=_INK)
+        if not self.held[name]:
+            return
+        symbols.hatched(ax, far if side > 0.0 else far - _WALL, -0.2, _WALL, self.height + 0.4)
+        heights = {"spring": 0.78 * self.height, "damper": 0.2 * self.height}
+        for kind, _, lines in self.held[name]:
+            y = heights[kind]
+            _SYMBOLS[kind](ax, min(near, far), max(near, far), y)
+            symbols.text(ax, (near + far) / 2.0, y - 0.13, lines)
+
+    def _draw_below(self, ax: Axes, name: str) -> None:
+        """Draw what holds a body to the floor, and its stops."""
+        items = self.held[name]
+        x, width = self.starts[name], self.widths[name]
+        if not items:
+            if is_structure(self.members[name]):
+                symbols.line(ax, [x + width / 2.0] * 2, [self.floor, 0.0])
+            return
+        right_stop = any(kind == "gap" and link.second is WALL for kind, link, _ in items)
+        far, near = x + 0.1, x + (0.55 * width if right_stop else width - 0.06)
+        y, last = self.below, 0.0
+        if any(kind != "gap" or link.first is WALL for kind, link, _ in items):
+            symbols.hatched(ax, far - 0.1, self.floor, 0.1, self.below - self.floor - 0.1)
+        if right_stop:
+            symbols.hatched(ax, x + width, self.floor, 0.1, self.below - self.floor - 0.1)
+        for kind, link, lines in items:
+            if kind == "gap":
+                at = y - 0.34
+                stop = link.second is WALL
+                ends = (near, x + width) if stop else (far, near)
+                symbols.gap(ax, *ends, at, with_units(link.clearance, "m"))
+                symbols.text(ax, x + width / 2.0, at - 0.15, lines, symbols.CONTACT)
+            else:
+                at = y - 0.22
+                _SYMBOLS[kind](ax, far, near, at)
+                symbols.text(ax, (near + far) / 2.0, at - 0.11, lines)
+            y, last = y - _depth(kind, lines), at
+        ax.plot([near, near], [last, 0.0], color=INK, lw=1.2)
+
+    def _draw_between(self, ax: Axes, place: int, lanes: list[tuple[Link, list[str], float]]) -> None:
+        """Draw the links between two neighbours, or of an end with a wall, one below the other."""
+        if not lanes:
+            return
+        row = self.layout.row
+        left = self.starts[row[place - 1]] + self.widths[row[place - 1]] if place else -_spacing(lanes)
+        right = self.starts[row[place]] if place < len(row) else left + _spacing(lanes)
+        for wall, x in ((place == 0, left - _WALL), (place == len(row), right)):
+            if wall:
+                symbols.hatched(ax, x, -0.1, _WALL, self.height + 0.2)
+        y = 0.5 * (self.height + sum(height for *_, height in lanes))
+        for item, lines, height in lanes:
+            self._draw_link(ax, item, (left, right), y, lines)
+            sides = (item.link.second, item.link.first) if item.backward else (item.link.first, item.link.second)
+            for side, x, beyond, ha in zip(sides, (left, right), (-0.07, 0.07), ("right", "left"), strict=True):
+                if isinstance(side, str) and (point := own_name(self.layout, side)):
+                    at = y - (0.46 if isinstance(item.link, Contact) else 0.18)
+                    symbols.dot(ax, x, at)
+                    symbols.named(ax, x + beyond, at, point, ha)
+            y -= height
+
+    def _draw_link(self, ax: Axes, item: Link, ends: tuple[float, float], y: float, lines: list[str]) -> None:
+        """Draw the symbol and the text of a link below a height."""
+        link = item.link
+        if isinstance(link, Contact):
+            y -= 0.46
+            draw = symbols.hook if item.backward else symbols.gap
+            draw(ax, *ends, y, with_units(link.clearance, "m"))
+            y -= 0.16
+        else:
+            y -= 0.12
+            for kind in _symbols(link.law):
+                _SYMBOLS[kind](ax, *ends, y - 0.06)
+                y -= 0.22
+        symbols.text(ax, sum(ends) / 2.0, y, lines, symbols.CONTACT if isinstance(link, Contact) else INK)
+
+    def _draw_apart(self, ax: Axes, item: Link, lines: list[str], y: float) -> None:
+        """Draw a link of bodies that are no neighbours, or of a combination, as a line below the row."""
+        weights, plain = weights_of(item.link), is_difference(item.link)
+        index = [one for one, *_ in self.apart].index(item)
+        legs = []
+        for name, weight in weights.items():
+            node = self.layout.owners[name]
+            legs.append((self.starts[node] + self.widths[node] * (0.2 + 0.15 * index), name, weight))
+        same: dict[float, int] = {}
+        for number, (x, name, weight) in enumerate(legs):
+            same[x] = same.get(x, -1) + 1
+            at = x + 0.3 * same[x]  # several points of one structure
+            legs[number] = at, name, weight
+            symbols.line(ax, [at, at], [y, 0.0], dashed=not plain)
+            if point := own_name(self.layout, name):
+                symbols.named(ax, at, 0.09, point, "center")
+            if not plain:
+                symbols.text(ax, at + 0.04, y + 0.03, [f"× {number_text(weight)}"], ha="left", va="bottom")
+        middle, half, places = *self._free(sorted(x for x, *_ in legs)), sorted(x for x, *_ in legs)
+        for some in ([places[0], middle - half], [middle + half, max(places[-1], middle + half)]):
+            symbols.line(ax, some, [y, y], dashed=not plain)
+        ends = (middle - half, middle + half)
+        if isinstance(item.link, Contact):
+            draw = symbols.hook if item.backward else symbols.gap
+            draw(ax, *ends, y, with_units(item.link.clearance, "m"))
+            symbols.line(ax, [ends[1]] * 2, [y - 0.12, y + 0.2])
+            symbols.text(ax, middle, y - 0.16, lines, symbols.CONTACT)
+        else:
+            _SYMBOLS[_symbols(item.link.law)[0]](ax, *ends, y)
+            symbols.text(ax, middle, y - 0.12, lines)
+
+    def _free(self, places: list[float]) -> tuple[float, float]:
+        """Return where there is room for a symbol on a line with legs, and half its width: between two bodies."""
+        row, half = self.layout.row, 0.4
+        if len(places) == 1:
+            return places[0] + 0.7, half
+        number = int(np.argmax(np.diff(places)))
+        middle = 0.5 * (places[number] + places[number + 1])
+        free = [0.5 * (self.starts[a] + self.widths[a] + self.starts[b]) for a, b in itertools.pairwise(row)]
+        inside = [x for x in free if places[number] + half <= x <= places[number + 1] - half]
+        return min(inside, key=lambda x: abs(x - middle), default=middle), half
+
+    def _ground_text(self, name: str, motion: BaseMotion) -> str:
+        on = f" of {', '.join(motion.on)}" if motion.on else ""
+        return f"{name}: base motion{on}, {excitation_lines(motion.acceleration)[0]}"
+
+    def _shared_text(self, push: Push) -> str:
+        return f"{push.name}: {', '.join(excitation_lines(push.excitation))}"
+
+    def _draw_shared(self, ax: Axes, push: Push, y: float) -> None:
+        """Draw a source of several bodies: a line above them with an arrow to each."""
+        places = []
+        for name, weight in push.on.items():
+            node = self.layout.owners[name]
+            if node not in self.starts:
+                continue
+            x = self.starts[node] + self.widths[node] * 0.85
+            places.append(x)
+            symbols.arrow(ax, (x, y + 0.12), (x, self.height + 0.01))
+            point = own_name(self.layout, name)
+            written = f"{point} × {number_text(weight)}" if point else f"× {number_text(weight)}"
+            symbols.text(ax, x - 0.05, y + 0.1, [written], FORCE, ha="right")
+        symbols.line(ax, [min(places), max(places)], [y + 0.12] * 2, FORCE)
+        symbols.text(ax, min(places), y + 0.14, [self._shared_text(push)], FORCE, ha="left", va="bottom")
 
 
-def _fields(component: Component) -> list[str]:
-    """Return the fields of a component that are numbers, as text with units."""
-    lines = []
-    for name in component.field_names():
-        value = getattr(component, name)
-        if isinstance(value, float | int) and not isinstance(value, bool):
-            units = component.units(name)
-            shown = "" if units == "1" else f" {units_text(units)}"
-            lines.append(f"{name.replace('_', ' ')} = {number_text(value)}{shown}")
-    return lines
+def _spacing(lanes: list[tuple[Link, list[str], float]]) -> float:
+    """Return the distance between two bodies, or of one to a wall."""
+    return min(max(_GAP, LETTER * max((widest(lines) for _, lines, _ in lanes), default=0) + 0.16), _WIDEST)
 
 
-def _spring(ax: Axes, left: float, right: float, y: float) -> None:
-    lead = 0.22 * (right - left)
-    turns = 6
-    x = np.linspace(left + lead, right - lead, 2 * turns + 1)
-    zigzag = np.where(np.arange(2 * turns + 1) % 2, 0.085, -0.085)
-    zigzag[[0, -1]] = 0.0
-    ax.plot([left, *x, right], [y, *(y + zigzag), y], color=_INK, lw=1.1, solid_joinstyle="round")
+_SYMBOLS = {"spring": symbols.spring, "damper": symbols.damper, "element": symbols.element}
 
 
-def _damper(ax: Axes, left: float, right: float, y: float) -> None:
-    middle, half = (left + right) / 2.0, 0.16
-    ax.plot([left, middle - half], [y, y], color=_INK, lw=1.1)
-    pot = (
-        [middle + half, middle - half, middle - half, middle + half],
-        [y + 0.09, y + 0.09, y - 0.09, y - 0.09],
-    )
-    ax.plot(*pot, color=_INK, lw=1.1)
-    ax.plot([middle + 0.04, middle + 0.04], [y - 0.07, y + 0.07], color=_INK, lw=2.0)
-    ax.plot([middle + 0.04, right], [y, y], color=_INK, lw=1.1)
+def _symbols(law: Any) -> list[str]:
+    """Return the symbols of a coupling."""
+    if not isinstance(law, LinearCoupling):
+        return ["element"]
+    return [kind for kind, value in (("spring", law.stiffness), ("damper", law.damping)) if value] or ["element"]
 
 
-def _hatched(ax: Axes, x: float, y: float, width: float, height: float) -> None:
-    ax.add_patch(Rectangle((x, y), width, height, facecolor="white", edgecolor=_GROUND, hatch="//////", lw=0.8))
-
-
-def _draw_excitations(ax: Axes, x: float, body: str, excitations: list[tuple[str, Excitation, float]]) -> None:
-    if not excitations:
-        return
-    y = _HEIGHT + 0.16
-    ax.annotate(
-        "",
-        (x + 0.8 * _WIDTH, y),
-        (x + 0.2 * _WIDTH, y),
-        arrowprops={"arrowstyle": "-|>", "color": COLORS[1], "lw": 1.6, "shrinkA": 0, "shrinkB": 0},
-    )
-    lines = []
-    for source, excitation, weight in excitations:
-        if source != body:
-            lines.append(f"{source}: {number_text(weight)} times")
-        lines.append(_words(excitation))
-        density = getattr(excitation, "spectral_density", None)
-        if isinstance(density, float):
-            lines.append(rf"$S$ = {number_text(density)} {units_text(excitation.units('spectral_density'))}")
-    ax.text(x + _WIDTH / 2.0, y + 0.08, "\n".join(lines), ha="center", va="bottom", fontsize=7.5, color=COLORS[1])
-
-
-def _draw_contact(ax: Axes, contact: Contact, start: dict[str, float]) -> None:
-    """Draw the gap: the first body's bumper, the distance to the second, and the law."""
-    if isinstance(contact.first, str):
-        left = start[contact.first] + _WIDTH
-        right = start[contact.second] if isinstance(contact.second, str) else left + _GAP
-    else:
-        right = start[str(contact.second)]
-        left = right - _GAP
-    for side, edge in ((contact.first, left - 0.12), (contact.second, right)):
-        if side is WALL:
-            _hatched(ax, edge, -0.2, 0.12, _HEIGHT + 0.4)
-    middle, color = _HEIGHT / 2.0, COLORS[0]
-    angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 40)
-    bumper, height = _BUMPER, 0.26
-    ax.fill(left + bumper * np.cos(angle), middle + height * np.sin(angle), facecolor=color, alpha=0.85, lw=0)
-    tip = left + bumper
-    ax.plot([tip, tip], [middle, _HEIGHT], color=_GROUND, lw=0.7)
-    arrows = {
-        "arrowstyle": "<|-|>",
-        "color": _INK,
-        "lw": 0.8,
-        "shrinkA": 0,
-        "shrinkB": 0,
-        "mutation_scale": 6,
-    }
-    ax.annotate("", (tip, _HEIGHT - 0.06), (right, _HEIGHT - 0.06), arrowprops=arrows)
-    clearance = f"{number_text(contact.clearance)} m"
-    ax.text((tip + right) / 2.0, _HEIGHT, clearance, ha="center", va="bottom", fontsize=7.5, color=_INK)
-    fields = _fields(contact.law)
-    if len(fields) == 1:  # the name of the law says what it is
-        fields = [fields[0].split(" = ")[1]]
-    law = "\n".join([_words(contact.law), *fields])
-    ax.text((left + right) / 2.0, -0.03, law, ha="center", va="top", fontsize=7.5, color=color)
-
-
-def _words(component: Component) -> str:
-    """Return the name of a class as words."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(component).__name__).capitalize()
+def _depth(kind: str, lines: list[str]) -> float:
+    """Return the height that a symbol below a body takes with its text."""
+    return (0.55 if kind == "gap" else _PITCH) + LINE * max(0, len(lines) - (kind != "gap"))

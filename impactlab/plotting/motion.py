@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from impactlab.components.component import positive, suggestion
 from impactlab.components.sides import Combination
 from impactlab.errors import InvalidInput
+from impactlab.plotting.captions import side_text
 from impactlab.plotting.held import contact_weights, known_dataset, rows, variable
 from impactlab.plotting.style import COLORS, axes_of, label_text, legend, number_text, style
 
@@ -72,11 +73,11 @@ def trajectory(
     if quantity != "contact_force":
         _shade(axes, one, given)
     for name in given:
-        axes.plot(one["time"].values, series(one, quantity, name), label=words(name))
+        axes.plot(one["time"].values, series(one, quantity, name), label=side_text(name))
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
     if len(given) == 1:
-        axes.set_ylabel(label_text(f"{title} of {words(given[0])}", _QUANTITIES[quantity]))
+        axes.set_ylabel(label_text(f"{title} of {side_text(given[0])}", _QUANTITIES[quantity]))
     return legend(axes)
 
 
@@ -190,18 +191,6 @@ def series(result: xr.Dataset, quantity: str, name: Place) -> np.ndarray:
     return np.asarray(data.sel(place).values)
 
 
-def words(name: Place) -> str:
-    """Return a name, or a combination as a sum."""
-    if not isinstance(name, Combination):
-        return name
-    parts = []
-    for body, weight in name.weights:
-        sign = "\N{MINUS SIGN}" if weight < 0.0 else "+"
-        size = "" if abs(weight) == 1.0 else f"{number_text(abs(weight))} "
-        parts.append(f"{sign} {size}{body}")
-    return " ".join(parts).removeprefix("+ ")
-
-
 def _realization(result: Any, realization: int) -> xr.Dataset:
     dataset = known_dataset(result)
     if "realization" not in dataset.dims:
@@ -250,6 +239,6 @@ def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
 
 
 def _phase_plane(axes: Axes, name: Place) -> Axes:
-    axes.set_xlabel(label_text(f"displacement of {words(name)}", _QUANTITIES["displacement"]))
-    axes.set_ylabel(label_text(f"velocity of {words(name)}", _QUANTITIES["velocity"]))
+    axes.set_xlabel(label_text(f"displacement of {side_text(name)}", _QUANTITIES["displacement"]))
+    axes.set_ylabel(label_text(f"velocity of {side_text(name)}", _QUANTITIES["velocity"]))
     return axes

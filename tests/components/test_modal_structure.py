@@ -66,7 +66,7 @@ def test_drawing():
     network = il.Network(
         {"beam": BEAM}, {"stop": il.Contact("beam.tip", il.WALL, LAW)}, {"beam.tip": il.WhiteNoise(1.0)}
     )
-    assert "Not drawn: stop (beam.tip, WALL)" in [text.get_text() for text in draw_network(network).axes[0].texts]
+    assert {"beam", "tip"} <= {text.get_text() for text in draw_network(network).axes[0].texts}
 
 
 def test_points_are_weighted_sums_of_modes():

@@ -5,11 +5,13 @@ from __future__ import annotations
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import impactlab as il
-from impactlab.plotting.drawing import BODIES, draw_network
+from impactlab.plotting.drawing import draw_network
+from impactlab.plotting.layout import BODIES
 from impactlab.plotting.style import COLORS, band, number_text, points, style, units_text
 
 BODY = il.LinearOscillator(mass=2.0, damping=0.5, stiffness=40.0)
@@ -76,12 +78,104 @@ def test_bodies_stand_in_the_order_of_their_contacts():
     assert place["a"] < place["1 m"] < place["b"] < place["2 m"] < place["c"]
 
 
-def test_what_is_not_drawn_is_named():
-    long = texts(drawn(draw_network(il.chain(100, BODY, LAW))))
-    assert "and 92 more bodies, 92 more contacts" in long
+def test_long_chains_are_shortened():
+    figure = drawn(draw_network(il.chain(5000, BODY, LAW)))
+    shown = texts(figure)
+    assert "and 4993 more bodies, 4994 more contacts" in shown
+    names = [name for name in (f"body_{number}" for number in range(5000)) if name in shown.split()]
+    assert names == ["body_0", "body_1", "body_2", "body_3", "body_4997", "body_4998", "body_4999"]
+    assert "\N{MIDLINE HORIZONTAL ELLIPSIS}" in shown
+
+
+def place_of(figure, text):
+    (found,) = (item for item in figure.axes[0].texts if item.get_text().split("\n")[0] == text)
+    return found.get_position()
+
+
+def test_any_number_of_gaps_and_couplings_between_two_bodies():
+    contacts = il.backlash("a", "b", LAW, clearance=0.01, name="play") | {
+        "stop": il.Contact("a", "b", LAW, clearance=0.5)
+    }
+    tie = il.Coupling("b", "a", il.LinearCoupling(10.0, damping=0.2))
+    figure = drawn(draw_network(il.Network(dict.fromkeys("ab", BODY), contacts, {}, {"tie": tie})))
+    x, heights = zip(*(place_of(figure, name) for name in ("play_upper", "play_lower", "stop", "tie")), strict=True)
+    assert len(set(x)) == 1
+    assert (np.diff(heights) < -0.3).all()
+    assert texts(figure).count("0.01 m") == 2
+    assert "stiffness = 10 N m$^{-1}$\ndamping = 0.2 N s m$^{-1}$" in texts(figure)
+
+
+def test_links_of_bodies_apart_and_of_combinations_lie_below_the_row():
     ring = {"ab": ("a", "b"), "bc": ("b", "c"), "ca": ("c", "a")}
-    network = il.Network(dict.fromkeys("abc", BODY), {name: il.Contact(*ends, LAW) for name, ends in ring.items()})
-    assert "Not drawn: ca (c, a)" in texts(drawn(draw_network(network)))
+    contacts = {name: il.Contact(*ends, LAW) for name, ends in ring.items()}
+    contacts["lever"] = il.Contact(il.Combination({"a": 1.0, "b": -0.5}), "c", LAW, clearance=0.02)
+    figure = drawn(draw_network(il.Network(dict.fromkeys("abc", BODY), contacts)))
+    assert place_of(figure, "ab")[1] == place_of(figure, "bc")[1] > 0.0 > place_of(figure, "ca")[1]
+    assert "lever\na − 0.5 b with c, 0.02 m" in texts(figure)
+    for weight in ("× 1", "× −0.5", "× −1"):
+        assert weight in texts(figure)
+
+
+def test_too_many_links_apart_are_named():
+    contacts = {f"c{name}": il.Contact("hub", name, LAW) for name in "pqrstu"}
+    figure = drawn(draw_network(il.Network(dict.fromkeys(["hub", *"pqrstu"], BODY), contacts)))
+    assert "Not drawn: cu" in texts(figure)
+    assert "Not drawn: ct" not in texts(figure)
+
+
+def test_stops_of_inner_bodies_and_couplings_to_the_wall_are_below_them():
+    contacts = {
+        "ab": il.Contact("a", "b", LAW), "bc": il.Contact("b", "c", LAW),
+        "right": il.Contact("b", il.WALL, LAW, clearance=0.1), "end": il.Contact("c", il.WALL, LAW, clearance=0.2),
+    }  # fmt: skip
+    held = il.Coupling("a", il.WALL, il.MaxwellCoupling(3.0, damping=2.0))
+    figure = drawn(draw_network(il.Network(dict.fromkeys("abc", BODY), contacts, {}, {"held": held})))
+    assert place_of(figure, "right")[1] < place_of(figure, "held")[1] < 0.0
+    assert place_of(figure, "end")[0] > place_of(figure, "c")[0]
+    assert "Maxwell coupling" in texts(figure)
+
+
+def test_structures_have_points_where_something_acts():
+    beam = il.ModalStructure((10.0, 60.0), 0.02, points={"tip": (2.0, -2.0), "middle": (0.7, 1.4), "root": (0.1, 0.1)})
+    tower = il.LinearStructure((2.0, 2.0), np.zeros((2, 2)), [[20.0, -10.0], [-10.0, 10.0]], names=("floor", "roof"))
+    network = il.Network(
+        {"beam": beam, "a": BODY, "tower": tower},
+        {"hit": il.Contact("beam.tip", "a", LAW), "pound": il.Contact("a", "tower.roof", LAW)},
+        {"beam.middle": il.WhiteNoise(1.0)},
+        {"tie": il.Coupling("beam.middle", "tower.floor", il.LinearCoupling(3.0))},
+    )
+    figure = drawn(draw_network(network))
+    for part in ("2 modes\n10 to 60 rad s$^{-1}$", "2 coordinates", "tip", "roof", "at middle\nWhite noise"):
+        assert part in texts(figure)
+    assert "root" not in texts(figure)
+    assert place_of(figure, "beam")[0] < place_of(figure, "tip")[0] < place_of(figure, "hit")[0]
+    assert place_of(figure, "pound")[0] < place_of(figure, "roof")[0] < place_of(figure, "tower")[0]
+
+
+def test_sources_of_several_bodies_and_motions_of_the_ground():
+    figure = drawn(draw_network(il.Network(dict.fromkeys("abc", BODY), {}, {
+        "a": il.WhiteNoise(1.0), "wind": il.Source(il.WhiteNoise(2.0), on={"a": 1.0, "c": -2.0}),
+        "gust": il.Source(il.Harmonic(1.0, frequency=2.0), on={"b": 3.0}),
+        "quake": il.BaseMotion(il.WhiteNoise(0.1)),
+    })))  # fmt: skip
+    for part in (
+        "wind: White noise, $S$ = 2",
+        "× 1",
+        "× −2",
+        "gust, 3 times\nHarmonic",
+        "quake: base motion, White noise",
+    ):
+        assert part in texts(figure)
+    assert (
+        place_of(figure, "quake: base motion, White noise")[1] < place_of(figure, "a")[1] < place_of(figure, "× −2")[1]
+    )
+
+
+def test_axes_that_are_returned():
+    axes = il.plot.network(il.Network({"a": BODY}))
+    assert axes.texts
+    assert axes.figure.number in pyplot.get_fignums()
+    pyplot.close(axes.figure)
 
 
 def test_into_axes_that_are_given():
@@ -93,7 +187,7 @@ def test_into_axes_that_are_given():
 
 
 def test_only_networks_are_drawn():
-    with pytest.raises(il.InvalidInput, match=r"takes an il\.Network"):
+    with pytest.raises(il.InvalidInput, match=r"is of an il\.Network"):
         draw_network(BODY)
 
 
