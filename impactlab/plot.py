@@ -5,6 +5,7 @@ Every function draws into ``ax=``, or a new figure of pyplot, and returns the ax
 
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.description import network_html
 from impactlab.plotting.drawing import network
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
@@ -13,6 +14,7 @@ __all__ = [
     "density",
     "joint_density",
     "network",
+    "network_html",
     "peaks",
     "phase_portrait",
     "profile",

@@ -56,7 +56,13 @@ class NetworkCheck:
     dataset: xr.Dataset
 
     @classmethod
-    def of(cls, network: Composition, step: float | None = None, integrator: Integrator | None = None) -> NetworkCheck:
+    def of(
+        cls,
+        network: Composition,
+        step: float | None = None,
+        integrator: Integrator | None = None,
+        most_modes: int = MOST_BODIES,
+    ) -> NetworkCheck:
         """Find the time scales of a network and predict the bias of a step.
 
         Parameters
@@ -67,6 +73,8 @@ class NetworkCheck:
             divide the duration.
         integrator : Integrator, optional
             Method; `ExactFlow` by default.
+        most_modes : int
+            Bodies up to which modes are computed.
 
         Raises
         ------
@@ -89,7 +97,10 @@ class NetworkCheck:
         else:
             method.check(model)
             step = choose_step(_arranged(model, method, stiffening), method, stiffening, positive("step", step))
-        modes, note = _modes(_arranged(model, method, stiffening), stiffening, method, step, known)
+        modes: dict[str, Any] = {}
+        note = f"Modes are computed for up to {most_modes} bodies."
+        if len(model.bodies) <= most_modes:
+            modes, note = _modes(_arranged(model, method, stiffening), stiffening, method, step, known)
         data = xr.Dataset(
             {
                 "natural_frequency": ("oscillator", model.natural_frequencies),
@@ -190,8 +201,6 @@ def _modes(
     model: Model, stiffening: Stiffening, integrator: Integrator, step: float, known: np.ndarray
 ) -> tuple[dict[str, Any], str]:
     """Return the variables of the modes, and why some are missing or not a number."""
-    if len(model.bodies) > MOST_BODIES:
-        return {}, f"Modes are computed for up to {MOST_BODIES} bodies."
     if not known.all():
         return {}, "No modes: the energy that a body brings into collisions is not known."
     linear = LinearizedNetwork.of(model, stiffening)

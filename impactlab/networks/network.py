@@ -109,6 +109,9 @@ class Network(Composition):
 
         return generate(Model.of(self))
 
+    def _repr_html_(self) -> str:
+        return impactlab.plot.network_html(self)
+
 
 def chain(
     bodies: int,

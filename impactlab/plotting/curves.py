@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from impactlab.plotting.held import error_of, rows, variable
-from impactlab.plotting.style import axes_of, band, label_text, legend, points, style
+from impactlab.plotting.style import axes_of, band, label_text, legend, number_text, points, style
 
 
 class Spectra(Protocol):
@@ -148,7 +148,7 @@ def peaks(
     if reference is not None:
         axes.lines[-1].set_label("exact")
     window = float(result["peak_window"])
-    axes.plot([], [], ".", color="0.4", ms=3.0, label=f"largest in windows of {window:g} s")
+    axes.plot([], [], ".", color="0.4", ms=3.0, label=f"largest in windows of {number_text(window)} s")
     axes.plot([], [], "D", color="0.4", label="return levels")
     axes.set(xscale="log", xlabel=label_text("return time", "s"), ylabel=label_text("contact force", "N"))
     axes.set_ylim(bottom=0.0)

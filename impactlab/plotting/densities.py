@@ -153,7 +153,7 @@ def joint_density(
     axes.set_xlabel(label_text(f"displacement of {first}", "m"))
     axes.set_ylabel(label_text(f"displacement of {second}", "m"))
     if axes.get_legend_handles_labels()[1]:
-        axes.legend()
+        axes.legend(frameon=True)
     return axes
 
 

@@ -46,6 +46,19 @@ def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
 
     If one of the parts has no law that is known here it is refused with all reasons.
     """
+    laws, untouched, reasons = _judged(network)
+    if reasons:
+        raise refusal(reasons)
+    return tuple(_gibbs_law(item) if isinstance(item, Subsystem) else item for item in laws), untouched
+
+
+def reasons_of(network: Composition) -> list[str]:
+    """Say why no exact stationary law is known, part by part; nothing if one is."""
+    return _judged(network)[2]
+
+
+def _judged(network: Composition) -> tuple[list[Law | Subsystem], frozenset[str], list[str]]:
+    """Return laws, or parts whose density is ``exp(−H/T)``, contacts that are left out, and reasons against a law."""
     laws: list[Law | Subsystem] = []
     reasons: list[str] = []
     untouched: frozenset[str] = frozenset()
@@ -71,9 +84,7 @@ def laws_of(network: Composition) -> tuple[tuple[Law, ...], frozenset[str]]:
         else:
             laws.append(subsystem)
         reasons += why
-    if reasons:
-        raise refusal(reasons)
-    return tuple(_gibbs_law(item) if isinstance(item, Subsystem) else item for item in laws), untouched
+    return laws, untouched, reasons
 
 
 def _gibbs_reasons(subsystem: Subsystem) -> Iterator[str]:
