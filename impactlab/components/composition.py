@@ -184,11 +184,6 @@ class Composition:
         return MappingProxyType(self._contacts)
 
     @property
-    def given(self) -> Mapping[str, Mapping[str, Any]]:
-        """All members as they were given, by family and name: structures, and the names of points."""
-        return {title: MappingProxyType(getattr(self, f"_{title}")) for title in _FAMILIES}
-
-    @property
     def excitations(self) -> Mapping[str, Any]:
         """The excitations by the name of the body that they act on, and the sources by their own.
 

@@ -89,7 +89,7 @@ class _Drawing:
 
     def __init__(self, network: impactlab.Network) -> None:
         self.network, self.layout = network, layout_of(network)
-        self.members = network.given["oscillators"]
+        self.members = network.given()["oscillators"]
         self.several = self.layout.links > 1
         self.captions = {name: self._caption(name) for name in self.layout.row}
 

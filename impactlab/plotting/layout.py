@@ -60,7 +60,7 @@ class Layout(NamedTuple):
 
 def layout_of(network: impactlab.Network) -> Layout:
     """Arrange the members of a network."""
-    given = network.given
+    given: Mapping[str, Mapping[str, Any]] = network.given()
     owners = {name: name for name in given["oscillators"]}
     for name, structure in network.structures.items():
         owners |= {f"{name}.{own}": name for own in (*structure.bodies(), *structure.weights())}
