@@ -83,7 +83,7 @@ def _report(options: argparse.Namespace) -> int:
 
 def _finish(result: StudyResult, options: argparse.Namespace) -> int:
     """Say what was found and where it is."""
-    from impactlab.studies.report import claim_rows, summary
+    from impactlab.studies.report_page import claim_rows, summary
     from impactlab.studies.run_folder import REPORT, Folder
 
     if options.json:

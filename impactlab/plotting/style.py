@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from impactlab.errors import InvalidInput
@@ -50,15 +50,17 @@ def style() -> Iterator[None]:
         yield
 
 
-def png(figure: Figure, dpi: float) -> bytes:
-    """Return a figure as PNG, drawn once: `savefig` would draw all of it twice, first for the layout alone."""
-    buffer, canvas, before = io.BytesIO(), figure.canvas, figure.dpi
+def svg(figure: Figure) -> bytes:
+    """Return a figure as SVG, drawn once: `savefig` would draw all of it twice, first for the layout alone.
+
+    The same figure gives the same bytes. Letters are outlines, so that they look the same everywhere.
+    """
+    buffer, before = io.BytesIO(), figure.canvas
     try:
-        figure.dpi = dpi
-        FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
+        with matplotlib.rc_context({"svg.hashsalt": "impactlab", "svg.fonttype": "path"}):
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
     finally:
-        figure.dpi = before
-        figure.set_canvas(canvas)
+        figure.set_canvas(before)
     return buffer.getvalue()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -38,6 +38,11 @@ class Check(NamedTuple):
     name: str
     ok: bool
     detail: str
+
+
+def shown_in(figure: str, claims: Iterable[Claim]) -> Iterator[Claim]:
+    """Give claims with the name of the figure that shows them."""
+    return (claim._replace(figure=figure) for claim in claims)
 
 
 def verdict_of(holds: bool, tested: bool = True) -> str:

@@ -143,9 +143,10 @@ class Folder:
     def clean(self, figures: list[str]) -> None:
         """Remove the items' files, and figures of an earlier run that were not drawn again."""
         shutil.rmtree(self.path / ITEMS, ignore_errors=True)
-        for file in (self.path / FIGURES).glob("*.png"):
-            if f"{FIGURES}/{file.name}" not in figures:
-                file.unlink()
+        for kind in ("svg", "png"):
+            for file in (self.path / FIGURES).glob(f"*.{kind}"):
+                if f"{FIGURES}/{file.name}" not in figures:
+                    file.unlink()
 
 
 def versions() -> dict[str, str]:

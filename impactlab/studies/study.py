@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -110,6 +111,12 @@ class Study(Component):
     def makes(cls, part: str) -> bool:
         """Whether the study has "claims", "checks", "figures" or "tables" of its own."""
         return getattr(cls, part) is not getattr(Study, part)
+
+    @classmethod
+    def caption(cls, figure: str) -> str:
+        """Return what is seen in a figure: its own caption, or that of a name with ``*``; else the name as words."""
+        found = [text for name, text in cls.captions.items() if fnmatch.fnmatchcase(figure, name)]
+        return cls.captions.get(figure) or (found[0] if found else figure.replace("_", " "))
 
     def settings(self) -> dict[str, Any]:
         """Return the fields as plain data, as a TOML file has them."""

@@ -34,6 +34,29 @@ if TYPE_CHECKING:
 X2, V2 = "mean_square_displacement", "mean_square_velocity"
 ONE, TWO, BOTH, RATIO = ("one",), ("two",), ("one", "two"), ("one/two",)
 
+_OF_STATISTIC = {
+    "contact_ratio": "figure_7", "peak_contact_force": "figure_8", "one/two": "figure_6", X2: "figure_5",
+    V2: "figure_5",
+}  # fmt: skip
+"""Figures by what they show: the first of these names that a statement has decides."""
+
+SHOWN = {
+    special.fluctuations_stay: "figure_2",
+    special.acceptable: "figure_2",
+    special.gaussian: "figure_2",
+    special.more_obvious: "figure_3",
+    special.densities_move_apart: "figure_3",
+    special.methods_differ: "figure_5",
+    special.straight: "figure_6",
+    special.curved: "figure_6",
+    special.rises_then_stable: "figure_7",
+    special.minimum_at: "figure_7",
+    special.jump_at: "figure_7",
+    special.peak_first: "figure_8",
+    special.falls_then_stable: "figure_8",
+}
+"""Figures of predicates of which there is one for a statement."""
+
 
 class Statement(NamedTuple):
     """A statement of the paper with its section, and the predicate that judges it with its arguments."""
@@ -49,12 +72,31 @@ class Statement(NamedTuple):
         """When the statement holds: the first paragraph of the predicate's text."""
         return " ".join((self.predicate.__doc__ or "").split("\n\n")[0].split())
 
+    @property
+    def figure(self) -> str:
+        """The figure that shows what the statement is on, if one does."""
+        if self.predicate in SHOWN:
+            return SHOWN[self.predicate]
+        names = set(_flat(self.arguments))
+        if self.predicate in (densities_agree, densities_differ, discrepancies_seen):
+            base = {16.0: "figure_2", math.inf: "figure_4"}
+            return next((figure for ratio, figure in base.items() if ratio in names), "figure_3")
+        return next((figure for name, figure in _OF_STATISTIC.items() if name in names), "")
+
     def judge(self, results: Results) -> Judgement:
         """Return what was measured and the verdict."""
         try:
             return self.predicate(results, *self.arguments, **self.options)
         except Missing as missing:
             return Judgement(f"{missing}", "not testable")
+
+
+def _flat(arguments: Any) -> Iterator[Any]:
+    for item in arguments:
+        if isinstance(item, tuple):
+            yield from _flat(item)
+        else:
+            yield item
 
 
 def states(section: str, text: str, predicate: Callable[..., Judgement], *arguments: Any, **options: Any) -> Statement:
@@ -159,4 +201,5 @@ def claims(study: TwoSystemStudy, tree: xr.DataTree) -> Iterator[Claim]:
     results = Results(study, tree)
     for statement in STATEMENTS:
         judgement = statement.judge(results)
-        yield Claim(statement.section, statement.text, judgement.measured, judgement.verdict, statement.criterion)
+        texts = judgement.measured, judgement.verdict, statement.criterion
+        yield Claim(statement.section, statement.text, *texts, figure=statement.figure)

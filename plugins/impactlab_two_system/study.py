@@ -7,6 +7,7 @@ impact interactions, ENG Transactions 4 (2023) 2868, https://doi.org/10.61186/en
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import impactlab as il
@@ -33,6 +34,28 @@ class TwoSystemStudy(FolderStudy):
 
     name: ClassVar[str] = "two-system"
     title: ClassVar[str] = "Two colliding oscillators under random excitation (Luo, Yan and Zhang 2023)"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "figure_1": "The two systems and their contact (figure 1 of the paper).",
+        "figure_2": (
+            "Densities of displacements and velocities in the base case, and below each the absolute error of the "
+            "ensemble and of one record; bands: two standard errors (figure 2 of the paper)."
+        ),
+        "figure_3": "The same densities at frequency ratios below that of the base case (figure 3 of the paper).",
+        "figure_4": "The same densities at frequency ratios above that of the base case (figure 4 of the paper).",
+        "figure_5": (
+            "Mean squares and variances against the frequency ratio, and below each over those of the linear "
+            "systems (figure 5 of the paper)."
+        ),
+        "figure_6": (
+            "Ratios of the mean squares of the two systems against the frequency ratio (figure 6 of the paper)."
+        ),
+        "figure_7": "Part of the time in contact against the frequency ratio (figure 7 of the paper).",
+        "figure_8": (
+            "Largest force of a record: against the frequency ratio, its distribution, and its growth with the "
+            "length of the record (figure 8 of the paper)."
+        ),
+    }
 
     frequency_ratios: tuple[float, ...] = il.parameter(
         (1.0, 2.0, 3.0, 4.0, 8.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0), above=0.0

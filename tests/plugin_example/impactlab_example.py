@@ -63,6 +63,7 @@ class ExampleStudy(Study):
             "statement": ["The contact is closed for less than half of the time."],
             "measured": [f"{ratio.max():.3f}"],
             "verdict": ["holds" if ratio.max() < 0.5 else "does not hold"],
+            "figure": ["contact_ratio"],
         }
         return xr.Dataset({name: ("claim", value) for name, value in columns.items()})
 

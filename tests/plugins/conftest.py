@@ -9,3 +9,17 @@ import impactlab as il
 def run(request):
     """The quick form of the study that a module names as `STUDY`, run as a person does it."""
     return il.run_study(request.module.STUDY, quick=True, progress=False)
+
+
+@pytest.fixture(scope="session")
+def explained():
+    """Check that every figure has a caption, and that claims name figures that there are."""
+
+    def check(study, figures, claims):
+        named = {str(name) for name in claims["figure"].values} - {""}
+        assert named
+        assert named <= set(figures)
+        for name in figures:
+            assert study.caption(name) != name.replace("_", " ")
+
+    return check

@@ -64,7 +64,7 @@ def test_runs_end_when_the_errors_are_small_or_the_steps_are_spent():
     )
 
 
-def test_the_quick_form_holds(run):
+def test_the_quick_form_holds(run, explained):
     assert [check for check in run.checks if not check.ok] == []
     assert run.claims.sizes["claim"] == 7
     equal = run.tree["equal"].to_dataset()
@@ -75,6 +75,7 @@ def test_the_quick_form_holds(run):
     quarter = run.tree["unequal"].to_dataset()
     assert float(np.abs(quarter.z).max()) < 4.5
     assert float(run.tree["tolerance"].to_dataset().error.max()) < 1.0
+    explained(run.study, run.figures, run.claims)
     assert {name for name, _ in run.study.figures(run.tree)} == {
         "bias_equal",
         "bias_unequal",

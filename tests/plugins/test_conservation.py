@@ -67,7 +67,8 @@ def test_the_small_run_finds_what_theory_says(run):
     assert float(np.abs(run.tree["momentum"].error).max()) < 1e-13
 
 
-def test_figures_and_tables_are_made(run):
+def test_figures_and_tables_are_made(run, explained):
+    explained(run.study, run.figures, run.claims)
     assert set(run.figures) == {"energy", "reversal", "order"}
     tables = dict(run.study.tables(run.tree))
     assert [row["integrator"] for row in tables["Observed orders"]] == ["ExactFlow", "RungeKutta4", "EulerMaruyama"]

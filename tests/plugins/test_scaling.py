@@ -91,9 +91,10 @@ def test_blocks_are_timed_over_at_least_half_of_the_seconds():
     assert timer.result.attrs["duration"] > 0.3
 
 
-def test_the_quick_form_is_exact(run):
+def test_the_quick_form_is_exact(run, explained):
     assert [item for item in run.checks if not item.ok] == []
     assert run.claims.sizes["claim"] == 10
+    explained(run.study, run.figures, run.claims)
     assert set(run.figures) == {"cost_against_size", "cost_against_clearance"}
     assert [title for title, rows in run.study.tables(run.tree) if not rows] == []
 

@@ -109,7 +109,7 @@ def test_nothing_known_is_no_verdict():
     assert made({}, dict.fromkeys(JUDGED, 0.5)).kind == "refused for its cost"
 
 
-def test_a_small_run(run):
+def test_a_small_run(run, explained):
     cells = run.tree["cells"].to_dataset()
     assert run.passed
     assert set(cells.noise.values) == {"white", "series"}
@@ -124,6 +124,7 @@ def test_a_small_run(run):
     assert all("too large" in reason or "unstable at any step" in reason for reason in refused)
     names = {f"stability_{method}_{noise}" for method in ("ExactFlow", "RungeKutta4", "EulerMaruyama")
              for noise in ("white", "series")}  # fmt: skip
+    explained(run.study, run.figures, run.claims)
     assert set(run.figures) == names | {"stability_paper"}
     paper = run.tree["paper"].to_dataset()
     assert paper.kind.values[paper.frequency_ratio.values == 400.0] == "degraded"

@@ -176,9 +176,10 @@ def test_the_fokker_planck_equation_as_reference():
     np.testing.assert_allclose(stars, solved.contact_ratio.values[:, 0, 0][None])
 
 
-def test_the_figures_show_what_was_found(run):
+def test_the_figures_show_what_was_found(run, explained):
     study, _, tree = run
     figures = dict(study.figures(tree))
+    explained(study, figures, study.claims(tree))
     assert list(figures) == [f"figure_{number}" for number in range(1, 9)]
     axes = figures["figure_7"].axes[0]
     drawn = [line.get_ydata() for line in axes.get_lines() if line.get_marker() == "o"]

@@ -118,7 +118,8 @@ def test_the_checks_see_a_wrong_method(run):
     assert failed == ["default method: bias", "all methods solve one problem: bias"]
 
 
-def test_the_diagrams_and_tables_show_every_method(run):
+def test_the_diagrams_and_tables_show_every_method(run, explained):
+    explained(run.study, run.figures, run.claims)
     assert set(run.figures) == {"work_precision_base_case", "work_precision_chain"}
     figure = run.figures["work_precision_base_case"]
     labels = {text.get_text() for text in figure.legends[0].get_texts()}

@@ -253,7 +253,7 @@ def test_files_of_a_run(tmp_path):
     result = il.run_study("example", settings=SHORT, out=out)
     manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
     files = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()} - {"manifest.json"}
-    assert files == {"result.nc", "report.html", "figures/system.png", "figures/contact_ratio.png"}
+    assert files == {"result.nc", "report.html", "figures/system.svg", "figures/contact_ratio.svg"}
     assert {name: hashlib.sha256((out / name).read_bytes()).hexdigest() for name in files} == manifest["files"]
     assert manifest["complete"]
     assert manifest["passed"]
@@ -269,12 +269,47 @@ def test_files_of_a_run(tmp_path):
 def test_the_report_needs_no_other_file(tmp_path):
     il.run_study("example", settings={**SHORT, "law": "a & b"}, out=tmp_path)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert text.count('src="data:image/png;base64,') == text.count("<img ") == 2
+    assert text.count('src="data:image/svg+xml;base64,') == text.count("<img ") == 2
     assert "http" not in text
     assert "A body that a wall stops &lt;example&gt;" in text
     assert "<example>" not in text
     assert "impactlab run example --set duration=20.0 --set &#x27;law=&quot;a &amp; b&quot;&#x27;" in text
     assert 'class="good">holds</td>' in text
+
+
+def test_the_report_begins_with_claims_and_leads_to_their_figures(tmp_path):
+    il.run_study("example", settings=SHORT, out=tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    links = re.findall(r'href="#([^"]*)"', text)
+    assert set(links) <= set(re.findall(r' id="([^"]*)"', text))
+    titles = re.findall(r"<h2 [^>]*>([^<]*)</h2>", text)
+    assert titles == ["Claims", "Figures", "Checks", "Contact ratio", "Settings", "How to run it again"]
+    (nav,) = re.findall("<nav>(.*?)</nav>", text)
+    assert re.findall(">([^<]*)</a>", nav) == titles
+    assert '<a href="#figure-2">figure 2</a>' in text[: text.index("<figure")]
+    (last,) = re.findall(r'<figure id="figure-2">.*?</figure>', text)
+    assert "<b>Figure 2.</b> the part of the time that the contact is closed, against the clearance" in last
+    assert '<span class="good">holds</span> <a href="#claim-1">The contact is closed for less' in last
+    assert '<meta name="viewport"' in text
+    assert "@media print" in text
+
+
+def test_figures_are_the_same_bytes_again(tmp_path):
+    one, two = (il.run_study("example", settings=SHORT, out=tmp_path / name).folder for name in "ab")
+    for name in ("system", "contact_ratio"):
+        picture = (one / "figures" / f"{name}.svg").read_bytes()
+        assert picture.startswith(b"<?xml")
+        assert picture == (two / "figures" / f"{name}.svg").read_bytes()
+
+
+def test_captions_of_several_figures():
+    class Several(Study):
+        name = "several"
+        title = "Several"
+        captions = {"map_*": "A map.", "map_last": "The last map."}  # noqa: RUF012
+
+    shown = [Several.caption(name) for name in ("map_one", "map_last", "other_one")]
+    assert shown == ["A map.", "The last map.", "other one"]
 
 
 def test_a_run_that_stops_is_continued(tmp_path, simulated):
@@ -433,9 +468,10 @@ def test_a_folder_in_which_no_file_can_be_made(tmp_path, simulated, monkeypatch)
 
 def test_a_folder_of_another_study_is_refused_and_one_of_the_same_replaced(tmp_path):
     il.run_study("example", settings=SHORT, out=tmp_path)
-    (tmp_path / "figures" / "old.png").write_bytes(b"of an earlier version")
+    for old in ("old.svg", "old.png"):
+        (tmp_path / "figures" / old).write_bytes(b"of an earlier version")
     il.run_study("example", settings={**SHORT, "clearances": [2.0]}, out=tmp_path)
-    assert not (tmp_path / "figures" / "old.png").exists()
+    assert not list((tmp_path / "figures").glob("old.*"))
     manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["settings"]["clearances"] == [2.0]
     manifest["study"] = "other"

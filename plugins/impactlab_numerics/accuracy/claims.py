@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import bdtrc, ndtri
 
-from impactlab.studies.claims import Claim, verdict_on
+from impactlab.studies.claims import Claim, shown_in, verdict_on
 from impactlab_numerics.accuracy import intervals
 from impactlab_numerics.accuracy.collect import ERRORS
 
@@ -32,13 +32,14 @@ def claims(study: AccuracyStudy, tree: xr.DataTree) -> Iterator[Claim]:
     references = {"equal": "exact laws", "unequal": "runs at a quarter of the step"}
     for kind, reference in references.items():
         if kind in tree.children:
-            yield _bias(study, tree[kind].to_dataset(), f"random networks, {kind} temperatures", reference)
+            claim = _bias(study, tree[kind].to_dataset(), f"random networks, {kind} temperatures", reference)
+            yield claim._replace(figure=f"bias_{kind}")
     if "intervals" in tree.children:
-        yield from intervals.claims(tree["intervals"].to_dataset())
+        yield from shown_in("intervals", intervals.claims(tree["intervals"].to_dataset()))
     if "coverage" in tree.children:
-        yield _covered(tree["coverage"].to_dataset())
+        yield _covered(tree["coverage"].to_dataset())._replace(figure="coverage")
     if "tolerance" in tree.children:
-        yield _kept(study, tree["tolerance"].to_dataset())
+        yield _kept(study, tree["tolerance"].to_dataset())._replace(figure="tolerance")
 
 
 def _bias(study: AccuracyStudy, table: xr.Dataset, section: str, reference: str) -> Claim:

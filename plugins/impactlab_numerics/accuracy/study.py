@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import impactlab as il
@@ -23,6 +24,24 @@ class AccuracyStudy(FolderStudy):
 
     name: ClassVar[str] = "accuracy"
     title: ClassVar[str] = "Accuracy: bias on random networks, coverage of intervals, tolerances that are kept"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "bias_equal": (
+            "Random networks at equal temperatures: differences of all default statistics from the exact law, "
+            "with bars of two standard errors, by statistic; and in standard errors against quantiles of the "
+            "normal law."
+        ),
+        "bias_unequal": "The same at unequal temperatures, against runs at a quarter of the step.",
+        "intervals": (
+            "Random networks in short runs: how many of the intervals of each size hold the exact value, minus "
+            "the size, by statistic; 0 is right."
+        ),
+        "coverage": "Many runs of the base case: how many 95 % intervals hold the exact value, by statistic.",
+        "tolerance": (
+            "Runs with a tolerance: the share of runs whose largest error, over the tolerance, is below what is "
+            "on the abscissa."
+        ),
+    }
 
     networks: int = il.parameter(20, minimum=0)
     first_network: int = il.parameter(0, minimum=0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from impactlab.studies.claims import Claim, verdict_of
+from impactlab.studies.claims import Claim, shown_in, verdict_of
 
 if TYPE_CHECKING:
     from impactlab_numerics.conservation.study import ConservationStudy
@@ -27,19 +27,17 @@ def claims(study: ConservationStudy, tree: xr.DataTree) -> Iterator[Claim]:
     """Yield the claims."""
     energy = tree["energy"].to_dataset()
     smooth = np.isinf(energy.power.values)
-    for scene in energy.scene.values[smooth]:
-        yield _bounded(energy.sel(scene=scene))
-    for scene in energy.scene.values[~smooth]:
-        yield _wanders(energy.sel(scene=scene))
     bounce = tree["bounce"].to_dataset()
-    for force in bounce.force.values:
-        yield _bounces(bounce.sel(force=force))
-    yield _returns(tree["reversal"].to_dataset().isel(scene=0))
+    of_energy = [_bounded(energy.sel(scene=scene)) for scene in energy.scene.values[smooth]]
+    of_energy += [_wanders(energy.sel(scene=scene)) for scene in energy.scene.values[~smooth]]
+    of_energy += [_bounces(bounce.sel(force=force)) for force in bounce.force.values]
+    yield from shown_in("energy", of_energy)
+    yield _returns(tree["reversal"].to_dataset().isel(scene=0))._replace(figure="reversal")
     yield _kept(tree["momentum"].to_dataset())
     order = tree["order"].to_dataset()
     for integrator in order.integrator.values:
         for force in order.force.values:
-            yield _order(order.sel(integrator=integrator, force=force))
+            yield _order(order.sel(integrator=integrator, force=force))._replace(figure="order")
 
 
 def _bounded(energy: xr.Dataset) -> Claim:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import impactlab as il
@@ -39,6 +40,17 @@ class ConservationStudy(FolderStudy):
 
     name: ClassVar[str] = "conservation"
     title: ClassVar[str] = "Conservation: energy over many contacts, time reversal, momentum, observed orders"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "energy": (
+            "Relative error of the energy against the number of contacts, one panel for each scene and one line "
+            "for each step; last, what one contact does to it, with theory as lines."
+        ),
+        "reversal": (
+            "Distance from the start after a reversal of all velocities, against the number of contacts before it."
+        ),
+        "order": "Largest error of paths against the step for each integrator, with smooth forces and with contacts.",
+    }
 
     contacts: float = il.parameter(1e6, minimum=100.0)
     copies: int = il.parameter(4, minimum=2)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from impactlab.studies.claims import Claim, verdict_of
+from impactlab.studies.claims import Claim, shown_in, verdict_of
 
 if TYPE_CHECKING:
     from impactlab_numerics.scaling.study import ScalingStudy
@@ -47,11 +47,12 @@ def claims(study: ScalingStudy, tree: xr.DataTree) -> list[Claim]:
     """Return the claims."""
     size, clearance = (tree[name].to_dataset() for name in ("size", "clearance"))
     return [
-        _cost(size, "ensemble", ENSEMBLE, 2),
-        _cost(size, "single", SINGLE, LARGE),
-        _memory(size),
+        *shown_in(
+            "cost_against_size",
+            [_cost(size, "ensemble", ENSEMBLE, 2), _cost(size, "single", SINGLE, LARGE), _memory(size)],
+        ),
         _build(size),
-        *(_gain(clearance, place, least) for place, least in GAINS.items()),
+        *shown_in("cost_against_clearance", (_gain(clearance, place, least) for place, least in GAINS.items())),
         _exact(tree["exactness"].to_dataset()),
         _series(tree["series"].to_dataset()),
         _sweep(tree["sweep"].to_dataset()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import impactlab as il
@@ -33,6 +34,17 @@ class ScalingStudy(FolderStudy):
 
     name: ClassVar[str] = "scaling"
     title: ClassVar[str] = "Scaling: cost against size, clearance and noise"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "cost_against_size": (
+            "Time per step of a body (left) and memory per body and realization (right) against the number of "
+            "bodies, for chains, grids and stars; grey: what is claimed."
+        ),
+        "cost_against_clearance": (
+            "The pair with rarer and rarer contacts: time of the default method and of one that makes every step "
+            "(left), and the gain at equal error (right)."
+        ),
+    }
 
     sizes: tuple[int, ...] = il.parameter((2, 10, 100, 1000, 10000, 100000), minimum=2)
     graph_sizes: tuple[int, ...] = il.parameter((100, 10000), minimum=4)

@@ -69,6 +69,7 @@ def _automatic(cells: xr.Dataset, noise: str) -> Claim:
         f"accurate to {ALLOWED:.0%} in every cell, or refused with the reason.",
         f"{len(kinds)} cells: {_spelled(counts(kinds))}{_worst(rows)}",
         verdict_of(not np.isin(kinds, BROKEN).any(), bool(seen.any() or np.isin(kinds, BROKEN).any())),
+        figure=f"stability_{DEFAULT}_{noise}",
     )
 
 
@@ -81,6 +82,7 @@ def _safe(cells: xr.Dataset, method: str) -> Claim:
         f"No step that {method} accepts makes it unstable.",
         f"{run} cells were run: {_spelled({kind: kinds[kind] for kind in CLASSES[:3]})}",
         verdict_of(kinds["unstable"] == 0, run > 0),
+        figure=f"stability_{method}_white",
     )
 
 
@@ -96,6 +98,7 @@ def _of_paper(paper: xr.Dataset) -> Claim:
         f"Runge–Kutta at the paper's step of {1e3 * paper.attrs['step']:g} ms is accurate to {ALLOWED:.0%} everywhere.",
         f"{_spelled(counts(kinds))}{_worst(paper)}; accurate: {', '.join(accurate) or 'nowhere'}",
         verdict_of(bool((kinds == "accurate").all()), len(kinds) > 0),
+        figure="stability_paper",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import impactlab as il
@@ -24,6 +25,17 @@ class StabilityStudy(FolderStudy):
 
     name: ClassVar[str] = "stability"
     title: ClassVar[str] = "Stability: where each method can be trusted"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "stability_paper": (
+            "Runge–Kutta at the step and under the noise of the paper: how far the worst statistic is off, over "
+            "frequency ratio and contact stiffness."
+        ),
+        "stability_*": (
+            "Where the method is accurate, degraded, unstable or refused, over the step and each changed "
+            "parameter of the pair."
+        ),
+    }
 
     hertz_stiffness: tuple[float, ...] = il.parameter((1e2, 1e4, 1e6, 1e8, 1e10, 1e12), units="N m-3/2", above=0.0)
     linear_stiffness: tuple[float, ...] = il.parameter((1e2, 1e4, 1e6, 1e8, 1e10, 1e12), units="N m-1", above=0.0)

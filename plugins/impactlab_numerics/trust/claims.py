@@ -51,6 +51,7 @@ def claims(study: TrustStudy, tree: xr.DataTree) -> Iterator[Claim]:
         "without a warning.",
         f"{len(silent)} of {len(found)} networks have one; the worst: {worst_of(found) or 'none'}.",
         verdict_of(not silent),
+        figure="differences",
     )
     needless = share(found, NEEDLESS)
     yield Claim(
@@ -58,6 +59,7 @@ def claims(study: TrustStudy, tree: xr.DataTree) -> Iterator[Claim]:
         f"At most {100.0 * MOST_NEEDLESS:g} % of networks are refused, or warned of, without need.",
         f"{100.0 * needless:.1f} % of {len(found)}.",
         verdict_of(needless <= MOST_NEEDLESS),
+        figure="outcomes",
     )
     low, high = COVERED
     covered = coverage(found)
@@ -66,6 +68,7 @@ def claims(study: TrustStudy, tree: xr.DataTree) -> Iterator[Claim]:
         f"95 % intervals hold what is right in {100.0 * low:g} to {100.0 * high:g} % of cases.",
         f"{percent(covered)} % of {covered.intervals}; {SAMPLING}." if covered.intervals else "there are none.",
         _covered(covered, (low, high)),
+        figure="coverage",
     )
     low, high = COVERED_IN_CLASS
     parts = {name: coverage(part) for name, part in by_class(found).items()}
@@ -79,6 +82,7 @@ def claims(study: TrustStudy, tree: xr.DataTree) -> Iterator[Claim]:
         if ends
         else "there are none.",
         worst_verdict(verdicts),
+        figure="coverage",
     )
     unknown = share(found, ("not judged",))
     yield Claim(
@@ -86,6 +90,7 @@ def claims(study: TrustStudy, tree: xr.DataTree) -> Iterator[Claim]:
         f"At least {100.0 * (1.0 - MOST_UNKNOWN):g} % of networks can be judged.",
         f"{100.0 * (1.0 - unknown):.1f} %.",
         verdict_of(unknown <= MOST_UNKNOWN),
+        figure="outcomes",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import impactlab as il
@@ -22,6 +23,14 @@ class TrustStudy(FolderStudy):
 
     name: ClassVar[str] = "trust"
     title: ClassVar[str] = "Trust: random networks of all classes at default settings"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "outcomes": "What became of the random networks of each class, in percent.",
+        "differences": (
+            "Differences of all statistics from what is right, over what is allowed, by class; beyond 1 is wrong."
+        ),
+        "coverage": "How many 95 % intervals hold what is right, by class, with bars of two standard errors.",
+    }
 
     networks: int = il.parameter(400, minimum=1)
     first_network: int = il.parameter(0, minimum=0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from impactlab.studies.claims import Claim, verdict_of
+from impactlab.studies.claims import Claim, shown_in, verdict_of
 from impactlab_numerics.work_precision.results import Results, time_text
 from impactlab_numerics.work_precision.study import PAIR
 
@@ -33,10 +33,13 @@ THREADS = 1.85
 """Least factor between the steps of two threads and of one."""
 
 
+_DIAGRAM = f"work_precision_{PAIR.replace(' ', '_')}"
+
+
 def claims(study: WorkPrecisionStudy, tree: xr.DataTree) -> list[Claim]:
     """Return the claims."""
     results = Results(study, tree)
-    return [_against_baoab(results), _threads(results), *_accuracy(results), _tolerance(results)]
+    return [_against_baoab(results), _threads(results), *shown_in(_DIAGRAM, _accuracy(results)), _tolerance(results)]
 
 
 def _against_baoab(results: Results) -> Claim:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import impactlab as il
@@ -28,6 +29,13 @@ class WorkPrecisionStudy(FolderStudy):
 
     name: ClassVar[str] = "work-precision"
     title: ClassVar[str] = "Run time against error: impactlab, loops of numba, other libraries"
+
+    captions: ClassVar[Mapping[str, str]] = {
+        "work_precision_*": (
+            "Run time on one core to an error, bias and three standard errors, for four statistics; one line for "
+            "each method, pale where nothing is known of its bias."
+        ),
+    }
 
     chain_bodies: int = il.parameter(10, minimum=0)
     exact_flow_steps: tuple[float, ...] = il.parameter((0.003, 0.008, 0.010, 0.012), units="s", above=0.0)
