@@ -195,6 +195,15 @@ def test_law_is_the_derivative_of_its_potential(cls):
         assert float(law.call("potential", depth)) == pytest.approx(work, rel=1e-10)
 
 
+@each_with("potential", COUPLING_LAWS)
+def test_coupling_is_the_derivative_of_its_potential(cls):
+    law = sample(cls)
+    assert law.call("potential", 0.0) == 0.0
+    for extension in (-2.5, 0.1, 1.5):
+        work = quad(lambda e: float(law.evaluate(e)), 0.0, extension, epsabs=0.0, epsrel=1e-11, points=[-1.75])[0]
+        assert float(law.call("potential", extension)) == pytest.approx(work, rel=1e-10)
+
+
 @each_with("residual_potential", OSCILLATORS)
 def test_residual_is_the_derivative_of_its_potential(cls):
     body = sample(cls)

@@ -86,6 +86,8 @@ class Composition:
         )
         laws = ((name, contact.law) for name, contact in self._contacts.items())
         check_potentials("contact", laws, "force", "potential")
+        pulling = ((name, coupling.law) for name, coupling in self._couplings.items())
+        check_potentials("coupling", pulling, "force", "potential", both_sides=True)
         check_potentials("body", bodies.items(), "residual", "residual_potential", both_sides=True)
 
     def _check_names(

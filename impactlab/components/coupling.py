@@ -17,7 +17,8 @@ class CouplingLaw(Component):
     """Force of a coupling, which always acts, as a function of its extension.
 
     Subclasses define the kernel ``force(extension, rate, ...)`` (N, positive where it pulls
-    the bodies together). A law with fields that are a `impactlab.state` defines
+    the bodies together), and, if the force has one, the kernel ``potential(extension, ...)`` (J, 0
+    at 0), which makes exact stationary laws possible. A law with fields that are a `impactlab.state` defines
     ``update(extension, rate, elapsed, ...)``, which returns their values at an extension,
     `elapsed` seconds after they had those that it is given; ``force`` is given what ``update``
     returns. Either may take the `time` since the beginning of the measurement (s) as well.
@@ -25,6 +26,7 @@ class CouplingLaw(Component):
 
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "force": ("extension", "rate", "time"),
+        "potential": ("extension",),
         "update": ("extension", "rate", "elapsed", "time"),
     }
     required: ClassVar[tuple[str, ...]] = ("force",)

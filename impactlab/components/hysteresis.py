@@ -124,8 +124,8 @@ class JenkinsCoupling(CouplingLaw):
     """Spring in series with dry friction: it sticks with ``F' = stiffness e'``, and slips at ``|F| = slip_force``.
 
     G. M. Jenkins, Br. J. Appl. Phys. 13 (1962) 30. The force follows from the extensions, exactly where these do not
-    turn back within a step. A stiff spring makes it Coulomb's friction with true sticking, up to the extension
-    ``slip_force/stiffness`` in which it sticks. Several in parallel are an Iwan element.
+    turn back within a step. A stiff spring k makes it Coulomb's friction with sticking, but a body m at rest
+    rings on it, with velocities of up to ``slip_force/sqrt(k m)``. Several in parallel are an Iwan element.
 
     Parameters
     ----------

@@ -26,6 +26,11 @@ class CubicCoupling(CouplingLaw):
     def force(extension, cubic):  # type: ignore[no-untyped-def]
         return cubic * extension * extension * extension
 
+    @staticmethod
+    def potential(extension, cubic):  # type: ignore[no-untyped-def]
+        square = extension * extension
+        return 0.25 * cubic * square * square
+
 
 class PowerLawCoupling(CouplingLaw):
     """Spring whose force is a power of the extension: ``stiffness |e/1 m|^p sign e``.
@@ -48,6 +53,10 @@ class PowerLawCoupling(CouplingLaw):
     @staticmethod
     def force(extension, stiffness, exponent):  # type: ignore[no-untyped-def]
         return math.copysign(stiffness * abs(extension) ** exponent, extension)
+
+    @staticmethod
+    def potential(extension, stiffness, exponent):  # type: ignore[no-untyped-def]
+        return stiffness * abs(extension) ** (exponent + 1.0) / (exponent + 1.0)
 
 
 class BilinearCoupling(CouplingLaw):
@@ -75,3 +84,9 @@ class BilinearCoupling(CouplingLaw):
     def force(extension, stiffness, outer_stiffness, break_extension):  # type: ignore[no-untyped-def]
         inner = max(-break_extension, min(break_extension, extension))
         return stiffness * inner + outer_stiffness * (extension - inner)
+
+    @staticmethod
+    def potential(extension, stiffness, outer_stiffness, break_extension):  # type: ignore[no-untyped-def]
+        inner = min(abs(extension), break_extension)
+        beyond = abs(extension) - inner
+        return 0.5 * stiffness * inner * inner + (stiffness * break_extension + 0.5 * outer_stiffness * beyond) * beyond

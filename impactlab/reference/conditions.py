@@ -15,7 +15,7 @@ from impactlab.reference.combination import CombinationPart
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
 from impactlab.reference.linear_laws import Apart, LinearPart
-from impactlab.reference.potential import Gap, Potential
+from impactlab.reference.potential import Gap, Potential, Spring
 from impactlab.reference.ring import RingLaw
 from impactlab.reference.subsystems import (
     UNHEATED,
@@ -195,8 +195,12 @@ def _coupling_reasons(name: str, coupling: Coupling) -> Iterator[str]:
         yield f"the force of coupling {name!r} {_TIMED}"
     elif "rate" in coupling.law.kernel("force")[1] and not is_linear(coupling):
         yield f"the force of coupling {name!r} depends on the rate without noise of its own: it has no temperature."
-    elif not is_linear(coupling):
-        yield f"the law of coupling {name!r} is not an il.LinearCoupling, the only one that is treated."
+    elif not is_linear(coupling) and not coupling.law.has_kernel("potential"):
+        kind = type(coupling.law).__name__
+        yield (
+            f"{kind}, the law of coupling {name!r}, does not define potential; define potential(extension, ...), the "
+            f"integral of {kind}.force from 0."
+        )
     elif coupling.law.linear[1]:
         yield f"coupling {name!r} has damping without noise: its temperature is 0; with damping=0 it would do."
     if not is_difference(coupling):
@@ -270,7 +274,8 @@ def pair_law(subsystem: Subsystem, temperature: float) -> GibbsLaw:
     total = sum(held)
     weights = (held[1] / total, -held[0] / total)
     between = subsystem.stiffness.get(tuple(sorted(bodies)), 0.0)
-    potential = Potential(names, temperature, held[0] * weights[0] + between, gaps)
+    springs = _springs(subsystem, tuple(sorted(bodies)), bodies[0])
+    potential = Potential(names, temperature, held[0] * weights[0] + between, gaps, springs)
     return GibbsLaw(bodies, potential, weights, math.sqrt(temperature / total))
 
 
@@ -293,27 +298,42 @@ def ring_law(subsystem: Subsystem, temperature: float) -> RingLaw:
 
 def _between(subsystem: Subsystem, pair: tuple[str, str], temperature: float) -> Potential:
     """Return the potential of the difference of two bodies."""
-    sides = tuple(sorted(pair))
-    gaps = tuple(Gap.of(contact, pair[0]) for contact in subsystem.touching.get(sides, ()))
-    return Potential(named(pair), temperature, subsystem.stiffness.get(sides, 0.0), gaps)
+    ends = tuple(sorted(pair))
+    gaps = tuple(Gap.of(contact, pair[0]) for contact in subsystem.touching.get(ends, ()))
+    springs = _springs(subsystem, ends, pair[0])
+    return Potential(named(pair), temperature, subsystem.stiffness.get(ends, 0.0), gaps, springs)
+
+
+def _springs(subsystem: Subsystem, ends: tuple[str, ...], body: str) -> tuple[Spring, ...]:
+    """Return the couplings between two bodies, or of one and the ground, that are not linear, as one of them moves."""
+    return tuple(Spring.of(coupling, body) for coupling in subsystem.springs.get(ends, ()))
 
 
 def _own(subsystem: Subsystem, name: str, temperature: float) -> Potential:
     """Return the potential of a body alone, with its walls."""
     oscillator = subsystem.network.oscillators[name]
     gaps = tuple(Gap.of(contact, name) for contact in subsystem.touching.get((name,), ()))
-    residual = oscillator if oscillator.has_kernel("residual") else None
-    return Potential(repr(name), temperature, subsystem.stiffness[name,], gaps, residual)
+    residual = (Spring(oscillator),) if oscillator.has_kernel("residual") else ()
+    springs = residual + _springs(subsystem, (name,), name)
+    return Potential(repr(name), temperature, subsystem.stiffness[name,], gaps, springs)
 
 
 def _refuse_unheated(subsystem: Subsystem, law: GibbsLaw | TreeLaw | RingLaw, heated: set[str]) -> None:
     """Refuse bodies without noise and damping that no force connects to one that has both."""
-    pulling = [pair for pair in subsystem.pairs if subsystem.stiffness.get(pair) or _pushes(subsystem, law, pair)]
+    pulling = [
+        pair
+        for pair in subsystem.pairs
+        if subsystem.stiffness.get(pair) or _pulls(subsystem, pair) or _pushes(subsystem, law, pair)
+    ]
     while reached := {name for pair in pulling if heated.intersection(pair) for name in pair} - heated:
         heated |= reached
     cold = [name for name in subsystem.bodies if name not in heated]
     if cold:
         raise refusal([f"{name!r} has neither noise nor damping, and nothing heats it; {_FORCED}" for name in cold])
+
+
+def _pulls(subsystem: Subsystem, pair: tuple[str, ...]) -> bool:
+    return any(item.law.call("potential", place) for item in subsystem.springs.get(pair, ()) for place in (-1.0, 1.0))
 
 
 def _pushes(subsystem: Subsystem, law: GibbsLaw | TreeLaw | RingLaw, pair: tuple[str, ...]) -> bool:

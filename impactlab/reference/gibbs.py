@@ -25,7 +25,7 @@ class GibbsLaw:
     """Stationary law of a body, or of a pair of linear bodies.
 
     The coordinate q is the displacement of the body, or the difference ``x_first − x_second``. It has the density
-    ``exp(−Φ(q)/T)/Z`` with ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``. The displacement
+    ``exp(−Φ(q)/T)/Z`` with ``Φ = stiffness q²/2 + potentials of other springs and of the contacts``. The displacement
     of a body is ``weight q + spread z``, with one standard normal z for both bodies: for two springs
     ``exp(−k₁x₁²/2T − k₂x₂²/2T)`` factorises so, with stiffness ``k₁k₂/(k₁+k₂)``, weights ``k₂/(k₁+k₂)`` and
     ``−k₁/(k₁+k₂)`` and spread ``sqrt(T/(k₁+k₂))``.

@@ -45,7 +45,9 @@ def about_ground(own: Sequence[Potential], links: Sequence[Link]) -> tuple[list[
     bodies = [_less(item, slope, place) for item, slope, place in zip(own, pulls, x, strict=True)]
     pairs = [(i, j, _less(item, s, u)) for (i, j, item), s, u in zip(links, tangents, between, strict=True)]
     depth = depth_of([*bodies, *(item for *_, item in pairs)])
-    if depth < -_ROUNDED and not any(item.residual for item in own):  # forces that grow: no depth but of rounding
+    if depth < -_ROUNDED and not any(
+        item.springs for item in [*own, *(link[2] for link in links)]
+    ):  # forces that grow: no depth but of rounding
         raise _not_found(own)
     if depth < _UNBOUNDED:
         return list(own), list(links)

@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.components.component import Component
 from impactlab.components.contact import Contact, ContactLaw, RigidContact
+from impactlab.components.coupling import Coupling, CouplingLaw
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -44,10 +45,37 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """What the coordinate q feels of a residual force, or of a coupling that is not linear: a law at ``sign q``."""
+
+    law: Oscillator | CouplingLaw
+    sign: float = 1.0
+
+    @classmethod
+    def of(cls, coupling: Coupling, body: str) -> Spring:
+        """Return what a coupling is for the coordinate that grows with a body's displacement."""
+        return cls(coupling.law, 1.0 if coupling.second == body else -1.0)
+
+    @property
+    def kernel(self) -> str:
+        """Name of the kernel of the potential."""
+        return "residual_potential" if isinstance(self.law, Oscillator) else "potential"
+
+    def energy(self, place: np.ndarray) -> np.ndarray:
+        """Return the potential at some places (J)."""
+        return _evaluate(self.law, self.kernel, self.sign * place)
+
+    def force(self, place: np.ndarray) -> np.ndarray:
+        """Return the force that pulls back (N)."""
+        force = "residual" if isinstance(self.law, Oscillator) else "force"
+        return np.asarray(self.sign * self.law.call(force, self.sign * place, 0.0))
+
+
+@dataclass(frozen=True)
 class Potential:
     """Energy Φ of a coordinate q, the displacement of a body or the difference of two.
 
-    ``Φ = stiffness q²/2 + residual potential + potentials of the contacts``; from it a line
+    ``Φ = stiffness q²/2 + potentials of other springs and of the contacts``; from it a line
     may be taken off, ``slope q + level`` in units of T.
     """
 
@@ -55,7 +83,7 @@ class Potential:
     temperature: float  # T (J)
     stiffness: float  # stiffness of the coordinate (N m-1)
     gaps: tuple[Gap, ...] = ()  # the contacts
-    residual: Oscillator | None = None  # the oscillator whose residual potential acts on q
+    springs: tuple[Spring, ...] = ()  # residual forces and couplings that are not linear
     slope: float = 0.0  # of the line that is taken off (m-1)
     level: float = 0.0  # of the line
 
@@ -69,8 +97,8 @@ class Potential:
         """Return Φ/T, less the line, at ``coordinate + offset``; infinite where too large for a number, never NaN."""
         place = coordinate + offset
         total = 0.5 * self.stiffness * place**2
-        if self.residual is not None:
-            total = total + _evaluate(self.residual, "residual_potential", place)
+        for spring in self.springs:
+            total = total + spring.energy(place)
         for gap in self.gaps:
             indentation = gap.indentation(coordinate, offset)
             closed = indentation > 0.0
@@ -82,8 +110,8 @@ class Potential:
     def force(self, coordinate: np.ndarray) -> np.ndarray:
         """Return the derivative of Φ/T (m-1)."""
         total = self.stiffness * coordinate
-        if self.residual is not None:
-            total = total + self.residual.call("residual", coordinate, 0.0)
+        for spring in self.springs:
+            total = total + spring.force(coordinate)
         for gap in self.gaps:
             total = total + gap.sign * gap.law.evaluate(gap.indentation(coordinate))
         return np.asarray(total / self.temperature - self.slope)
@@ -124,11 +152,11 @@ class Potential:
                 continue
             force = gap.law.evaluate(gap.indentation(starts, offsets))
             _check_work(gap.law, "potential", gap.indentation(edges).max(), lengths, force)
-        if self.residual is not None:
-            force = self.residual.call("residual", starts + offsets, 0.0)
+        for spring in self.springs:
+            force = spring.sign * spring.force(starts + offsets)
             for end, side in ((edges[-1], starts >= 0.0), (edges[0], starts < 0.0)):
                 steps = np.where(side, lengths, 0.0) * np.sign(end)
-                _check_work(self.residual, "residual_potential", end, steps, force)
+                _check_work(spring.law, spring.kernel, spring.sign * end, spring.sign * steps, force)
 
 
 def gauss_legendre(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -387,7 +387,7 @@ def exact(network: Composition) -> ExactReference:
     - parts in which contacts and couplings form trees (between any two bodies at most one way,
       over one or more contacts and couplings), with walls and residual potentials, or one ring of
       bodies with springs, without walls: the noises
-      must be white, the contact forces have a potential, the couplings be linear without
+      must be white, the forces of contacts and couplings have a potential, linear couplings be without
       damping, and the temperatures ``π S / damping`` of connected bodies be equal (for two unit
       masses ``S1/S2 = ζ1 ω1/(ζ2 ω2)``, Luo, Yan and Zhang, 2023, equation 8); then the density is
       proportional to ``exp(−H/T)`` with the energy H;

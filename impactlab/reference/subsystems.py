@@ -55,6 +55,15 @@ class Subsystem:
         return result
 
     @cached_property
+    def springs(self) -> dict[tuple[str, ...], list[Coupling]]:
+        """Couplings of two bodies, or of one and the ground, that are not linear."""
+        result: dict[tuple[str, ...], list[Coupling]] = {}
+        for item in self.couplings.values():
+            if not is_linear(item):
+                result.setdefault(sides(item), []).append(item)
+        return result
+
+    @cached_property
     def pairs(self) -> list[tuple[str, ...]]:
         """Connected pairs of bodies."""
         return [pair for pair in dict.fromkeys([*self.stiffness, *self.touching]) if len(pair) == 2]
@@ -76,7 +85,8 @@ class Subsystem:
     @property
     def is_simple(self) -> bool:
         """Whether the law is that of a single coordinate."""
-        return len(self.bodies) == 1 or (len(self.bodies) == 2 and not self._walled and not self.bent)
+        held = self._walled or self.bent or any(len(pair) == 1 for pair in self.springs)
+        return len(self.bodies) == 1 or (len(self.bodies) == 2 and not held)
 
     @property
     def is_ring(self) -> bool:

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from impactlab_numerics.laws.couplings import DeadBandCoupling
 from laws import DampedCubicCoupling, TwoLines
 from scenes import base, deviations
 from scipy.integrate import dblquad, solve_ivp
@@ -470,7 +471,10 @@ def test_a_cold_body_may_be_heated_by_its_coupling():
     ("couplings", "message"),
     [
         ({"s": spring("one", "two", 60.0, 1.0)}, r"coupling 's' has damping without noise: its temperature is 0"),
-        ({"s": il.Coupling("one", "two", il.CubicCoupling(1.0))}, r"law of coupling 's' is not an il.LinearCoupling"),
+        (
+            {"s": il.Coupling("one", "two", DeadBandCoupling(1.0, play=0.1))},
+            r"DeadBandCoupling, the law of coupling 's', does not define potential; define potential\(extension, ...\)",
+        ),
     ],
 )
 def test_no_exact_law(couplings, message):

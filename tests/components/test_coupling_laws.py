@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
 from scipy.special import beta, ellipk
 
 import impactlab as il
@@ -64,11 +65,12 @@ def network():
 
 
 @functools.cache
-def path(step):
+def path(step, slider=SLIDER):
     """Displacements and velocities after the time, and the states of laws, by label."""
     initial = {"displacement": dict.fromkeys(SPRINGS, AWAY), "velocity": dict.fromkeys(DAMPERS, SPEED)}
     options = {"initial": initial, "record": il.Trajectory(DURATION), "integrator": ONE_STEP}
-    result = il.simulate(network(), DURATION, step=step, **options).isel(realization=0, time=-1)
+    scene = network().replace(couplings={"slider": il.Coupling(il.WALL, "slider", slider)})
+    result = il.simulate(scene, DURATION, step=step, **options).isel(realization=0, time=-1)
     names = [f"{name}.{what}" for what in "xv" for name in network().oscillators]
     numbers = [*result.displacement.values.tolist(), *result.velocity.values.tolist()]
     return dict(zip(names, numbers, strict=True)) | dict(
@@ -140,6 +142,49 @@ def sliding(stiffness, most, duration):
     return state
 
 
+def sticking(most, duration):
+    """Displacement under Coulomb's friction, which may be anything up to `most` at rest."""
+
+    def driving(t, x):
+        return 5.0 * math.sin(9.0 * t) - 10.0 * x
+
+    def slides(t, y, sign):
+        return [y[1], (driving(t, y[0]) - 0.3 * y[1] - sign * most) / 1.5]
+
+    def stops(t, y, sign):
+        return y[1] * sign
+
+    stops.terminal, stops.direction = True, -1.0
+    time, x, rests = 0.0, 0.0, 0
+    while True:
+        grid = np.linspace(time, duration, 20_001)  # at rest: until the forces are larger than the friction
+        beyond = [t for t in grid if abs(driving(t, x)) > most]
+        if not beyond:
+            return x, rests
+        if beyond[0] > time:
+            rests += 1
+            time = brentq(
+                lambda t, at=x: abs(driving(t, at)) - most, beyond[0] - grid[1] + grid[0], beyond[0], xtol=1e-15
+            )
+        sign = math.copysign(1.0, driving(time, x))
+        part = solve_ivp(
+            slides, (time, duration), [x, sign * 1e-14], args=(sign,), events=stops, max_step=0.01, **OPTIONS
+        )
+        time, x = part.t[-1], part.y[0, -1]
+        if part.status == 0:
+            return x, rests
+
+
+def test_a_stiff_slider_is_friction_that_sticks():
+    """Within what its ringing at rest, of up to F/sqrt(k m), may do; three rests of 3 N."""
+    most = 3.0
+    x, rests = sticking(most, DURATION)
+    assert rests == 3
+    for stiffness in (1e4, 1e6):
+        off = path(STEP, il.JenkinsCoupling(stiffness, slip_force=most))["slider.x"] - x
+        assert abs(off) < 0.1 * DURATION * most / math.sqrt(1.5 * stiffness)
+
+
 MEMORY = {"solid": "pull", "circuit": "voltage", "slider": "pull"}
 
 
@@ -188,7 +233,6 @@ def test_what_the_circuit_takes_is_what_its_resistor_dissipates():
 
 
 REFUSED = {
-    "not an il.LinearCoupling": [SOFTENING, il.CubicCoupling(1.0)],
     "depends on the rate without noise": [law for law, _ in DAMPERS.values()],
     "depends on the past, by the states": [SOLID, CIRCUIT, SLIDER],
 }

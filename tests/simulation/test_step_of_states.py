@@ -134,6 +134,17 @@ SCENES = {
     "one drop": (stopped(impacts(1e4, 0.7), 0.0, None), {"duration": 3.0, "initial": {"displacement": {"a": -0.5}}}),
     "Maxwell element": (held(il.MaxwellCoupling(60.0, damping=3.0)), {"duration": 100.0, **MANY}),
     "slow Maxwell element": (held(il.MaxwellCoupling(60.0, damping=60.0)), {"duration": 100.0, **MANY}),
+    "standard linear solid": (
+        held(il.ZenerCoupling(20.0, relaxing_stiffness=60.0, damping=3.0)), {"duration": 100.0, **MANY}
+    ),
+    "piezoelectric circuit": (
+        held(il.PiezoelectricCoupling(0.5, capacitance=0.01, resistance=30.0)), {"duration": 100.0, **MANY}
+    ),
+    "slider": (held(il.JenkinsCoupling(200.0, slip_force=0.5)), {"duration": 100.0, **MANY}),
+    "slider under a given force": (
+        held(il.JenkinsCoupling(200.0, slip_force=0.5), SOFT, Cosine(3.0, frequency=4.0)),
+        {"duration": 60.0, "initial": {}},
+    ),
     "Maxwell element beside a contact": (
         pair(il.HertzContact(1e4), il.MaxwellCoupling(50.0, damping=4.0)), {"duration": 40.0, **MANY}
     ),
