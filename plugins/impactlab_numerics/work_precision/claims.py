@@ -21,7 +21,7 @@ TIMES_PAPER = 300.0
 """Least factor between the time of Runge–Kutta with series and ours."""
 
 PRICE, PRICE_ELSEWHERE = 1.4, 1.5
-"""Largest factors between the times to a tolerance and of a run with the same standard error."""
+"""Largest factors between the times to a tolerance and of a run with the same step and error."""
 
 SECONDS = 2.0
 """Longest time to the highest accuracy (s)."""
@@ -116,8 +116,8 @@ def _tolerance(results: Results) -> Claim:
     here, elsewhere = prices.pop(PAIR, math.inf), max(prices, key=prices.__getitem__, default="")
     return Claim(
         "accuracy",
-        f"A tolerance takes at most {PRICE:g} times the run with the same standard error, {PRICE_ELSEWHERE:g} times in "
-        "ten other networks.",
+        f"A tolerance takes at most {PRICE:g} times the run with the same step and standard error, {PRICE_ELSEWHERE:g} "
+        "times in ten other networks.",
         f"{here:.2f} times; elsewhere at most {prices.get(elsewhere, math.inf):.2f} times ({elsewhere})",
         verdict_of(here <= PRICE and all(price <= PRICE_ELSEWHERE for price in prices.values()), table is not None),
     )

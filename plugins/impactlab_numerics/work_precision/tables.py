@@ -83,7 +83,7 @@ def _tolerances(table: xr.Dataset) -> Rows:
             "network": str(name),
             "tolerance": f"{float(row['tolerance']):.2g}",
             "time": time_text(float(row["seconds"])),
-            "time of a run with the same standard error": time_text(float(row["direct_seconds"])),
+            "time of a run with the same step and error": time_text(float(row["direct_seconds"])),
             "ratio": f"{float(row['ratio']):.2f}",
             "error over tolerance": f"{float(row['error']):.2f}",
         }

@@ -1,4 +1,4 @@
-"""The price of a tolerance: over that of a run which is known beforehand to be as accurate."""
+"""The price of a tolerance: over that of a run whose step and length are known beforehand to be as accurate."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def networks() -> dict[str, il.Network]:
 
 
 def tolerances(study: WorkPrecisionStudy) -> xr.Dataset:
-    """Run networks to a tolerance and, in turns, directly with the standard error that was reached; on one core."""
+    """Run networks to a tolerance and, in turns, directly to the same error; on one core."""
     cases = [(PAIR, scene(2), study.accuracies[-1])]
     cases += [(name, network, study.tolerance) for name, network in networks().items()]
     rows = []
@@ -67,7 +67,7 @@ def tolerances(study: WorkPrecisionStudy) -> xr.Dataset:
     texts = {
         "tolerance": ("1", "relative tolerance of E[x²]"),
         "seconds": ("s", "time to the tolerance"),
-        "direct_seconds": ("s", "time of a run with the same standard error"),
+        "direct_seconds": ("s", "time of a run at the same step with the same standard error"),
         "error": ("1", "|bias| + 2 standard errors, over what is allowed"),
         "ratio": ("1", "time to the tolerance over that of the direct run"),
     }
@@ -84,7 +84,7 @@ def _both(network: il.Network, tolerance: float, seed: int, pool: Any) -> tuple[
     begin = time.perf_counter()
     reached = il.simulate(network, tolerance={STATISTIC: tolerance}, max_seconds=600.0, rng=seed, **common)
     seconds = time.perf_counter() - begin
-    options = {**common, "duration": reached.attrs["duration"], "spin_up": reached.attrs["spin_up"]}
+    options = {**common, **{name: reached.attrs[name] for name in ("duration", "spin_up", "step")}}
     error = f"{STATISTIC}_standard_error"
     wanted = (reached[error] / reached[STATISTIC]).values
     first = il.simulate(network, realizations=FIRST, rng=seed, **options)
