@@ -27,6 +27,7 @@ run a study            impactlab list                   what can be run
                        impactlab show two-system        its settings, and what it makes
                        impactlab run two-system --quick
 simulate a network     impactlab simulate NETWORK.toml --duration 100 --realizations 64 -o result.nc
+                       impactlab plot result.nc
 your own study         impactlab new my-study           writes a package that runs at once
 all commands           impactlab --help                 and impactlab COMMAND --help
 your installation      impactlab doctor

@@ -1,4 +1,4 @@
-"""Commands on networks in files: simulate one."""
+"""Commands on networks in files: simulate one, and draw what was found."""
 
 from __future__ import annotations
 
@@ -40,6 +40,24 @@ def add_commands(command: Command) -> None:
     simulate.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE",
                           help="module, or .py file, with classes of your own; it is executed")  # fmt: skip
     simulate.add_argument("-q", "--quiet", action="store_true", help="print no statistics and no progress")
+    plot = command("plot", _plot, "draw what a result holds")
+    plot.add_argument("result", metavar="RESULT.nc", help="file of a simulation or a sweep")
+    plot.add_argument("-o", "--out", metavar="FIGURE.svg", help="file for the figure (default: RESULT.svg)")
+
+
+def _plot(options: argparse.Namespace) -> int:
+    import xarray as xr
+
+    from impactlab.plotting.overview import draw_file
+    from impactlab.results.dataset import load
+
+    result = load(options.result)
+    if not isinstance(result, xr.Dataset):
+        raise InvalidInput(f"{options.result} is the result of a study, whose figures lie beside it.")
+    out = options.out or str(Path(options.result).with_suffix(".svg"))
+    draw_file(result, out)
+    say(f"the figure is {out}")
+    return DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:

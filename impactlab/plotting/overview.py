@@ -1,0 +1,126 @@
+"""One figure of all that a result holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import impactlab
+from impactlab.errors import InvalidInput
+from impactlab.plotting.curves import peaks, spectrum
+from impactlab.plotting.densities import density, joint_density
+from impactlab.plotting.drawing import network
+from impactlab.plotting.held import LABELS, configuration, rows
+from impactlab.plotting.lines import profile, sweep
+from impactlab.plotting.motion import trajectory
+from impactlab.plotting.style import style
+
+Panel = Callable[[xr.Dataset, Axes], object]
+"""Draws something of a result."""
+
+_STATISTICS = (
+    "mean_square_displacement", "mean_square_velocity", "contact_ratio", "contact_rate", "mean_contact_force",
+    "peak_contact_force",
+)  # fmt: skip
+_PROFILES = ("mean_square_displacement", "contact_ratio")
+
+_QUANTITIES = ("displacement", "velocity", "contact_force")
+_NAMED = 6
+"""Bodies or contacts of which there are lines."""
+
+_WIDTH, _HEIGHT = 4.8, 3.2  # of a panel, in inches
+
+
+@style()
+def overview(result: xr.Dataset) -> Figure:
+    """Draw what a result holds: its network, statistics, and what records kept of one simulation; or a sweep.
+
+    Parameters
+    ----------
+    result : Dataset
+        What `simulate` or `sweep` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InvalidInput
+        If it holds nothing of the kind.
+    """
+    panels = list(_panels(result))
+    if not panels:
+        raise InvalidInput("The result holds nothing that can be drawn: it is none of il.simulate or il.sweep.")
+    drawn = _network_of(result)
+    above, columns = int(drawn is not None), min(2, len(panels))
+    rows = above + math.ceil(len(panels) / columns)
+    figure = Figure(figsize=(_WIDTH * columns, _HEIGHT * rows))
+    grid = figure.add_gridspec(rows, columns)
+    if drawn is not None:
+        network(drawn, ax=figure.add_subplot(grid[0, :]))
+    for index, panel in enumerate(panels):
+        panel(result, figure.add_subplot(grid[above + index // columns, index % columns]))
+    return figure
+
+
+def _panels(result: xr.Dataset) -> Iterator[Panel]:
+    """Give what draws each part of a result."""
+    statistics = [name for name in _STATISTICS if name in result and result[name].size]
+    if any(set(result[name].dims) - set(LABELS) for name in statistics):  # a sweep
+        for name in statistics:
+            yield partial(_sweep, name)
+        return
+    for name in statistics:
+        if name in _PROFILES:
+            yield partial(_profile, name)
+    for draw, form in ((density, "density_{}"), (joint_density, "joint_density"), (spectrum, "spectrum_{}")):
+        for quantity in _QUANTITIES if "{}" in form else ("",):
+            if form.format(quantity) in result:
+                yield partial(_record, draw, form.format(quantity), quantity)
+    if "window_peak_force" in result:
+        yield partial(_record, peaks, "window_peak_force", "")
+    for quantity in ("displacement", "contact_force"):
+        if quantity in result:
+            yield partial(_record, trajectory, quantity, quantity)
+
+
+def _sweep(name: str, result: xr.Dataset, ax: Axes) -> None:
+    sweep(result, name, ax=ax)
+
+
+def _profile(name: str, result: xr.Dataset, ax: Axes) -> None:
+    profile(result, name, ax=ax)
+
+
+def _record(draw: Callable[..., Axes], variable: str, quantity: str, result: xr.Dataset, ax: Axes) -> None:
+    """Draw what a record kept, of the first bodies or contacts."""
+    options = {"quantity": quantity} if quantity else {}
+    if draw is joint_density:
+        draw(result, ax=ax)
+    else:
+        draw(result, [name for name, _ in islice(rows(result[variable]), _NAMED)], **options, ax=ax)
+
+
+def _network_of(result: xr.Dataset) -> impactlab.Network | None:
+    """Return the network of one simulation, if its classes are known."""
+    try:
+        return impactlab.Network.from_dict(configuration(result)["network"])
+    except (LookupError, InvalidInput):
+        return None
+
+
+def draw_file(result: xr.Dataset, path: str) -> None:
+    """Draw what a result holds into a file, of the kind that the end of its name tells."""
+    figure = overview(result)
+    known = figure.canvas.get_supported_filetypes()
+    if path.rpartition(".")[2].lower() not in known:
+        raise InvalidInput(f"{path} must end in .svg, .pdf, .png or another of {', '.join(sorted(known))}.")
+    with style():
+        figure.savefig(path)
