@@ -149,6 +149,7 @@ def _import(module: str) -> None:
 
 def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
     """Give rows of text with the statistics: name, label, value with standard error, units."""
+    from impactlab.results.measured import measured_text
     from impactlab.results.schema import STATISTICS
 
     for name in STATISTICS:
@@ -163,15 +164,3 @@ def _statistics(result: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
             yield name, label, measured_text(values.values[index].item(), error), "" if units == "1" else units
         if len(labels) > _SHOWN:
             yield name, f"… {len(labels) - _SHOWN} more", "", ""
-
-
-def measured_text(value: float, error: float) -> str:
-    """Return a value to two digits of its standard error, with it; with a power of 10 where they are small or large."""
-    if not (math.isfinite(value) and 0.0 < error < math.inf):
-        return f"{value:.6g}"
-    power = math.floor(math.log10(max(abs(value), error)))
-    power = power if power < -3 or power > 5 else 0
-    value, error = value / 10.0**power, error / 10.0**power
-    digits = max(0, 1 - math.floor(math.log10(error)))
-    text = f"{value:.{digits}f} ± {error:.{digits}f}"
-    return f"({text})e{power}" if power else text

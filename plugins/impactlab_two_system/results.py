@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from impactlab.results.measured import measured_text
+
 if TYPE_CHECKING:
     from impactlab_two_system.study import TwoSystemStudy
 
@@ -61,13 +63,12 @@ class Measured:
         return self.value < -SURE * self.error
 
     def __format__(self, style: str) -> str:
-        """Show the value to two digits of its error; style "%" shows both in percent."""
-        value, error = (100.0 * self.value, 100.0 * self.error) if style == "%" else (self.value, self.error)
-        unit = " %" if style == "%" else ""
-        if not error > 0.0:
-            return f"{value:.4g}{unit}"
-        digits = max(0, 1 - math.floor(math.log10(error)))
-        return f"{value:.{digits}f} ± {error:.{digits}f}{unit}"
+        """Show the value to the digits that its error leaves; style "%" shows both in percent."""
+        return (
+            f"{measured_text(100.0 * self.value, 100.0 * self.error)} %"
+            if style == "%"
+            else measured_text(self.value, self.error)
+        )
 
 
 @dataclass(frozen=True, eq=False)

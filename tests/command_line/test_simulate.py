@@ -9,8 +9,8 @@ import xarray as xr
 
 import impactlab as il
 from impactlab.command_line.main import main
-from impactlab.command_line.network_commands import measured_text
 from impactlab.command_line.output import DONE, USAGE
+from impactlab.results.measured import measured_text
 
 NETWORK = il.chain(
     2, il.LinearOscillator(stiffness=1.0, damping=1.0), il.HertzContact(10.0), excitation=il.WhiteNoise(1.0)
@@ -111,19 +111,3 @@ def test_what_is_wrong_in_a_file(old, new, message, capsys):
 def test_what_is_wrong_beside_the_file(arguments, capsys):
     assert main(["simulate", "net.toml", *arguments]) == USAGE
     assert "line" not in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (0.123456, 0.00123, "0.1235 ± 0.0012"),
-        (12345.6, 78.9, "12346 ± 79"),
-        (-3.21e-7, 1.5e-8, "(-3.21 ± 0.15)e-7"),
-        (4.56e9, 2e7, "(4.560 ± 0.020)e9"),
-        (0.0, 0.5, "0.00 ± 0.50"),
-        (2.5, 0.0, "2.5"),
-        (2.5, float("nan"), "2.5"),
-    ],
-)
-def test_values_are_shown_to_two_digits_of_their_errors(value, error, text):
-    assert measured_text(value, error) == text

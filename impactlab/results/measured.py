@@ -1,0 +1,27 @@
+"""Values with their standard errors as text, to the digits that mean something."""
+
+from __future__ import annotations
+
+import math
+
+LOST = 0.1
+"""Part of an error that rounding may change: errors themselves are hardly known better."""
+
+
+def measured_text(value: float, error: float) -> str:
+    """Return a value with its standard error, to as few digits as leave the error as it is within a tenth.
+
+    That are one or two digits of the error, such as ``0.0497 ± 0.0001`` and ``0.0497 ± 0.00014``; with a power of 10
+    where both are small or large. A value without error has four digits.
+    """
+    if not (math.isfinite(value) and 0.0 < error < math.inf):
+        return f"{value:.4g}"
+    power = math.floor(math.log10(max(abs(value), error)))
+    power = power if not -4 < power < 6 else 0
+    value, error = value / 10.0**power, error / 10.0**power
+    short = float(f"{error:.0e}")
+    shown = short if abs(short - error) <= LOST * error else float(f"{error:.1e}")
+    digits = 1 - math.floor(math.log10(shown)) - (shown == short)
+    places = max(0, digits)
+    text = f"{round(value, digits):.{places}f} ± {shown:.{places}f}"
+    return f"({text})e{power}" if power else text
