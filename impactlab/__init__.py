@@ -72,6 +72,7 @@ _HOME = {
     "records.trajectory": ["PerRealization", "Trajectory"],
     "simulation.simulate": ["simulate"],
     "sweeps.sweep": ["sweep"],
+    "sweeps.citation": ["citation"],
     "sweeps.rerun": ["network_of", "rerun"],
     "reference.compare": ["compare"],
     "reference.reference": ["ExactReference", "exact"],

@@ -66,11 +66,15 @@ class Component:
     kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Kernels of the family: name to kinematic arguments, in order."""
 
+    citation: ClassVar[str] = ""
+    """What to cite where the class is used, an entry of BibTeX; not inherited."""
+
     required: ClassVar[tuple[str, ...]] = ()
     """Names of what a class must define; one without is abstract."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
+        cls.citation = cls.__dict__.get("citation", "")
         make_first_field_positional(cls)
         dataclasses.dataclass(frozen=True, kw_only=True, repr=False)(cls)
         for name, kinematic in cls.kernels.items():
@@ -130,7 +134,7 @@ class Component:
     def to_dict(self) -> dict[str, Any]:
         """Return the class name, with its module where several have one of that name, and the fields as plain data."""
         cls = type(self)
-        alone = len(_classes(cls.__name__)) == 1
+        alone = len(classes_named(cls.__name__)) == 1
         fields = {name: _plain(getattr(self, name)) for name in self.field_names()}
         return {"type": cls.__name__ if alone else f"{cls.__module__}.{cls.__name__}", **fields}
 
@@ -152,7 +156,7 @@ class Component:
             raise InvalidInput(f"A {cls.__name__} is stored as a mapping, not {reprlib.repr(data)}.")
         fields = {str(key): value for key, value in data.items()}
         module, _, name = str(fields.pop("type", cls.__name__)).rpartition(".")
-        found = [item for place, item in _classes(name).items() if module in ("", place)]
+        found = [item for place, item in classes_named(name).items() if module in ("", place)]
         if not found:
             near = difflib.get_close_matches(name, {*_REGISTRY, *dir(impactlab), *offered_names()}, n=1)
             advice = f"did you mean {near[0]!r}?" if near else "import the module that defines it first."
@@ -230,7 +234,7 @@ class Component:
         return np.broadcast_to(result, shape)
 
 
-def _classes(name: str) -> dict[str, type[Component]]:
+def classes_named(name: str) -> dict[str, type[Component]]:
     """Return the classes of a name by their modules, also the bundled one whose module nobody has needed yet."""
     if name in dir(impactlab):
         getattr(impactlab, name)

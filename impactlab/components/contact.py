@@ -11,6 +11,7 @@ import numpy as np
 from impactlab.components.component import Component, finite, positive, take_part
 from impactlab.components.evaluation import call_each
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
@@ -130,6 +131,10 @@ class HertzContact(ContactLaw):
     stiffness : float
         Contact stiffness η (N m-3/2).
     """
+
+    citation = article(
+        "Hertz, H.", "Ueber die Beruehrung fester elastischer Koerper", "J. reine angew. Math.", 92, 1882, "156"
+    )
 
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 from impactlab.components.component import finite, positive
 from impactlab.components.contact import ContactLaw
 from impactlab.components.fields import parameter, state
+from impactlab.components.literature import article
 
 
 def _pushing(force: float, tension: bool) -> float:
@@ -63,6 +64,12 @@ class KelvinVoigtContact(_DashpotContact):
         Whether the force may pull.
     """
 
+    citation = article(
+        "Anagnostopoulos, S. A.",
+        "Pounding of buildings in series during earthquakes",
+        "Earthq. Eng. Struct. Dyn.", 16, 1988, "443",
+    )  # fmt: skip
+
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     damping: float = parameter(units="N s m-1", minimum=0.0)
     tension: bool = parameter(False)
@@ -89,6 +96,12 @@ class TsujiContact(_DashpotContact):
         Whether the force may pull; without tension it is at least 0.
     """
 
+    citation = article(
+        "Tsuji, Y. and Tanaka, T. and Ishida, T.",
+        "Lagrangian numerical simulation of plug flow of cohesionless particles in a horizontal pipe",
+        "Powder Technol.", 71, 1992, "239",
+    )  # fmt: skip
+
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
     damping: float = parameter(units="N s m-5/4", minimum=0.0)
     tension: bool = parameter(False)
@@ -113,6 +126,12 @@ class JankowskiContact(_DashpotContact):
     damping : float
         Coefficient of the dashpot (N s m-5/4).
     """
+
+    citation = article(
+        "Jankowski, R.",
+        "Non-linear viscoelastic modelling of earthquake-induced structural pounding",
+        "Earthq. Eng. Struct. Dyn.", 34, 2005, "595",
+    )  # fmt: skip
 
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
     damping: float = parameter(units="N s m-5/4", minimum=0.0)
@@ -139,6 +158,12 @@ class HuntCrossleyContact(ContactLaw):
     exponent : float
         Exponent p, more than 0 and at most 20.
     """
+
+    citation = article(
+        "Hunt, K. H. and Crossley, F. R. E.",
+        "Coefficient of restitution interpreted as damping in vibroimpact",
+        "J. Appl. Mech.", 42, 1975, "440",
+    )  # fmt: skip
 
     stiffness: float = parameter(units="N", minimum=0.0)
     dissipation: float = parameter(units="s m-1", minimum=0.0)
@@ -200,6 +225,12 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
 
+    citation = article(
+        "Lankarani, H. M. and Nikravesh, P. E.",
+        "A contact force model with hysteresis damping for impact analysis of multibody systems",
+        "J. Mech. Des.", 112, 1990, "369",
+    )  # fmt: skip
+
     @property
     def loss(self) -> float:
         """Damping at the closing velocity, as a part of the elastic force."""
@@ -213,6 +244,12 @@ class HertzdampContact(LankaraniNikraveshContact):
 
     S. Muthukumar and R. DesRoches, Earthq. Eng. Struct. Dyn. 35 (2006) 811.
     """
+
+    citation = article(
+        "Muthukumar, S. and DesRoches, R.",
+        "A Hertz contact model with non-linear damping for pounding simulation",
+        "Earthq. Eng. Struct. Dyn.", 35, 2006, "811",
+    )  # fmt: skip
 
 
 class FloresContact(_ClosingVelocityContact):
@@ -232,6 +269,12 @@ class FloresContact(_ClosingVelocityContact):
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
+
+    citation = article(
+        "Flores, P. and Machado, M. and Silva, M. T. and Martins, J. M.",
+        "On the continuous contact force models for soft materials in multibody dynamics",
+        "Multibody Syst. Dyn.", 25, 2011, "357",
+    )  # fmt: skip
 
     restitution: float = parameter(above=0.0, maximum=1.0)
 
@@ -262,6 +305,12 @@ class GonthierContact(_ClosingVelocityContact):
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
 
+    citation = article(
+        "Gonthier, Y. and McPhee, J. and Lange, C. and Piedboeuf, J.-C.",
+        "A regularized contact model with asymmetric damping and dwell-time dependent friction",
+        "Multibody Syst. Dyn.", 11, 2004, "209",
+    )  # fmt: skip
+
     restitution: float = parameter(above=0.0, maximum=1.0)
 
     @property
@@ -290,6 +339,12 @@ class CarvalhoMartinsContact(_ClosingVelocityContact):
     closing : float
         State: the closing velocity δ'₀ (m s-1), 0 while the contact is open.
     """
+
+    citation = article(
+        "Carvalho, A. S. and Martins, J. M.",
+        "Exact restitution and generalizations for the Hunt-Crossley contact model",
+        "Mech. Mach. Theory", 139, 2019, "174",
+    )  # fmt: skip
 
     @property
     def loss(self) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.components.component import Component, finite, take_part
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
@@ -103,6 +104,12 @@ class ShinozukaNoise(Excitation):
         Whether a run may be longer than ``1/Δf``, after which the series repeats
         itself (up to a modulation with f_a).
     """
+
+    citation = article(
+        "Shinozuka, M. and Jan, C.-M.",
+        "Digital simulation of random processes and its applications",
+        "J. Sound Vib.", 25, 1972, "111",
+    )  # fmt: skip
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     band: tuple[float, float] = parameter((0.0, 500.0), units="Hz", minimum=0.0)

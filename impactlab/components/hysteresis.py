@@ -6,6 +6,7 @@ import math
 
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.fields import parameter, state
+from impactlab.components.literature import article
 
 
 class MaxwellCoupling(CouplingLaw):
@@ -177,6 +178,10 @@ class BoucWenCoupling(CouplingLaw):
     last : float
         State: the extension (m); the start value is that at which z is `hysteretic` at the start.
     """
+
+    citation = article(
+        "Wen, Y.-K.", "Method for random vibration of hysteretic systems", "J. Eng. Mech. Div.", 102, 1976, "249"
+    )
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     yield_displacement: float = parameter(units="m", above=0.0)

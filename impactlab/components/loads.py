@@ -12,6 +12,7 @@ import numpy as np
 from impactlab.components.component import known_name
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -242,6 +243,12 @@ class ModulatedNoise(Excitation):
     InvalidInput
         If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
     """
+
+    citation = article(
+        "Priestley, M. B.",
+        "Evolutionary spectra and non-stationary processes",
+        "J. R. Stat. Soc. B", 27, 1965, "204",
+    )  # fmt: skip
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)

@@ -6,6 +6,7 @@ import math
 
 from impactlab.components.contact import ContactLaw
 from impactlab.components.fields import parameter, state
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 
 
@@ -42,6 +43,13 @@ class WaltonBraunContact(_DentedContact):
     InvalidInput
         If unloading is softer than loading, which would give energy to the bodies.
     """
+
+    citation = article(
+        "Walton, O. R. and Braun, R. L.",
+        "Viscosity, granular-temperature, and stress calculations for shearing assemblies of inelastic, "
+        "frictional disks",
+        "J. Rheol.", 30, 1986, "949",
+    )  # fmt: skip
 
     loading: float = parameter(units="N m-1", minimum=0.0, kw_only=False)
     unloading: float = parameter(units="N m-1", minimum=0.0)
@@ -80,6 +88,12 @@ class ThorntonContact(_DentedContact):
         State: the largest indentation δ_max since the contact has closed (m).
     """
 
+    citation = article(
+        "Thornton, C.",
+        "Coefficient of restitution for collinear collisions of elastic-perfectly plastic spheres",
+        "J. Appl. Mech.", 64, 1997, "383",
+    )  # fmt: skip
+
     stiffness: float = parameter(units="N m-3/2", above=0.0, kw_only=False)
     yield_indentation: float = parameter(units="m", above=0.0)
 
@@ -109,6 +123,12 @@ class AdhesiveContact(ContactLaw):
     pull_off : float
         Force of adhesion (N).
     """
+
+    citation = article(
+        "Derjaguin, B. V. and Muller, V. M. and Toporov, Y. P.",
+        "Effect of contact deformations on the adhesion of particles",
+        "J. Colloid Interface Sci.", 53, 1975, "314",
+    )  # fmt: skip
 
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
     pull_off: float = parameter(units="N", minimum=0.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
@@ -128,6 +129,12 @@ class ExactFlow(Integrator):
         certified or a larger one is given (default); see `impactlab.simulation.measured_step`. Else a run takes the
         step as it is.
     """
+
+    citation = article(
+        "Takahashi, M. and Imada, M.",
+        "Monte Carlo calculation of quantum systems. II. Higher order correction",
+        "J. Phys. Soc. Jpn.", 53, 1984, "3765",
+    )  # fmt: skip
 
     jumps: bool = parameter(True)
     measured: bool = parameter(True)

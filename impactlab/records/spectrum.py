@@ -10,6 +10,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan
@@ -55,6 +56,13 @@ class Spectrum(Record):
         Time between samples (s); by default 1/2ω of the fastest body for displacements and 1/8ω for velocities, but
         where forces kick at least one step, and one step for contact forces.
     """
+
+    citation = article(
+        "Welch, P. D.",
+        "The use of fast Fourier transform for the estimation of power spectra: a method based on time averaging "
+        "over short, modified periodograms",
+        "IEEE Trans. Audio Electroacoust.", 15, 1967, "70",
+    )  # fmt: skip
 
     quantity: str = parameter("displacement")
     labels: tuple[str, ...] | None = parameter(None, kw_only=True)

@@ -13,6 +13,7 @@ import numpy as np
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.contact import RigidContact
+from impactlab.components.literature import entries, in_one_line
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
@@ -71,7 +72,8 @@ class ExactReference(Densities):
         dataset = statistics(list(oscillators), list(contacts), moments.values(), points=list(self.network.points))
         configuration = {"network": self.network.to_dict()}
         return dataset.assign_attrs(
-            provenance("exact stationary statistics", configuration), laws=self._laws.described()
+            provenance("exact stationary statistics", configuration, in_one_line(entries(configuration))),
+            laws=self._laws.described(),
         )
 
     def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray:

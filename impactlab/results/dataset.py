@@ -29,8 +29,8 @@ FULL = 1_000_000
 """Free space (bytes) below which a disk counts as full when a file could not be written."""
 
 
-def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
-    """Return the global attributes that say what a dataset is and how to make it again.
+def provenance(title: str, configuration: Mapping[str, Any], references: str) -> dict[str, str]:
+    """Return the global attributes that say what a dataset is, how to make it again, and what it rests on.
 
     The configuration, plain data, is stored as one JSON attribute.
     """
@@ -40,7 +40,7 @@ def provenance(title: str, configuration: Mapping[str, Any]) -> dict[str, str]:
         "title": title,
         "source": f"impactlab {impactlab.__version__}",
         "history": f"{now} made by impactlab {impactlab.__version__}",
-        "references": "https://doi.org/10.61186/engt.4.1.2868",
+        "references": references,
         CONFIGURATION: json.dumps(configuration),
     }
 

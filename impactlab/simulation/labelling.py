@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from impactlab.components.literature import entries, in_one_line
 from impactlab.plan.plan import Plan
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
@@ -49,7 +50,9 @@ def dataset_of(
 def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
     """Return what is said of the whole run."""
     attributes: dict[str, Any] = {
-        **provenance("Statistics of a network of oscillators with contacts", configuration),
+        **provenance(
+            "Statistics of a network of oscillators with contacts", configuration, in_one_line(entries(configuration))
+        ),
         "integrator": configuration["simulate"]["integrator"]["type"],
         "step": plan.clock.step,
         "duration": plan.clock.duration,

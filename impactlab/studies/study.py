@@ -174,10 +174,12 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
     """Return the result of a study from its tree, with attributes, claims and checks, and the folder it is kept in."""
     import xarray as xr
 
+    from impactlab.components.literature import entries, in_one_line
     from impactlab.results.dataset import provenance
 
     tree = tree.copy()
-    attributes = provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}})
+    references = in_one_line(entries({"type": type(study).__name__}))
+    attributes = provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}}, references)
     if "history" in tree.attrs:  # the tree of an earlier run, judged again
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)

@@ -11,6 +11,7 @@ from typing import Any
 import xarray as xr
 
 import impactlab
+from impactlab.components.literature import entries, in_one_line
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.progress import reporter
@@ -51,7 +52,8 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        of_all = provenance(title, {"sweep": names})
+        made = [json.loads(item.attrs[CONFIGURATION]) for item in outcomes.values() if isinstance(item, xr.Dataset)]
+        of_all = provenance(title, {"sweep": names}, in_one_line(entries(made)))
         results = [
             outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
             for point in self.points

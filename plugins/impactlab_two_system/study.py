@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Self
 
 import impactlab as il
 from impactlab.components.component import suggestion
+from impactlab.components.literature import article
 from impactlab.studies import FolderStudy, Item, SweepItem
 
 ONE_SIDED = {"consistent": 4.0 * math.pi, "equation 14": 1.0, "equation 16": math.pi}
@@ -31,6 +32,12 @@ class TwoSystemStudy(FolderStudy):
     rest). Both take records of the same length, so that the scatter of one record is
     known from the ensemble.
     """
+
+    citation = article(
+        "Luo, Y. and Yan, J. and Zhang, D.",
+        "Stochastic response analysis of two vibration systems with impact interactions",
+        "ENG Transactions", 4, 2023, "2868", "10.61186/engt.4.1.2868",
+    )  # fmt: skip
 
     name: ClassVar[str] = "two-system"
     title: ClassVar[str] = "Two colliding oscillators under random excitation (Luo, Yan and Zhang 2023)"

@@ -42,7 +42,9 @@ def result(network):
 def made_by_hand():
     """A small dataset with values of its own."""
     values = {"mean_displacement": np.array([1.5, 2.5]), "contact_ratio": np.array([0.25])}
-    return statistics(["a", "b"], ["c"], values, {"contact_ratio": np.array([0.01])}, **provenance("Test", {}))
+    return statistics(
+        ["a", "b"], ["c"], values, {"contact_ratio": np.array([0.01])}, **provenance("Test", {}, "A. Body")
+    )
 
 
 # Labels and attributes

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
+from impactlab.components.literature import entries, in_one_line
 from impactlab.reference.densities import QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator
@@ -58,7 +59,8 @@ class FokkerPlanckReference(Densities):
             attrs = {"units": error.attrs["units"], "long_name": f"numerical error of {error.attrs['long_name']}"}
             dataset[f"{name}_error"] = error.dims, error.values, attrs
         configuration = {"network": self.network.to_dict(), "basis": self.basis}
-        return dataset.assign_attrs(provenance("stationary statistics from the Fokker-Planck equation", configuration))
+        title = "stationary statistics from the Fokker-Planck equation"
+        return dataset.assign_attrs(provenance(title, configuration, in_one_line(entries(configuration))))
 
     @property
     def basis(self) -> dict[str, float]:
