@@ -1,13 +1,10 @@
-"""References of components: entries of BibTeX, found by the classes that plain data name."""
+"""Entries of BibTeX."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Any
 
 import impactlab
-from impactlab.components.component import classes_named
 
 
 def article(author: str, title: str, journal: str, volume: int, year: int, pages: str, doi: str = "") -> str:
@@ -22,25 +19,6 @@ def software() -> str:
     """Return the entry of impactlab."""
     version = impactlab.__version__
     return f"@software{{impactlab,\n  title = {{impactlab}},\n  version = {{{version}}},\n}}"
-
-
-def entries(data: Any) -> list[str]:
-    """Return the entries of BibTeX of impactlab and of the classes that plain data name, each once."""
-    return list(dict.fromkeys([software(), *_named_in(data)]))
-
-
-def _named_in(data: Any) -> Iterator[str]:
-    if isinstance(data, Mapping):
-        name = data.get("type")
-        if isinstance(name, str):
-            module, _, last = name.rpartition(".")
-            found = [item for place, item in classes_named(last).items() if module in ("", place)]
-            yield from (item.citation for item in found[:1] if item.citation)
-        for value in data.values():
-            yield from _named_in(value)
-    elif isinstance(data, list | tuple):
-        for value in data:
-            yield from _named_in(value)
 
 
 def in_one_line(found: list[str]) -> str:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from impactlab.components.citations import entries
 from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.contact import RigidContact
-from impactlab.components.literature import entries, in_one_line
+from impactlab.components.literature import in_one_line
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves

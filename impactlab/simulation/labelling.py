@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from impactlab.components.literature import entries, in_one_line
+from impactlab.components.citations import entries
+from impactlab.components.literature import in_one_line
 from impactlab.plan.plan import Plan
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance

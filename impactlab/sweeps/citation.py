@@ -7,7 +7,7 @@ import os
 import xarray as xr
 
 import impactlab
-from impactlab.components.literature import entries
+from impactlab.components.citations import entries
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 
 

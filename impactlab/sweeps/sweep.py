@@ -11,7 +11,8 @@ from typing import Any
 import xarray as xr
 
 import impactlab
-from impactlab.components.literature import entries, in_one_line
+from impactlab.components.citations import entries
+from impactlab.components.literature import in_one_line
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.progress import reporter
