@@ -33,6 +33,14 @@ _HOME = {
         "backlash",
     ],
     "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],
+    "components.coloured": [
+        "BandPassNoise",
+        "CloughPenzien",
+        "FilteredNoise",
+        "KanaiTajimi",
+        "Modulated",
+        "OrnsteinUhlenbeckNoise",
+    ],
     "components.loads": ["Chirp", "ConstantForce", "Harmonic", "ModulatedNoise", "Pulse", "SampledForce"],
     "components.dissipative": [
         "CarvalhoMartinsContact",

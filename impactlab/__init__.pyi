@@ -2,6 +2,12 @@
 
 from impactlab import plot as plot
 from impactlab.components.beams import beam as beam
+from impactlab.components.coloured import BandPassNoise as BandPassNoise
+from impactlab.components.coloured import CloughPenzien as CloughPenzien
+from impactlab.components.coloured import FilteredNoise as FilteredNoise
+from impactlab.components.coloured import KanaiTajimi as KanaiTajimi
+from impactlab.components.coloured import Modulated as Modulated
+from impactlab.components.coloured import OrnsteinUhlenbeckNoise as OrnsteinUhlenbeckNoise
 from impactlab.components.component import Component as Component
 from impactlab.components.contact import Contact as Contact
 from impactlab.components.contact import ContactLaw as ContactLaw

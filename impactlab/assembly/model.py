@@ -42,7 +42,8 @@ class Model:
     coupled: Links  # the same of the couplings; their extension is the negative of it
     coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
     flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
-    sources: dict[str, Sources]  # white noises ("intensity"), given forces ("force") and sums of cosines ("lines")
+    sources: dict[str, Sources]
+    """White noises ("intensity"), given forces ("force"), sums of cosines ("lines") and filtered noises ("filter")."""
     members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
@@ -107,6 +108,16 @@ class Model:
         return self.sources["lines"].bodies
 
     @cached_property
+    def coloured(self) -> tuple[int, ...]:
+        """Slots of the bodies under filtered white noise."""
+        return self.sources["filter"].bodies
+
+    @property
+    def modulated(self) -> bool:
+        """Whether a filtered white noise has an envelope that depends on time."""
+        return any(item.has_kernel("modulation") for item in self.sources["filter"].excitations)
+
+    @cached_property
     def forced(self) -> tuple[int, ...]:
         """Slots of the bodies under a given force."""
         return self.sources["force"].bodies
@@ -120,7 +131,7 @@ class Model:
     def excited(self) -> np.ndarray:
         """Whether each body has an excitation, (body,) of bool."""
         result = np.zeros(len(self.bodies), dtype=bool)
-        result[[*self.white, *self.lines, *self.forced]] = True
+        result[[*self.white, *self.lines, *self.coloured, *self.forced]] = True
         return result
 
     @property
@@ -218,8 +229,8 @@ class Model:
 
     @property
     def varying(self) -> bool:
-        """Whether anything varies in time but by white noise: sums of cosines, given forces, intensities or laws."""
-        return bool(self.lines or self.forced or self.time_varying or self.timed.any())
+        """Whether anything varies in time but by white noise: other noises, given forces, intensities or laws."""
+        return bool(self.lines or self.coloured or self.forced or self.time_varying or self.timed.any())
 
     @cached_property
     def timed_contacts(self) -> np.ndarray:
@@ -292,7 +303,7 @@ class Model:
     def random(self) -> np.ndarray:
         """Whether a noise acts on the connected part of each body, (body,) of bool."""
         noisy = self.reference_intensities() > 0.0
-        noisy[list(self.lines)] = True
+        noisy[[*self.lines, *self.coloured]] = True
         labels = self.connected()
         return np.isin(labels, labels[noisy])
 

@@ -42,7 +42,7 @@ class Sources:
 
     @classmethod
     def of(cls, given: Mapping[str, Excitation | Source], slots: Mapping[str, int], kind: str) -> Sources:
-        """Return those of one kind, "intensity", "force" or "lines", for bodies of some slots."""
+        """Return those of one of the `KINDS` of excitations, for bodies of some slots."""
         bodies = {name: given[name] for name in slots if name in given}
         own = {name: item for name, item in bodies.items() if isinstance(item, Excitation) and item.kind == kind}
         sources = {name: item for name, item in given.items() if isinstance(item, Source)}

@@ -15,26 +15,34 @@ from impactlab.components.literature import article
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
-KINDS = ("intensity", "force", "lines")
-"""What an excitation may define: one of white noise, a given force and a sum of cosines."""
+KINDS = ("intensity", "force", "lines", "filter")
+"""What an excitation may define: one of white noise, a given force, a sum of cosines and filtered white noise."""
 
 
 class Excitation(Component):
-    """A force on a body, defined by exactly one of three things.
+    """A force on a body, defined by exactly one of four things.
 
     - the kernel ``intensity(time, ...)``: white noise, its two-sided spectral density
       over angular frequency (N2 s rad-1), which may vary in time;
     - the kernel ``force(time, ...)``: a given function of time (N);
     - the method ``lines(self)``: a sum of cosines with random phases, returned as
-      angular frequencies (rad s-1) and amplitudes (N).
+      angular frequencies (rad s-1) and amplitudes (N);
+    - the method ``filter(self)``: what a linear filter makes of white noise, returned as
+      the matrix A and the vectors b and c of ``z' = A z + b w``, ``f = c z`` (N), with
+      white noise w of the two-sided spectral density 1 over angular frequency, times
+      what the kernel ``modulation(time, ...)`` returns where there is one.
 
     The noises of two bodies are independent, also when they share one object; one noise on several bodies is a
     `Source`.
     """
 
-    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {"intensity": ("time",), "force": ("time",)}
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "intensity": ("time",),
+        "force": ("time",),
+        "modulation": ("time",),
+    }
     kind: ClassVar[str | None] = None
-    """Which of the three defines this class; None for an abstract one."""
+    """Which of the four defines this class; None for an abstract one."""
 
     required: ClassVar[tuple[str, ...]] = ("kind",)
 
@@ -57,6 +65,16 @@ class Excitation(Component):
     def known_until(self) -> float:
         """Time up to which the force is known; a longer run is refused (s)."""
         return math.inf
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether a filter is at rest where a run begins."""
+        return False
+
+    @property
+    def largest_modulation(self) -> float:
+        """Largest size of what the kernel ``modulation`` returns, for which a step is chosen."""
+        return 1.0
 
     @property
     def acts_between(self) -> tuple[float, float]:
@@ -82,7 +100,7 @@ class WhiteNoise(Excitation):
     @classmethod
     def from_one_sided(cls, per_hertz: float) -> Self:
         """Make white noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
-        return cls(spectral_density=_two_sided(cls, per_hertz))
+        return cls(spectral_density=two_sided(cls, per_hertz))
 
 
 class ShinozukaNoise(Excitation):
@@ -129,7 +147,7 @@ class ShinozukaNoise(Excitation):
     @classmethod
     def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
         """Make bounded noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
-        return cls(spectral_density=_two_sided(cls, per_hertz), **fields)
+        return cls(spectral_density=two_sided(cls, per_hertz), **fields)
 
     @property
     def spacing(self) -> float:
@@ -227,5 +245,6 @@ class BaseMotion(Component):
         super().__post_init__()
 
 
-def _two_sided(cls: type, per_hertz: float) -> float:
+def two_sided(cls: type, per_hertz: float) -> float:
+    """Return the two-sided density over angular frequency that a class makes of a one-sided one over frequency."""
     return finite(f"{cls.__name__}.from_one_sided: per_hertz", per_hertz) / (4.0 * math.pi)

@@ -24,7 +24,7 @@ _SHAPES = {"rectangle": 0, "half-sine": 1, "versed-sine": 2}
 _AFTER = "error", "zero", "repeat"
 """What may follow the last sample."""
 
-_SHOWN = 6
+SAMPLES_SHOWN = 6
 """Samples up to which all are printed."""
 
 
@@ -174,7 +174,7 @@ class SampledForce(Excitation):
     after: str = parameter("error")
 
     def __post_init__(self) -> None:
-        _take_samples(self, "values")
+        take_samples(self, "values")
         super().__post_init__()
         known_name("value of SampledForce.after", self.after, _AFTER)
 
@@ -201,7 +201,7 @@ class SampledForce(Excitation):
         return cls(times.values, record.values, **fields)
 
     def __repr__(self) -> str:
-        return super().__repr__() if len(self.times) <= _SHOWN else _shown(self)
+        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else shown_samples(self)
 
     @property
     def known_until(self) -> float:
@@ -220,7 +220,7 @@ class SampledForce(Excitation):
     def force(time, times, values, scale, repeats):  # type: ignore[no-untyped-def]
         if repeats:
             time = times[0] + (time - times[0]) % (times[-1] - times[0])
-        return scale * _between(time, times, values)
+        return scale * between(time, times, values)
 
 
 class ModulatedNoise(Excitation):
@@ -255,11 +255,11 @@ class ModulatedNoise(Excitation):
     envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
 
     def __post_init__(self) -> None:
-        _take_samples(self, "envelope")
+        take_samples(self, "envelope")
         super().__post_init__()
 
     def __repr__(self) -> str:
-        return super().__repr__() if len(self.times) <= _SHOWN else _shown(self)
+        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else shown_samples(self)
 
     @property
     def acts_between(self) -> tuple[float, float]:
@@ -267,10 +267,10 @@ class ModulatedNoise(Excitation):
 
     @staticmethod
     def intensity(time, spectral_density, times, envelope):  # type: ignore[no-untyped-def]
-        return spectral_density * _between(time, times, envelope) ** 2
+        return spectral_density * between(time, times, envelope) ** 2
 
 
-def _between(time: float, times: Sequence[float], values: Sequence[float]) -> float:
+def between(time: float, times: Sequence[float], values: Sequence[float]) -> float:
     """Return what is linear between samples, and 0 elsewhere.
 
     Samples at equal distances are found where they must be, others by bisection.
@@ -289,7 +289,7 @@ def _between(time: float, times: Sequence[float], values: Sequence[float]) -> fl
     return (1.0 - share) * values[low] + share * values[high]
 
 
-def _take_samples(owner: Any, name: str) -> None:
+def take_samples(owner: Any, name: str) -> None:
     """Make tuples of the times of a component and of the values of some name, or refuse them."""
     kind = type(owner).__name__
     times, values = (_samples(f"{kind}.{field}", getattr(owner, field)) for field in ("times", name))
@@ -307,7 +307,8 @@ def _take_samples(owner: Any, name: str) -> None:
     object.__setattr__(owner, name, tuple(values.tolist()))
 
 
-def _shown(owner: Any) -> str:
+def shown_samples(owner: Any) -> str:
+    """Say what a component of many samples is."""
     times = owner.times
     return f"{type(owner).__name__} of {len(times)} samples from {times[0]:g} to {times[-1]:g} s"
 

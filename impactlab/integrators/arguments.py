@@ -28,12 +28,48 @@ class Noise(NamedTuple):
     distinct: np.ndarray  # (4, stream, lane) normals of the streams, nothing where each row has its own
 
 
+class Sparse(NamedTuple):
+    """A matrix without its zeros, row by row."""
+
+    begin: np.ndarray  # (row + 1,) where the entries of each row begin
+    columns: np.ndarray  # (entry,)
+    values: np.ndarray  # (entry,)
+
+
+class Filters(NamedTuple):
+    """Filters of noise and what they move; see `impactlab.linear.coloured.FilteredSteps`."""
+
+    motion: Sparse  # states, then responses, by states
+    noise: Sparse  # the same by normal numbers
+    flow: Sparse  # of the responses
+    output: Sparse  # forces by states, where methods take these
+    pairs: np.ndarray  # (response, 3) rows of both parts of each response, -1 for none, and which envelope it has or -1
+    envelopes: np.ndarray  # (output,) which envelope each force has, -1 for none
+    streams: np.ndarray  # (3, normal) addresses of the normal numbers
+    finer: int  # how many samples of the noise there are in one that is taken
+
+
+class Coloured(NamedTuple):
+    """Filtered white noises on some bodies, which go from sample to sample as the loop does."""
+
+    function: int  # address of `impactlab.kernels.coloured.bring_coloured`; 0 where there are none
+    filters: Filters
+    realizations: np.ndarray  # (lane,) indices
+    factors: np.ndarray  # (sample, 3, envelope) value at a sample; mean, and growth in half a sample from there on
+    first: int  # number of the first of these samples
+    place: np.ndarray  # (2,) numbers of the samples of the last two of `kept`
+    kept: np.ndarray  # [3, state, lane] states at the start, and where the last samples that were taken begin and end
+    work: np.ndarray  # [3, row, lane]
+    normals: np.ndarray  # (4, normal, lane) single precision
+
+
 class Series(NamedTuple):
-    """Sums of cosines on some bodies, sampled in time."""
+    """Sums of cosines and filtered noises on some bodies, sampled in time."""
 
     bodies: np.ndarray  # (row,) slots
-    samples: np.ndarray  # (lane, row or 2 row, time): the force, or the response x and v
+    samples: np.ndarray  # (lane, row or 2 row, time): the force, or the response x and v, of sums of cosines
     near: np.ndarray  # (NEAR + 1, row or 2 row, lane): those of the next times, lanes side by side
+    coloured: Coloured  # the rows after those of sums of cosines
 
 
 class Forced(NamedTuple):
@@ -255,7 +291,12 @@ class _Types:
         self.noise = named(
             Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, normals, slots, normals
         )
-        self.series = named(Series, slots, cube, blocks)
+        sparse = named(Sparse, slots, slots, numbers)
+        filters = named(Filters, *[sparse] * 4, pairs, slots, array(2, u8), i8)
+        self.coloured = named(
+            Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals
+        )
+        self.series = named(Series, slots, cube, blocks, self.coloured)
         self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)

@@ -23,7 +23,7 @@ class Integrator(Component):
     """Order of convergence of paths under smooth forces."""
 
     handles: ClassVar[tuple[str, ...]] = ()
-    """Kinds of excitation: "intensity" (white noise), "lines", "force"."""
+    """Kinds of excitation: "intensity" (white noise), "lines", "filter", "force"."""
 
     kicks: ClassVar[bool] = False
     """Whether forces act as kicks, which the processed statistics and the balances need."""

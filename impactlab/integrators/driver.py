@@ -13,6 +13,7 @@ from numba import i8, void
 
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
+from impactlab.kernels.coloured import bring_coloured
 from impactlab.kernels.impacts import collisions
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
@@ -45,6 +46,8 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.fill, own_noise, now // 4)
         if series.bodies.shape[0] and (index == 0 or sample == 0):
             call(functions.near, own_series, steps.samples * now - sample)
+            if series.coloured.function:
+                call(series.coloured.function, own_series, steps.samples * now - sample)
         set_accepted(tables, steps, now)
         set_elapsed(tables, steps, steps.step)
         step(functions.forces, tables, driven, state, history, steps, index)
@@ -96,6 +99,10 @@ def _fill(noise, group):  # type: ignore[no-untyped-def]
 
 def _near(series, first):  # type: ignore[no-untyped-def]
     bring_near(value_at(series), first)
+
+
+def _coloured(series, first):  # type: ignore[no-untyped-def]
+    bring_coloured(value_at(series), first)
 
 
 def _add(account, index):  # type: ignore[no-untyped-def]
@@ -153,6 +160,13 @@ def colliding(single: bool) -> Any:
     """Return the address of what lets rigid contacts collide, for blocks or for blocks of one lane."""
     types = OF_ONE if single else OF_LANES
     return part(void(pointer_to(types.flight), i8), _text(collisions, single))[1]
+
+
+@cache
+def filtering(single: bool) -> Any:
+    """Return the address of what brings filtered noises near, for blocks or for blocks of one lane."""
+    types = OF_ONE if single else OF_LANES
+    return part(void(pointer_to(types.series), i8), _text(_coloured, single))[1]
 
 
 def stepping(method: Function, accepting: Function, single: bool) -> Callable[..., None]:

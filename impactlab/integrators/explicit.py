@@ -36,7 +36,7 @@ class ExplicitIntegrator(Integrator):
     A subclass gives `order`, `nodes` and `weights`. White noise is held constant over a step.
     """
 
-    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "force")
+    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "filter", "force")
     blocks: ClassVar[int] = 3
     required: ClassVar[tuple[str, ...]] = ("order", "nodes", "weights")
 

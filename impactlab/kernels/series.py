@@ -154,7 +154,7 @@ def fill_spectrum(phases, lowest, samples, lines, spectrum):  # type: ignore[no-
 def bring_near(series, first):  # type: ignore[no-untyped-def]
     """Write samples first, first + 1, … of all lanes, which are periodic, to `series.near`."""
     near, samples = series.near, series.samples
-    for row in range(near.shape[1]):
+    for row in range(samples.shape[1]):
         done = 0
         while done < near.shape[0]:
             begin = (first + done) % samples.shape[2]

@@ -8,7 +8,9 @@ import numpy as np
 
 from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.assembly.model import Model, kept
+from impactlab.components.coloured import filter_of
 from impactlab.errors import InvalidInput
+from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.cosines import Lines, receptance_of
 from impactlab.linear.systems import LinearSystem
 
@@ -16,11 +18,16 @@ from impactlab.linear.systems import LinearSystem
 def linear_variances(model: Model) -> np.ndarray:
     """Return the linear mean squares of displacement and velocity without contacts, (2, body).
 
-    Under white noise ``πS/(ck)`` and ``πS/(mc)``, under lines the finite sum over them;
-    for bodies with linear couplings those of the coupled system. Infinite where there is
+    Under white noise ``πS/(ck)`` and ``πS/(mc)``, under lines the finite sum over them, under
+    coloured noise what Lyapunov's equation gives with the states of its filter; for bodies with linear couplings those of the coupled system. Infinite where there is
     no stationary law, 0 without excitation.
     """
-    return np.asarray(white_variances(model, model.initial_densities) + line_variances(model))
+    return np.asarray(white_variances(model, model.initial_densities) + other_variances(model))
+
+
+def other_variances(model: Model) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that noise makes that is not white, (2, body)."""
+    return np.asarray(line_variances(model) + coloured_variances(model))
 
 
 def white_variances(model: Model, densities: np.ndarray) -> np.ndarray:
@@ -50,8 +57,32 @@ def line_variances(model: Model) -> np.ndarray:
     return result
 
 
+@kept
+def coloured_variances(model: Model) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that coloured noises make, where their envelopes are largest."""
+    result = np.zeros((2, len(model.bodies)))
+    for motion in filtered_motions(model, coupled_systems(model)):
+        largest = motion.excitation.largest_modulation
+        result[:, motion.slots] += largest**2 * motion.variances() if largest else 0.0
+    return result
+
+
+def filtered_motions(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[FilteredMotion, ...]:
+    """Return what each filtered white noise moves, alone or in some systems of bodies."""
+    sources, result = model.sources["filter"], []
+    for number, (name, excitation) in enumerate(sources.named()):
+        driven, weights = sources.driven(number)
+        slots, system = joined_systems(model, systems, [driven])[-1]
+        forces = np.zeros(len(slots))
+        forces[np.searchsorted(slots, driven)] = weights
+        result.append(FilteredMotion(name, excitation, filter_of(excitation), slots, system, forces))
+    return tuple(result)
+
+
 def relaxation_time(model: Model) -> float:
-    """Return the relaxation time of the slowest damped motion (s); 0 if nothing is damped."""
+    """Return the relaxation time of the slowest damped motion, or filter of noise (s); 0 if nothing is damped."""
     systems = coupled_systems(model)
     damped = model.damping > 0.0
     for slots, _ in systems:
@@ -59,7 +90,8 @@ def relaxation_time(model: Model) -> float:
     c, k, m = (values[damped] for values in (model.damping, model.stiffness, model.mass))
     root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
     slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
-    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems)])
+    filters = [filter_of(excitation).rates for excitation in model.sources["filter"].excitations]
+    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *filters])
     return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
 
 

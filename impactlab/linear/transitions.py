@@ -28,7 +28,7 @@ def transition(
     unique, which = _unique(bodies)
     unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
-    a, q = _gaussian(_drift(unique), unit, step, _rate(unique))
+    a, q = gaussian_transition(_drift(unique), unit, step, _rate(unique))
     return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
 
 
@@ -51,11 +51,11 @@ def system_transition(
     magnitude of the largest eigenvalue of the motion (s-1). In A and Q all displacements come before all velocities.
     """
     drift, growth = drift_matrix(mass, damping, stiffness), diffusion_matrix(mass, intensity)
-    a, q = _gaussian(drift[None], growth[None], step, rate)
+    a, q = gaussian_transition(drift[None], growth[None], step, rate)
     return a[0], q[0]
 
 
-def _gaussian(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def gaussian_transition(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
     size = drift.shape[-1]
     halvings = _halvings(rate, step)

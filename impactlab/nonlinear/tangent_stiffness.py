@@ -15,7 +15,7 @@ from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
 from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look, span_of
-from impactlab.linear.laws import flexibility, hottest, line_variances, spread, white_variances
+from impactlab.linear.laws import flexibility, hottest, other_variances, spread, white_variances
 from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
 
 PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
@@ -47,7 +47,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     heat = model.mass * white_variances(damped(model)[0], densities)[1]
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
-    heat += model.mass * line_variances(model)[1]
+    heat += model.mass * other_variances(model)[1]
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, energy_of(model, start))
     for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()}):

@@ -1,4 +1,4 @@
-"""Sums of cosines and given forces."""
+"""Sums of cosines, coloured noises and given forces."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from impactlab.integrators.base import Integrator
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
 from impactlab.linear.laws import flowing_systems, lines_of, responses
+from impactlab.plan.coloured import ColouredNoises
 
 
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """Forces that are known functions of time once their phases are drawn."""
+    """Forces between kicks that bodies respond to in a known way: functions of time, and coloured noises."""
 
     lines: tuple[Lines, ...]  # sums of cosines
     responses: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -26,23 +27,30 @@ class Driving:
     forced: np.ndarray  # (row,) slots of the bodies under given forces, once for each of them
     forces: np.ndarray  # (row,) which given force it is
     weights: np.ndarray  # (row,) factor of it
+    coloured: ColouredNoises
     impacted: np.ndarray  # (body,) whether rigid contacts act between kicks
 
     @classmethod
-    def of(cls, model: Model) -> Driving:
-        """Return those of a model."""
+    def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> Driving:
+        """Return those of a model as a method takes them at a step (s); see `WhiteNoises` for a coarse run."""
         moved = responses(model, flowing_systems(model))
         number, body, weight = model.sources["force"].drives
-        return cls(lines_of(model), moved, body, number, weight, model.impacted)
+        coloured = ColouredNoises.of(model, integrator, step, seed, coarse)
+        return cls(lines_of(model), moved, body, number, weight, coloured, model.impacted)
 
     def __bool__(self) -> bool:
-        return bool(self.lines or len(self.forced) or self.impacted.any())
+        return bool(self.series or len(self.forced) or self.impacted.any())
+
+    @property
+    def series(self) -> bool:
+        """Whether there are sums of cosines or coloured noises."""
+        return bool(self.lines or self.coloured)
 
     def closed(self, groups: tuple[Group, ...]) -> np.ndarray:
         """Whether nothing but white noise acts between kicks on each body, nor on the others of its group, (body,)."""
         result = ~self.impacted
         result[[body for lines in self.lines for body in lines.bodies]] = False
-        result[self.forced] = False
+        result[[*self.coloured.slots, *self.forced]] = False
         for group in groups:
             result[group.slots] = result[group.slots].all()
         return result

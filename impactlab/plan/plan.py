@@ -49,8 +49,8 @@ class Plan:
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
-        transient = self.start.given or self.noise.time_varying or self.led
-        return not transient and bool(len(self.noise.white) or self.driving.lines)
+        transient = self.start.given or self.noise.time_varying or self.led or bool(self.driving.coloured.envelopes)
+        return not transient and bool(len(self.noise.white) or self.driving.series)
 
     @property
     def led(self) -> bool:
@@ -66,11 +66,11 @@ class Plan:
     def transient(self) -> bool:
         """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
 
-        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines, whose mean velocity
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines or coloured noise, whose mean velocity
         is known from the states at both ends only.
         """
         clock = self.clock
-        steady = self.steady and clock.settled and clock.relaxation > 0.0 and not self.driving.lines
+        steady = self.steady and clock.settled and clock.relaxation > 0.0 and not self.driving.series
         return not (self.observed.sampled or steady)
 
     @property
@@ -92,7 +92,12 @@ class Plan:
     def cold(self) -> np.ndarray:
         """Slots of bodies that nothing but kicks moves, in parts of the network that are excited, (body,)."""
         driven = np.zeros(len(self.system.bodies), dtype=bool)
-        for slots in (self.noise.rows, self.driving.forced, *(slots for slots, _ in self.driving.responses)):
+        for slots in (
+            self.noise.rows,
+            self.driving.forced,
+            self.driving.coloured.slots,
+            *(slots for slots, _ in self.driving.responses),
+        ):
             driven[slots] = True
         labels = connected_parts(self.system.links)
         return np.flatnonzero(~driven & np.isin(labels, labels[driven]))

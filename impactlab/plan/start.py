@@ -89,8 +89,8 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
     Other forms and unknown names are refused.
     """
     if initial is None or (isinstance(initial, str) and initial == "stationary"):
-        variances = linear_variances(model)
-        return "stationary" if np.isfinite(variances).all() and not model.time_varying else "rest"
+        variances, varying = linear_variances(model), model.time_varying or model.modulated
+        return "stationary" if np.isfinite(variances).all() and not varying else "rest"
     if isinstance(initial, str) and initial == "rest":
         return "rest"
     if not isinstance(initial, Mapping) or set(initial) - {*QUANTITIES, STATE}:

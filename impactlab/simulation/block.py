@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.build import build
 from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
-from impactlab.integrators.driver import colliding
+from impactlab.integrators.driver import colliding, filtering
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
@@ -91,11 +91,15 @@ class Block:
         self.tables = plan.method.tables(self.parameters, plan.forces.indices, impacts)
         self.scale = np.ones((1, len(plan.noise.rows)))
         self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
+        noise = plan.driving.coloured
+        self.coloured = noise.arrays(filtering(plan.single) if noise else 0, self.realizations)
         if plan.driving.lines:
-            self.series = self._start_with_series()
+            slots, samples = self._start_with_cosines()
         else:
             self._start(np.arange(lanes))
-            self.series = Series(np.zeros(0, np.int64), *[np.zeros((1, 0, 1))] * 2)
+            slots, samples = np.zeros(0, np.int64), np.zeros((1, 0, 1))
+        near, rows = (NEAR + 1, samples.shape[1] + noise.rows, lanes) if plan.driving.series else (1, 0, 1), noise.slots
+        self.series = Series(np.concatenate([slots, rows]), samples, np.zeros(near), self.coloured)
         kicks = plan.method.integrator.kicks
         given = (self.state.x[:-1].copy(), self.state.v[:-1].copy()) if kicks and plan.start.given else None
         if kicks:
@@ -132,6 +136,8 @@ class Block:
                 state.v[cold[:, None], resting] = velocity
         else:
             state.x[:-1, lanes] = plan.start.rest[:, None]
+        if plan.start.state != "stationary":
+            self._draw_filters(lanes, 0)
         return attempt
 
     def _put_given(self, given: np.ndarray, lanes: np.ndarray) -> None:
@@ -164,7 +170,24 @@ class Block:
                 v[slots, column] += steady[1::2]
             if known.size and self._closed(x, known).all():
                 break  # the rest does not matter: these will be drawn again
+        for slots, moved in self._draw_filters(lanes, attempt):
+            x[slots] += moved[0]
+            v[slots] += moved[1]
         return x, v
+
+    def _draw_filters(self, lanes: np.ndarray, attempt: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Draw the states that filters of noise begin with in some lanes.
+
+        Return slots of the bodies that each moves, and their displacements and velocities, (2, body, lane).
+        """
+        result = []
+        for start in self.plan.driving.coloured.starts:
+            rows = start.draw(np.ascontiguousarray(self.realizations[lanes]), attempt)
+            count = start.states.stop - start.states.start
+            for kept in self.coloured.kept:
+                kept[start.states, lanes] = rows[:count]
+            result.append((start.slots, rows[count:].reshape(2, -1, len(lanes))))
+        return result
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
         """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
@@ -172,8 +195,11 @@ class Block:
         closed: np.ndarray = np.sum(gap > self.plan.system.clearance[contacts, None], axis=0)
         return closed
 
-    def _start_with_series(self) -> Series:
-        """Start the realizations one after the other, and sample the series of each for the whole run."""
+    def _start_with_cosines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Start the realizations one after the other, and sample the cosines of each for the whole run.
+
+        Return the slots of what they move, and the samples, (lane, row, time).
+        """
         plan, method = self.plan, self.plan.method.integrator
         driving, seed = plan.driving, plan.realizations.seed
         interval = plan.clock.step / method.samples_per_step
@@ -202,7 +228,7 @@ class Block:
             for item, end in zip(sampled, ends, strict=True):
                 item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
         slots = np.concatenate([slots for slots, _ in plan.driving.responses])
-        return Series(slots, samples, np.empty((NEAR + 1, ends[-1], lanes)))
+        return slots, samples
 
     def _half_kick(self, given: bool) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there.

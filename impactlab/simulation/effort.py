@@ -83,7 +83,7 @@ class Effort:
                 break
         spin_up = min(spin_up, affordable // 3)
         left = max(affordable - spin_up, 3 * SEGMENT) // 3
-        if not plan.steady or plan.driving.lines:  # as long as the run, where time counts or a series must not repeat
+        if not plan.steady or plan.driving.series:  # as long as the run, where time counts or a series must not repeat
             left = min(left, clock.steps)
         steps = _segment(plan, model, left)
         segments = max(1, min(SEGMENTS, left // steps))
@@ -92,7 +92,7 @@ class Effort:
             begins, steps, run_up = _spread(clock.steps, steps, affordable - spin_up, settling if damped else None)
             return cls(realizations, spin_up, steps, begins, run_up, (len(begins),))
         looks: tuple[int, ...] = (segments,)
-        if plan.steady and not plan.driving.lines and (segments >= 4 * FEWEST or model.remembering):
+        if plan.steady and not plan.driving.series and (segments >= 4 * FEWEST or model.remembering):
             most = segments * max(1, int(UNCLEAR_SECONDS / seconds))
             looks = tuple(range(segments, most + 1, segments))
             looks = (segments // 4, *looks) if segments >= 4 else looks
@@ -101,7 +101,7 @@ class Effort:
 
 def _apart(plan: Plan) -> bool:
     """Whether what comes late in a run differs from how it begins, and can be reached without all that lies between."""
-    return not plan.steady and not plan.driving.lines and (plan.random or plan.led)
+    return not plan.steady and not plan.driving.series and (plan.random or plan.led)
 
 
 def _numbers(plan: Plan, model: Model) -> list[int]:
@@ -118,7 +118,7 @@ def _segment(plan: Plan, model: Model, left: int) -> int:
     steps, memory = SEGMENT, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)
     if not len(model.ends) or plan.led:  # paths do not part: as long as they remember
         steps = max(steps, min(left // FEWEST, memory) // SLOTS * SLOTS)
-    if not plan.steady or plan.driving.lines:
+    if not plan.steady or plan.driving.series:
         steps = min(steps, left)
         steps = max(2, left // -(-left // steps) // 2 * 2) if left > 1 else 1
     if not plan.random:  # parts of the whole path

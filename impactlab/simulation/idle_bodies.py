@@ -30,7 +30,7 @@ def split(
     Records that look at both parts at a time keep them together, and so does a given start.
     """
     busy = model.nonlinear_bodies
-    busy[[*model.lines, *model.forced, *(model.white if model.time_varying else ())]] = True
+    busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True
     labels = model.connected().copy()
     for slots in (slots for kind in model.sources.values() for slots in kind.joining):
         labels[np.isin(labels, labels[slots])] = labels[slots[0]]

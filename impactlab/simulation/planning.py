@@ -69,7 +69,10 @@ def make_plan(model: Model, request: Request) -> Plan:
     if isinstance(start.state, np.ndarray):
         impacts.check(model, start.state[0])
     _warn(model, request, expected, steps, integrator, impacts)
-    observed, driving = _observed(model, request, steps, window), Driving.of(model)
+    observed, driving = (
+        _observed(model, request, steps, window),
+        Driving.of(model, integrator, steps.step, request.seed, request.coarse),
+    )
     # all batches but the last are multiples of this many steps: they end with a sample, if any, and with an interval
     grid = max(observed.every, steps.longest)
     clock = _clock(model, request, expected, steps, grid)

@@ -97,7 +97,7 @@ def _conservative(plan: Plan) -> bool:
     """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
     stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
     conservative = not (plan.forces.passes or len(plan.forces.states) or plan.impacts.dissipative)
-    return stationary and conservative and not plan.driving.lines
+    return stationary and conservative and not plan.driving.series
 
 
 def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.ndarray) -> str:

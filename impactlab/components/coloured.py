@@ -1,0 +1,281 @@
+"""Coloured noise: what linear filters make of white noise, as forces on bodies or accelerations of the ground."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from impactlab.components.component import finite, take_part
+from impactlab.components.excitation import Excitation, two_sided
+from impactlab.components.fields import parameter
+from impactlab.components.loads import SAMPLES_SHOWN, between, shown_samples, take_samples
+from impactlab.errors import InvalidInput
+
+
+class Filter(NamedTuple):
+    """A linear filter ``z' = A z + b w``, ``f = c z`` of white noise w, ``E[w(t) w(t+τ)] = 2π δ(τ)``."""
+
+    drift: np.ndarray  # (state, state) A
+    input: np.ndarray  # (state,) b
+    output: np.ndarray  # (state,) c
+
+    @property
+    def rates(self) -> np.ndarray:
+        """Rates at which its motions decay (s-1), (state,)."""
+        return np.asarray(-np.linalg.eigvals(self.drift).real)
+
+    @property
+    def fastest(self) -> float:
+        """Magnitude of its largest eigenvalue (s-1)."""
+        return float(np.abs(np.linalg.eigvals(self.drift)).max())
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """Return the two-sided spectral density of f at angular frequencies (rad s-1), (frequency,)."""
+        moving = 1j * frequencies[:, None, None] * np.eye(len(self.input)) - self.drift
+        inputs = np.broadcast_to(self.input[:, None], (len(frequencies), len(self.input), 1))
+        return np.asarray(np.abs(np.linalg.solve(moving, inputs)[..., 0] @ self.output) ** 2)
+
+
+def filter_of(excitation: Excitation) -> Filter:
+    """Return the filter of an excitation, or refuse one that is none or not stable."""
+    kind, parts = type(excitation).__name__, excitation.filter()  # type: ignore[attr-defined]
+    try:
+        drift, given, output = (np.asarray(part, dtype=float) for part in parts)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {reprlib.repr(parts)}.") from None
+    count = given.size
+    if not count or (drift.shape, given.shape, output.shape) != ((count, count), (count,), (count,)):
+        raise InvalidInput(
+            f"{kind}.filter must return A, b and c of the shapes (n, n), (n,) and (n,); {drift.shape}, {given.shape} "
+            f"and {output.shape} were returned."
+        )
+    if not (np.isfinite(drift).all() and np.isfinite(given).all() and np.isfinite(output).all()):
+        raise InvalidInput(f"{kind}.filter must return finite numbers.")
+    result = Filter(drift, given, output)
+    if result.rates.min() <= 0.0:
+        raise InvalidInput(
+            f"The filter of {kind} is not stable: its slowest motion decays at a rate of {result.rates.min():g} s-1, "
+            "which must be larger than 0."
+        )
+    return result
+
+
+class FilteredNoise(Excitation):
+    """White noise through a linear filter; a subclass defines ``filter(self)``, which `Excitation` tells of.
+
+    The exact flow has the states of the filter and what they move in one transition, so that steps may be longer than
+    the filter's times. A run begins with a state drawn from the stationary law of the filter, unless it is `at_rest`.
+
+    Parameters
+    ----------
+    at_rest : bool
+        Whether the filter is at rest where a run begins, which is before the spin-up.
+    """
+
+    at_rest: bool = parameter(False, kw_only=True)
+
+    @property
+    def variance(self) -> float:
+        """Stationary variance of the force (N2), or of what a `Source` or a `BaseMotion` makes of it."""
+        from scipy.linalg import solve_continuous_lyapunov  # loaded only where it is asked for
+
+        drift, given, output = filter_of(self)
+        covariance = solve_continuous_lyapunov(drift, -2.0 * math.pi * np.outer(given, given))
+        return float(output @ covariance @ output)
+
+    def density(self, frequencies: Any) -> np.ndarray:
+        """Return the two-sided spectral density at angular frequencies (rad s-1) (N2 s rad-1)."""
+        places = np.asarray(frequencies, dtype=float)
+        return filter_of(self).density(places.ravel()).reshape(places.shape)
+
+
+class OrnsteinUhlenbeckNoise(FilteredNoise):
+    """White noise through a filter of first order: ``E[f(t) f(t+τ)] = (πS/τ_c) exp(−|τ|/τ_c)``.
+
+    Its two-sided spectral density is ``S/(1 + ω² τ_c²)``; for short correlation times it is white noise of the density
+    S (Uhlenbeck and Ornstein, Phys. Rev. 36, 1930, 823).
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S over angular frequency at frequency 0 (N2 s rad-1).
+    correlation_time : float
+        Time τ_c (s).
+    at_rest : bool
+        See `FilteredNoise`.
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
+    correlation_time: float = parameter(units="s", above=0.0)
+
+    @classmethod
+    def from_variance(cls, variance: float, correlation_time: float, **fields: Any) -> Self:
+        """Make the noise from its variance, ``πS/τ_c`` (N2), and its correlation time (s)."""
+        size = finite(f"{cls.__name__}.from_variance: variance", variance)
+        time = finite(f"{cls.__name__}.from_variance: correlation_time", correlation_time)
+        return cls(size * time / math.pi, correlation_time=time, **fields)
+
+    def filter(self) -> tuple[Any, Any, Any]:
+        """Return the filter; see `Excitation`."""
+        rate = 1.0 / self.correlation_time
+        return [[-rate]], [rate * math.sqrt(self.spectral_density)], [1.0]
+
+
+class BandPassNoise(FilteredNoise):
+    """White noise through a filter of second order, of the density ``S (2ζω₀ω)²/((ω₀² − ω²)² + (2ζω₀ω)²)``.
+
+    The density is S at the middle frequency ω₀, half of that at the ends of a band of the width 2ζω₀ about it, and 0 at
+    frequency 0; the variance is ``2πζω₀S``.
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S over angular frequency in the middle of the band (N2 s rad-1).
+    frequency : float
+        Angular frequency ω₀ (rad s-1).
+    damping_ratio : float
+        Ratio ζ.
+    at_rest : bool
+        See `FilteredNoise`.
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
+    frequency: float = parameter(units="rad s-1", above=0.0)
+    damping_ratio: float = parameter(above=0.0)
+
+    def filter(self) -> tuple[Any, Any, Any]:
+        """Return the filter; see `Excitation`."""
+        drift, given = _resonator(self.frequency, self.damping_ratio, self.spectral_density)
+        return drift, given, [0.0, -drift[1][1]]
+
+
+class KanaiTajimi(FilteredNoise):
+    """Acceleration of a layer of soil on rock that moves like white noise, by the spectrum of Kanai and Tajimi.
+
+    The two-sided density is ``S₀ (ω_g⁴ + (2ζ_gω_gω)²)/((ω_g² − ω²)² + (2ζ_gω_gω)²)``, that of the absolute acceleration
+    of a mass on a spring and damper whose base has the density S₀ (Tajimi, Proc. 2nd World Conf. Earthquake Eng. 2,
+    1960, 781).
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S₀ over angular frequency of the rock: of its acceleration (m2 s-3 rad-1) in a
+        `BaseMotion`, of a force (N2 s rad-1) on a body.
+    ground_frequency : float
+        Angular frequency ω_g of the layer (rad s-1).
+    ground_damping : float
+        Damping ratio ζ_g of the layer.
+    at_rest : bool
+        See `FilteredNoise`.
+    """
+
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0, kw_only=False)
+    ground_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
+    ground_damping: float = parameter(above=0.0, kw_only=False)
+
+    @classmethod
+    def from_one_sided(cls, per_hertz: float, *values: float, **fields: Any) -> Self:
+        """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀, and its other values."""
+        return cls(two_sided(cls, per_hertz), *values, **fields)
+
+    def filter(self) -> tuple[Any, Any, Any]:
+        """Return the filter; see `Excitation`."""
+        drift, given = _resonator(self.ground_frequency, self.ground_damping, self.spectral_density)
+        return drift, given, [-drift[1][0], -drift[1][1]]
+
+
+class CloughPenzien(KanaiTajimi):
+    """The acceleration of `KanaiTajimi` through a second filter, which leaves no low frequencies.
+
+    Its density is multiplied by ``ω⁴/((ω_f² − ω²)² + (2ζ_fω_fω)²)``, so that velocity and displacement of the ground
+    have finite variances (Clough and Penzien, Dynamics of Structures, 2nd ed., 1993, section 23-2).
+
+    Parameters
+    ----------
+    spectral_density : float
+        Two-sided spectral density S₀ over angular frequency of the rock, as of `KanaiTajimi`.
+    ground_frequency, ground_damping : float
+        Angular frequency ω_g (rad s-1) and damping ratio ζ_g of the layer.
+    filter_frequency, filter_damping : float
+        Angular frequency ω_f (rad s-1) and damping ratio ζ_f of the second filter.
+    at_rest : bool
+        See `FilteredNoise`.
+    """
+
+    filter_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
+    filter_damping: float = parameter(above=0.0, kw_only=False)
+
+    def filter(self) -> tuple[Any, Any, Any]:
+        """Return the filter; see `Excitation`."""
+        first, given, acceleration = super().filter()
+        second, _ = _resonator(self.filter_frequency, self.filter_damping, 1.0)
+        drift = np.zeros((4, 4))
+        drift[:2, :2], drift[2:, 2:] = first, second
+        drift[3, :2] = acceleration
+        return drift, [*given, 0.0, 0.0], [*acceleration, *second[1]]
+
+
+class Modulated(Excitation):
+    """Coloured noise times an envelope given by samples: ``e(t) f(t)``, a uniformly modulated process.
+
+    The envelope is linear between its samples, and 0 before the first and after the last one (Priestley, Evolutionary
+    spectra and non-stationary processes, J. R. Stat. Soc. B 27, 1965, 204). White noise with an envelope is
+    `ModulatedNoise`.
+
+    Parameters
+    ----------
+    noise : FilteredNoise
+        Noise where the envelope is 1.
+    times : (sample,) array_like
+        Increasing times of the samples, at equal or other distances (s). The measurement begins at 0.
+    envelope : (sample,) array_like
+        Factor e of the noise.
+
+    Raises
+    ------
+    InvalidInput
+        If the noise is not coloured, there are not as many values as times, fewer than two, one is not finite, or times
+        do not increase.
+    """
+
+    noise: FilteredNoise = parameter(kw_only=False)
+    times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)
+    envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
+
+    def __post_init__(self) -> None:
+        take_part(self, "noise", FilteredNoise, "coloured noise such as il.KanaiTajimi(1.0, 15.0, 0.6)")
+        take_samples(self, "envelope")
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else f"{shown_samples(self)} of {self.noise!r}"
+
+    @property
+    def at_rest(self) -> bool:
+        return self.noise.at_rest
+
+    @property
+    def largest_modulation(self) -> float:
+        return float(np.abs(self.envelope).max())
+
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        return self.times[0], self.times[-1]
+
+    def filter(self) -> tuple[Any, Any, Any]:
+        """Return the filter of the noise; see `Excitation`."""
+        return tuple(filter_of(self.noise))  # type: ignore[return-value]
+
+    @staticmethod
+    def modulation(time, times, envelope):  # type: ignore[no-untyped-def]
+        return between(time, times, envelope)
+
+
+def _resonator(frequency: float, damping_ratio: float, density: float) -> tuple[list[list[float]], list[float]]:
+    """Return matrix and input of ``z'' + 2ζω z' + ω² z = w``, with white noise w of some density."""
+    drift = [[0.0, 1.0], [-(frequency**2), -2.0 * damping_ratio * frequency]]
+    return drift, [0.0, math.sqrt(density)]
