@@ -47,6 +47,7 @@ def {name}(times, parameters, indices, result):
 
 _TIMETABLES = {
     "forcing": "the given force on every forced body",
+    "modulation": "the envelope of every filtered noise",
     "intensity": "the two-sided spectral density of every white noise",
 }
 
@@ -108,7 +109,7 @@ def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
 def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     roles = {kind.role for kind in model.members.kinds}
     slowing = any(kind.slows for kind in model.members.kinds)
-    tables = "forcing" in roles or model.time_varying
+    tables = not roles.isdisjoint({"forcing", "modulation"}) or model.time_varying
     remembering = any(kind.states for kind in model.members.kinds)
     plain = ["differences", "gather"] if single else ["gather"]
     called = [] if not len(model.ends) else plain if model.ends.plain else ["elongations", "push_back"]

@@ -24,6 +24,7 @@ LEADING = {
     "residual": ("body",),
     "forcing": ("row",),
     "intensity": ("row",),
+    "modulation": ("row",),
 }
 """Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's, and 'combination' a coupling's
 where links have weights."""

@@ -353,6 +353,10 @@ def _pair(slots: Mapping[Any, int], link: Contact | Coupling) -> tuple[int, int]
     return slots.get(link.first, len(slots)), slots.get(link.second, len(slots))
 
 
+_IN_TIME = ("forcing", "force", "force"), ("intensity", "intensity", "intensity"), ("modulation", "filter", "modulation")
+"""Roles of functions of time, which kind of excitation has them, and the names of their kernels."""
+
+
 def _members(
     network: Composition, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources]
 ) -> dict[Kind, list[Row]]:
@@ -374,9 +378,10 @@ def _members(
         if body.has_kernel("residual"):
             kind = Kind.of("residual", body, "residual")
             result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
-    for role, kernel in (("forcing", "force"), ("intensity", "intensity")):
-        for row, item in enumerate(sources[kernel].excitations):
-            result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
+    for role, family, kernel in _IN_TIME:
+        for row, item in enumerate(sources[family].excitations):
+            if item.has_kernel(kernel):
+                result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
     return result
 
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.components.coloured import filter_of
 from impactlab.integrators.arguments import NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
@@ -28,6 +29,9 @@ from impactlab.kernels.memory import set_elapsed
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import lines_of
+
+SAMPLED_FILTER = 0.1
+"""Step where filtered noise is sampled, in units of the shortest time of its filter."""
 
 
 class ExplicitIntegrator(Integrator):
@@ -114,7 +118,7 @@ class ExplicitIntegrator(Integrator):
         return min(self._stable(model, tangent, residual), _sampled_step(model))
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return min(self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model))
+        return min(self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model), _filter_step(model))
 
     def _stable(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float) -> float:
         return stable_step(self.stability_polynomial, replace(model, stiffness=model.stiffness + residual), tangent)
@@ -158,6 +162,15 @@ def _sampled_step(model: Model) -> float:
     tops = [float(item.frequencies.max() + natural[[*item.bodies]].max()) for item in lines_of(model)]
     highest = max(tops, default=0.0)
     return 2.0 * np.pi / highest if highest > 0.0 else float("inf")
+
+
+def _filter_step(model: Model) -> float:
+    """Step at which samples of filtered noises have nearly the spectral density of these at low frequencies (s).
+
+    That of ``exp(−λ|t|)`` is too large by a part of ``(h λ)²/12``.
+    """
+    fastest = [filter_of(excitation).fastest for excitation in model.sources["filter"].excitations]
+    return SAMPLED_FILTER / max(fastest) if fastest else float("inf")
 
 
 def stable_step(polynomial: Any, model: Model, tangent: np.ndarray) -> float:

@@ -135,6 +135,8 @@ def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
             result[excitation] = kind
+        if excitation.has_kernel("modulation"):
+            result[excitation] = "modulation"
     laws = [item for of_body in laws_in_time(model).values() for item in of_body] if model.timed.any() else []
     result |= {LawInTime(law, place): kernel for law, kernel, _ in laws for place in _PLACES_OF_LAWS}
     return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.components.coloured import filter_of
 from impactlab.components.contact import contact_forces
 from impactlab.integrators.base import Integrator
 from impactlab.linear.laws import correlated_systems, flexibility, hottest, linear_variances, lines_of
@@ -93,7 +94,8 @@ def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:
 def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     """Return what noise changes the closing velocity of each contact by in a step, r.m.s., (contact,) (m s-1).
 
-    Of sums of cosines the lines around half the rate of the steps count: slower ones bend the path, which is seen.
+    Of sums of cosines and coloured noises what is around half the rate of the steps counts: slower forces bend the path,
+    which is seen.
     """
     times = duration * np.modf(np.arange(64) * 0.5 * (np.sqrt(5.0) - 1.0))[0] if model.time_varying else np.zeros(1)
     density = np.mean([model.intensities(float(time)) for time in times], axis=0)
@@ -101,4 +103,8 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
         near = np.abs(np.log2(item.frequencies * step / np.pi)) < 1.0
         own = 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
         np.add.at(density, [*item.bodies], np.square(item.weights) * own)
+    filtered = model.sources["filter"]
+    half = np.array([np.pi / step])
+    own_densities = [float(filter_of(item).density(half)[0]) for item in filtered.excitations]
+    density += filtered.added(np.array(own_densities), len(density))
     return np.asarray(np.sqrt(model.ends.squares(2.0 * np.pi * step * density / model.mass**2)))

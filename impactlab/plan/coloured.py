@@ -9,11 +9,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Coloured, Filters, Sparse
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.noise_rows import MOST_TOGETHER
+from impactlab.kernels.series import NEAR
 from impactlab.kernels.random import addresses, fill_normals, streams_of
 from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems
@@ -46,7 +46,7 @@ class ColouredNoises:
     slots: np.ndarray  # (response or force,) bodies
     filters: Filters
     starts: tuple[FilterStart, ...]
-    envelopes: tuple[Excitation, ...]  # those that have one
+    modulated: tuple[bool, ...]  # whether each has an envelope
     states: int  # of all filters
 
     @classmethod
@@ -62,8 +62,7 @@ class ColouredNoises:
                     "is the most. Use several sources."
                 )
         counts = [motion.states for motion in motions]
-        modulated = [motion.excitation for motion in motions if motion.modulated]
-        envelope = [modulated.index(motion.excitation) if motion.modulated else -1 for motion in motions]
+        envelope = [number if motion.modulated else -1 for number, motion in enumerate(motions)]
         rows = _responses if integrator.takes_response else _forces
         slots, tables, normals = rows(motions, envelope, interval)
         names = [motion.name for motion, count in zip(motions, normals, strict=True) for _ in range(count)]
@@ -72,7 +71,7 @@ class ColouredNoises:
             slots,
             Filters(*tables, streams_of(seed, names, numbers), finer),
             _starts(model, counts, seed),
-            tuple(modulated),
+            tuple(motion.modulated for motion in motions),
             sum(counts),
         )
 
@@ -80,9 +79,27 @@ class ColouredNoises:
         return bool(self.states)
 
     @property
+    def time_varying(self) -> bool:
+        """Whether one of them has an envelope."""
+        return any(self.modulated)
+
+    @property
     def rows(self) -> int:
         """Rows of samples."""
         return max(len(self.filters.pairs), len(self.filters.envelopes))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that a realization takes."""
+        rows = (NEAR + 1) * self.rows + BLOCKS * (len(self.filters.motion.begin) - 1 + self.states)
+        return 8 * rows + 16 * self.filters.streams.shape[1]
+
+    @property
+    def seconds(self) -> float:
+        """Time that a sample takes for a realization, roughly (s)."""
+        filters = self.filters
+        entries = sum(len(item.values) for item in (filters.motion, filters.noise, filters.flow, filters.output))
+        return 1e-9 * filters.finer * (entries + 4 * filters.streams.shape[1])
 
     def arrays(self, function: int, realizations: np.ndarray) -> Coloured:
         """Return what the loop takes for a block of some realizations; the states are to be set."""
@@ -92,7 +109,7 @@ class ColouredNoises:
             function=function,
             filters=filters,
             realizations=realizations,
-            factors=np.zeros((0, BLOCKS, len(self.envelopes))),
+            factors=np.zeros((0, BLOCKS, len(self.modulated))),
             first=0,
             place=np.zeros(2, dtype=np.int64),
             kept=np.zeros((BLOCKS, self.states, lanes)),

@@ -71,12 +71,12 @@ class Driving:
     def nbytes(self, integrator: Integrator, step: float, steps: int, more: int = 0) -> int:
         """Bytes of the samples of a realization, and of some rows more."""
         if not self.lines:
-            return 0
-        return 8 * (sum(self.rows(integrator)) + more) * sample_count(self.lines, *_samples(integrator, step, steps))
+            return self.coloured.nbytes
+        return self.coloured.nbytes + 8 * (sum(self.rows(integrator)) + more) * sample_count(self.lines, *_samples(integrator, step, steps))
 
     def seconds(self, integrator: Integrator, step: float, steps: int) -> float:
         """Time that sampling takes for a realization (s)."""
-        return sum(
+        return self.coloured.seconds * steps * integrator.samples_per_step + sum(
             rows * sampling_seconds(item, *_samples(integrator, step, steps))
             for rows, item in zip(self.rows(integrator), self.lines, strict=True)
         )

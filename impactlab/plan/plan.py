@@ -49,7 +49,8 @@ class Plan:
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
-        transient = self.start.given or self.noise.time_varying or self.led or bool(self.driving.coloured.envelopes)
+        varying = self.noise.time_varying or self.driving.coloured.time_varying
+        transient = self.start.given or varying or self.led
         return not transient and bool(len(self.noise.white) or self.driving.series)
 
     @property

@@ -1,4 +1,5 @@
-"""Exact law of linear bodies on linear couplings: Gaussian under white noise, a sum over lines under cosines."""
+"""Exact law of linear bodies on linear couplings: Gaussian under white and coloured noise, a sum over lines under
+cosines."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.special import j0, ndtr
 
 from impactlab.errors import NoExactReference
+from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import drift_matrix
 from impactlab.reference.marginal import Marginal
@@ -36,7 +38,8 @@ class GaussianLaw:
     """Stationary law of linear bodies on linear couplings, at any temperatures.
 
     Under white noise the state (x, v) is Gaussian, with mean 0 and the covariance Σ that
-    solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise. Each cosine adds
+    solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise; under coloured noise the states of
+    its filter are states of the same equation. Each cosine adds
     ``½ |A H(ω)|²`` and is independent of all others, H being the receptance; the sum is
     not Gaussian, but its characteristic function is known, ``exp(−σ² t²/2) Π J₀(|A H| t)``,
     and gives the density of a displacement or a velocity by one sum.
@@ -47,11 +50,21 @@ class GaussianLaw:
     """Their motion and the white noise on them; every motion is damped, and springs hold all bodies."""
     temperature: float | None = None  # temperature of all bodies, if it is one and no coupling has damping (J)
     cosines: Sequence[CosineResponse] = ()  # the sums of cosines
+    coloured: Sequence[FilteredMotion] = ()  # what filtered noises do to all of the bodies
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of (x, v), (2 body, 2 body)."""
-        return np.asarray(self._white + self._of_cosines)
+        return np.asarray(self._normal + self._of_cosines)
+
+    @cached_property
+    def _normal(self) -> np.ndarray:
+        """Covariance of what all but the cosines move."""
+        result = self._white.copy()
+        for item in self.coloured:
+            assert item.covariance is not None  # every motion is damped
+            result += item.covariance[item.states :, item.states :]
+        return result
 
     @cached_property
     def _white(self) -> np.ndarray:
@@ -165,6 +178,8 @@ class GaussianLaw:
                 part = slice(first, first + step)
                 flows = expm(np.abs(lags[part])[:, None, None] * drift)
                 result[part] = flows[:, place] @ self._white[:, place]
+        for item in self.coloured:
+            result += item.autocovariance(place, lags)
         for frequencies, amplitudes in self._amplitudes(body, quantity):
             step = max(1, _CHUNK // len(frequencies))
             for first in range(0, len(lags), step):
@@ -184,11 +199,15 @@ class GaussianLaw:
         result = np.abs(response) ** 2 @ own
         if (between := self.system.intensity - np.diag(own)).any():
             result += ((response @ between) * response.conj()).sum(axis=1).real
+        for item in self.coloured:
+            result += item.spectrum(self.bodies.index(body), frequencies)
         return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
 
     def __str__(self) -> str:
         if self.cosines:
             return "linear motion under sums of cosines"
+        if self.coloured:
+            return "coloured noise, Gaussian"
         one = self.temperature is not None
         if not one and (self.system.intensity != np.diag(np.diag(self.system.intensity))).any():
             return "correlated noises, Gaussian"
@@ -214,11 +233,11 @@ class GaussianLaw:
         place = self._place(body, quantity)
         variance = float(self.covariance[place, place])
         amplitudes = np.concatenate([part for _, part in self._amplitudes(body, quantity)]) / math.sqrt(variance)
-        white, spacing = float(self._white[place, place]) / variance, math.pi / _REACH
+        normal, spacing = float(self._normal[place, place]) / variance, math.pi / _REACH
         values: list[np.ndarray] = []
         while len(values) * 16 < _MOST_NODES:
             t = spacing * (np.arange(16 * len(values), 16 * len(values) + 16) + 0.5)
-            values.append(np.exp(-0.5 * white * t**2) * j0(np.multiply.outer(t, amplitudes)).prod(axis=1))
+            values.append(np.exp(-0.5 * normal * t**2) * j0(np.multiply.outer(t, amplitudes)).prod(axis=1))
             if np.abs(values[-1]).max() < 1e-17:
                 weights = spacing / math.pi * np.concatenate(values)
                 return spacing * (np.arange(len(weights)) + 0.5), weights

@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.components.coloured import filter_of
 from impactlab.components.composition import Composition
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
-from impactlab.linear.laws import lines_of, responses, system_of
+from impactlab.linear.laws import filtered_motions, lines_of, responses, system_of
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.subsystems import (
@@ -21,7 +22,7 @@ from impactlab.reference.subsystems import (
     Subsystem,
     differ,
     is_linear,
-    is_steady_noise,
+    is_stationary,
     named,
     refusal,
     subsystems_of,
@@ -84,9 +85,10 @@ class LinearPart:
         ]
         temperatures = list(self.subsystem.temperatures.values())
         balanced = ((model.initial_intensities > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
-        balanced = balanced and not self.subsystem.common_noises
+        balanced = balanced and not (self.subsystem.common_noises or model.coloured)
+        coloured = filtered_motions(model, together)
         thermal = temperatures and balanced and not differ(*temperatures)
-        return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines)
+        return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines, coloured)
 
     @cached_property
     def slowest(self) -> float:
@@ -97,15 +99,16 @@ class LinearPart:
         network = self.subsystem.network
         for name in self.subsystem.bodies:
             for _, excitation, _ in network.excitations_of(name):
-                if excitation.kind != "lines" and not is_steady_noise(excitation):
+                if not is_stationary(excitation):
                     yield (
                         f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant "
-                        "white noise or a sum of cosines of random phases the law would be stationary."
+                        "white or coloured noise or a sum of cosines of random phases the law would be stationary."
                     )
 
     def _unstable(self) -> Iterator[str]:
         system, model, names = self.system, self._model, self.subsystem.bodies
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
+        driven = driven or any(filter_of(item).input.any() for item in model.sources["filter"].excitations)
         one = len(names) == 1
         if not driven and not system.damping.any():
             yield f"{named(names)}: {UNHEATED}"

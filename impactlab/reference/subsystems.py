@@ -201,6 +201,13 @@ def spectral_density(network: Composition, name: str) -> float | None:
     return total
 
 
+def is_stationary(excitation: Excitation) -> bool:
+    """Whether an excitation is a stationary process."""
+    if excitation.kind == "filter":
+        return not excitation.has_kernel("modulation")
+    return excitation.kind == "lines" or is_steady_noise(excitation)
+
+
 def is_steady_noise(excitation: Excitation) -> bool:
     """Whether an excitation is white noise of constant density."""
     return excitation.kind == "intensity" and "time" not in excitation.kernel("intensity")[1]

@@ -355,7 +355,7 @@ class Block:
             plan.clock.step, integrator.samples_per_step, plan.forces.passes, summing, self.remembering,
             plan.forces.clocked, plan.clock.spin_up_steps, self.now, count, every, phase,
         )  # fmt: skip
-        driven = Driven(self._noise(count), self.series, self._forced(count))
+        driven = Driven(self._noise(count), self._series(count), self._forced(count))
         accepting = self.module.accept[1] if self.remembering else 0
         self.loop(
             self.module.forces, accepting, self.tables, driven, self.state, self.history, self.sums, snapshots, steps
@@ -383,6 +383,23 @@ class Block:
         numbers = noise.amplitude, streams, self.realizations, scale, noise.coarse, self.normals
         return Noise(noise.rows, noise.runs, self.seconds, *numbers, which, self.distinct)
 
+    def _series(self, count: int) -> Series:
+        """Return the series of the next steps, with the envelopes of coloured noises."""
+        plan, method = self.plan, self.plan.method.integrator
+        if not plan.driving.coloured.time_varying:
+            return self.series
+        samples, finer = method.samples_per_step, self.coloured.filters.finer
+        span = NEAR // samples * samples  # samples that are brought near at a time
+        begin, end = (samples * now // span * span for now in (self.now, self.now + count))
+        rows, first, per_step = len(plan.driving.coloured.modulated), finer * begin, finer * samples
+        number = finer * (end - begin + NEAR) + 1
+        mean, slope, _ = self._over_steps(number, self.module.modulation, rows, first, per_step)
+        times = ((first + np.arange(number)) / per_step - plan.clock.spin_up_steps) * plan.clock.step
+        value = np.empty((number, rows))
+        self.module.modulation(times, plan.forces.parameters, plan.forces.indices, value)
+        coloured = self.coloured._replace(factors=np.stack([value, mean, slope], axis=1), first=first)
+        return self.series._replace(coloured=coloured)
+
     def _forced(self, count: int) -> Forced:
         plan = self.plan
         if not len(plan.driving.forced):
@@ -398,10 +415,13 @@ class Block:
         self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
         return Forced(plan.driving.forced, plan.driving.on_bodies(force))
 
-    def _over_steps(self, count: int, table: Any, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _over_steps(
+        self, count: int, table: Any, rows: int, begins: int | None = None, per_step: int = 1
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
 
-        The measurement begins at 0.
+        The measurement begins at 0. Parts of steps may be asked for in their place, so many `per_step`, and where they
+        begin by the number of the first one.
         """
         plan = self.plan
         mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
@@ -409,20 +429,20 @@ class Block:
 
         def seen(begin: np.ndarray, places: np.ndarray) -> np.ndarray:
             """Return values at some places from the beginnings of steps, (…, row, place)."""
-            times = (begin[..., None] + places) * plan.clock.step
+            times = (begin[..., None] + places / per_step) * plan.clock.step
             values = np.empty((times.size, rows))
             table(times.ravel(), plan.forces.parameters, plan.forces.indices, values)
             return values.reshape(*times.shape, rows).swapaxes(-1, -2)
 
         for begin in range(0, count, most):
             steps = np.arange(begin, min(begin + most, count))
-            first = self.now - plan.clock.spin_up_steps + steps
+            first = (self.now if begins is None else begins / per_step) - plan.clock.spin_up_steps + steps / per_step
             values = seen(first, PLACES)
             mean[steps], slope[steps] = mean_and_slope(values[..., 1:-1])
             least[steps] = values[..., 1:-1].min(axis=(1, 2))  # a function may end with the run
             again = rough(values).any(axis=1)
             if again.any():
-                values = seen(first[again, None] + np.arange(PANELS) / PANELS, NODES / PANELS)
+                values = seen(first[again, None] + np.arange(PANELS) / (PANELS * per_step), NODES / PANELS)
                 least[steps[again]] = np.minimum(least[steps[again]], values.min(axis=(1, 2, 3)))
                 parts = mean_and_slope(values)
                 mean[steps[again]], slope[steps[again]] = joined(*(item.swapaxes(1, 2) for item in parts))
