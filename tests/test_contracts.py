@@ -43,6 +43,7 @@ def type_of(field):
 
 SAMPLES = {
     "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "Excitation": il.WhiteNoise(1.0),
+    "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
     "str": "text", "bool": True,
     "Sequence[float]": (1.0, 2.0), "Sequence[float] | np.ndarray": (1.0, 2.0), "float | Sequence[float]": (1.0, 2.0),
     "Matrix": ((2.0, -1.0), (-1.0, 3.0)), "Vector | Matrix": ((2.0, 0.5), (0.5, 1.0)),

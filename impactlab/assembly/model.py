@@ -353,7 +353,11 @@ def _pair(slots: Mapping[Any, int], link: Contact | Coupling) -> tuple[int, int]
     return slots.get(link.first, len(slots)), slots.get(link.second, len(slots))
 
 
-_IN_TIME = ("forcing", "force", "force"), ("intensity", "intensity", "intensity"), ("modulation", "filter", "modulation")
+_IN_TIME = (
+    ("forcing", "force", "force"),
+    ("intensity", "intensity", "intensity"),
+    ("modulation", "filter", "modulation"),
+)
 """Roles of functions of time, which kind of excitation has them, and the names of their kernels."""
 
 
@@ -379,9 +383,8 @@ def _members(
             kind = Kind.of("residual", body, "residual")
             result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
     for role, family, kernel in _IN_TIME:
-        for row, item in enumerate(sources[family].excitations):
-            if item.has_kernel(kernel):
-                result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
+        for row, item in enumerate(item for item in sources[family].excitations if item.has_kernel(kernel)):
+            result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
     return result
 
 

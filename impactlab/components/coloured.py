@@ -3,80 +3,24 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
 from impactlab.components.component import finite, take_part
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
+from impactlab.components.filters import filter_of
 from impactlab.components.loads import SAMPLES_SHOWN, between, shown_samples, take_samples
-from impactlab.errors import InvalidInput
-
-
-class Filter(NamedTuple):
-    """A linear filter ``z' = A z + b w``, ``f = c z`` of white noise w, ``E[w(t) w(t+τ)] = 2π δ(τ)``."""
-
-    drift: np.ndarray  # (state, state) A
-    input: np.ndarray  # (state,) b
-    output: np.ndarray  # (state,) c
-
-    @property
-    def rates(self) -> np.ndarray:
-        """Rates at which its motions decay (s-1), (state,)."""
-        return np.asarray(-np.linalg.eigvals(self.drift).real)
-
-    @property
-    def fastest(self) -> float:
-        """Magnitude of its largest eigenvalue (s-1)."""
-        return float(np.abs(np.linalg.eigvals(self.drift)).max())
-
-    def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """Return the two-sided spectral density of f at angular frequencies (rad s-1), (frequency,)."""
-        moving = 1j * frequencies[:, None, None] * np.eye(len(self.input)) - self.drift
-        inputs = np.broadcast_to(self.input[:, None], (len(frequencies), len(self.input), 1))
-        return np.asarray(np.abs(np.linalg.solve(moving, inputs)[..., 0] @ self.output) ** 2)
-
-
-def filter_of(excitation: Excitation) -> Filter:
-    """Return the filter of an excitation, or refuse one that is none or not stable."""
-    kind, parts = type(excitation).__name__, excitation.filter()  # type: ignore[attr-defined]
-    try:
-        drift, given, output = (np.asarray(part, dtype=float) for part in parts)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {reprlib.repr(parts)}.") from None
-    count = given.size
-    if not count or (drift.shape, given.shape, output.shape) != ((count, count), (count,), (count,)):
-        raise InvalidInput(
-            f"{kind}.filter must return A, b and c of the shapes (n, n), (n,) and (n,); {drift.shape}, {given.shape} "
-            f"and {output.shape} were returned."
-        )
-    if not (np.isfinite(drift).all() and np.isfinite(given).all() and np.isfinite(output).all()):
-        raise InvalidInput(f"{kind}.filter must return finite numbers.")
-    result = Filter(drift, given, output)
-    if result.rates.min() <= 0.0:
-        raise InvalidInput(
-            f"The filter of {kind} is not stable: its slowest motion decays at a rate of {result.rates.min():g} s-1, "
-            "which must be larger than 0."
-        )
-    return result
 
 
 class FilteredNoise(Excitation):
     """White noise through a linear filter; a subclass defines ``filter(self)``, which `Excitation` tells of.
 
     The exact flow has the states of the filter and what they move in one transition, so that steps may be longer than
-    the filter's times. A run begins with a state drawn from the stationary law of the filter, unless it is `at_rest`.
-
-    Parameters
-    ----------
-    at_rest : bool
-        Whether the filter is at rest where a run begins, which is before the spin-up.
+    the filter's times. A run begins with a state drawn from the stationary law of the filter, unless it is ``at_rest``.
     """
-
-    at_rest: bool = parameter(False, kw_only=True)
 
     @property
     def variance(self) -> float:
@@ -106,11 +50,12 @@ class OrnsteinUhlenbeckNoise(FilteredNoise):
     correlation_time : float
         Time τ_c (s).
     at_rest : bool
-        See `FilteredNoise`.
+        Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     correlation_time: float = parameter(units="s", above=0.0)
+    at_rest: bool = parameter(False)
 
     @classmethod
     def from_variance(cls, variance: float, correlation_time: float, **fields: Any) -> Self:
@@ -140,12 +85,13 @@ class BandPassNoise(FilteredNoise):
     damping_ratio : float
         Ratio ζ.
     at_rest : bool
-        See `FilteredNoise`.
+        Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     frequency: float = parameter(units="rad s-1", above=0.0)
     damping_ratio: float = parameter(above=0.0)
+    at_rest: bool = parameter(False)
 
     def filter(self) -> tuple[Any, Any, Any]:
         """Return the filter; see `Excitation`."""
@@ -170,17 +116,18 @@ class KanaiTajimi(FilteredNoise):
     ground_damping : float
         Damping ratio ζ_g of the layer.
     at_rest : bool
-        See `FilteredNoise`.
+        Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0, kw_only=False)
     ground_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
     ground_damping: float = parameter(above=0.0, kw_only=False)
+    at_rest: bool = parameter(False)
 
     @classmethod
-    def from_one_sided(cls, per_hertz: float, *values: float, **fields: Any) -> Self:
-        """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀, and its other values."""
-        return cls(two_sided(cls, per_hertz), *values, **fields)
+    def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
+        """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀."""
+        return cls(two_sided(cls, per_hertz), **fields)
 
     def filter(self) -> tuple[Any, Any, Any]:
         """Return the filter; see `Excitation`."""
@@ -188,7 +135,7 @@ class KanaiTajimi(FilteredNoise):
         return drift, given, [-drift[1][0], -drift[1][1]]
 
 
-class CloughPenzien(KanaiTajimi):
+class CloughPenzien(FilteredNoise):
     """The acceleration of `KanaiTajimi` through a second filter, which leaves no low frequencies.
 
     Its density is multiplied by ``ω⁴/((ω_f² − ω²)² + (2ζ_fω_fω)²)``, so that velocity and displacement of the ground
@@ -197,21 +144,31 @@ class CloughPenzien(KanaiTajimi):
     Parameters
     ----------
     spectral_density : float
-        Two-sided spectral density S₀ over angular frequency of the rock, as of `KanaiTajimi`.
+        Two-sided spectral density S₀ over angular frequency of the rock, as of `KanaiTajimi` (N2 s rad-1).
     ground_frequency, ground_damping : float
         Angular frequency ω_g (rad s-1) and damping ratio ζ_g of the layer.
     filter_frequency, filter_damping : float
         Angular frequency ω_f (rad s-1) and damping ratio ζ_f of the second filter.
     at_rest : bool
-        See `FilteredNoise`.
+        Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
+    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0, kw_only=False)
+    ground_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
+    ground_damping: float = parameter(above=0.0, kw_only=False)
     filter_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
     filter_damping: float = parameter(above=0.0, kw_only=False)
+    at_rest: bool = parameter(False)
+
+    @classmethod
+    def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
+        """Make the noise from the one-sided density of the rock over frequency, S_f = 4π S₀."""
+        return cls(two_sided(cls, per_hertz), **fields)
 
     def filter(self) -> tuple[Any, Any, Any]:
         """Return the filter; see `Excitation`."""
-        first, given, acceleration = super().filter()
+        layer = KanaiTajimi(self.spectral_density, self.ground_frequency, self.ground_damping)
+        first, given, acceleration = layer.filter()
         second, _ = _resonator(self.filter_frequency, self.filter_damping, 1.0)
         drift = np.zeros((4, 4))
         drift[:2, :2], drift[2:, 2:] = first, second

@@ -293,9 +293,7 @@ class _Types:
         )
         sparse = named(Sparse, slots, slots, numbers)
         filters = named(Filters, *[sparse] * 4, pairs, slots, array(2, u8), i8)
-        self.coloured = named(
-            Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals
-        )
+        self.coloured = named(Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals)
         self.series = named(Series, slots, cube, blocks, self.coloured)
         self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
         self.state = named(State, *[block] * 8, blocks)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.coloured import filter_of
+from impactlab.components.filters import filter_of
 from impactlab.integrators.arguments import NoiseRows
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
@@ -118,7 +118,9 @@ class ExplicitIntegrator(Integrator):
         return min(self._stable(model, tangent, residual), _sampled_step(model))
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return min(self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model), _filter_step(model))
+        return min(
+            self.fraction * self._stable(model, tangent, residual), 0.5 * _sampled_step(model), _filter_step(model)
+        )
 
     def _stable(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float) -> float:
         return stable_step(self.stability_polynomial, replace(model, stiffness=model.stiffness + residual), tangent)

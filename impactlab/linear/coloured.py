@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.components.coloured import Filter
 from impactlab.components.excitation import Excitation
+from impactlab.components.filters import Filter
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import drift_matrix, gaussian_transition, lower_root, noise_root
 
@@ -86,7 +86,7 @@ class FilteredMotion:
         return np.asarray(states.T @ lyapunov(drift, self._growth(len(drift))) @ states)
 
     def variances(self) -> np.ndarray:
-        """Return the mean squares of displacement and velocity without the envelope, infinite without law, (2, body)."""
+        """Return the mean squares of displacement and velocity without envelope, infinite without a law, (2, body)."""
         if self.covariance is None:
             return np.where(self.filter.input.any() * np.ones((2, len(self.slots))), np.inf, 0.0)
         result = np.diag(self.covariance)[self.states :].reshape(2, -1).copy()

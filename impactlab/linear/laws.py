@@ -8,7 +8,7 @@ import numpy as np
 
 from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.assembly.model import Model, kept
-from impactlab.components.coloured import filter_of
+from impactlab.components.filters import filter_of
 from impactlab.errors import InvalidInput
 from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.cosines import Lines, receptance_of
@@ -19,8 +19,9 @@ def linear_variances(model: Model) -> np.ndarray:
     """Return the linear mean squares of displacement and velocity without contacts, (2, body).
 
     Under white noise ``πS/(ck)`` and ``πS/(mc)``, under lines the finite sum over them, under
-    coloured noise what Lyapunov's equation gives with the states of its filter; for bodies with linear couplings those of the coupled system. Infinite where there is
-    no stationary law, 0 without excitation.
+    coloured noise what Lyapunov's equation gives with the states of its filter; for bodies with
+    linear couplings those of the coupled system. Infinite where there is no stationary law, 0
+    without excitation.
     """
     return np.asarray(white_variances(model, model.initial_densities) + other_variances(model))
 
@@ -67,9 +68,7 @@ def coloured_variances(model: Model) -> np.ndarray:
     return result
 
 
-def filtered_motions(
-    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
-) -> tuple[FilteredMotion, ...]:
+def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[FilteredMotion, ...]:
     """Return what each filtered white noise moves, alone or in some systems of bodies."""
     sources, result = model.sources["filter"], []
     for number, (name, excitation) in enumerate(sources.named()):
@@ -91,7 +90,9 @@ def relaxation_time(model: Model) -> float:
     root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
     slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
     filters = [filter_of(excitation).rates for excitation in model.sources["filter"].excitations]
-    rates = np.concatenate([np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *filters])
+    rates = np.concatenate(
+        [np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *filters]
+    )
     return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
 
 

@@ -55,7 +55,9 @@ def system_transition(
     return a[0], q[0]
 
 
-def gaussian_transition(drift: np.ndarray, growth: np.ndarray, step: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def gaussian_transition(
+    drift: np.ndarray, growth: np.ndarray, step: float, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
     size = drift.shape[-1]
     halvings = _halvings(rate, step)

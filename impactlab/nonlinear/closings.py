@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.coloured import filter_of
 from impactlab.components.contact import contact_forces
+from impactlab.components.filters import filter_of
 from impactlab.integrators.base import Integrator
 from impactlab.linear.laws import correlated_systems, flexibility, hottest, linear_variances, lines_of
 from impactlab.nonlinear.tangent_stiffness import Stiffening
@@ -94,8 +94,8 @@ def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:
 def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     """Return what noise changes the closing velocity of each contact by in a step, r.m.s., (contact,) (m s-1).
 
-    Of sums of cosines and coloured noises what is around half the rate of the steps counts: slower forces bend the path,
-    which is seen.
+    Of sums of cosines and coloured noises what is around half the rate of the steps counts: slower forces bend the
+    path, which is seen.
     """
     times = duration * np.modf(np.arange(64) * 0.5 * (np.sqrt(5.0) - 1.0))[0] if model.time_varying else np.zeros(1)
     density = np.mean([model.intensities(float(time)) for time in times], axis=0)

@@ -12,11 +12,13 @@ from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Coloured, Filters, Sparse
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.noise_rows import MOST_TOGETHER
-from impactlab.kernels.series import NEAR
 from impactlab.kernels.random import addresses, fill_normals, streams_of
+from impactlab.kernels.series import NEAR
 from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems
+
+MOST_TOGETHER = 500
+"""Bodies that one noise may move together: it takes some seconds, and as the cube."""
 
 BLOCKS = 3
 """Blocks of states that are kept, and of work space."""
@@ -46,7 +48,7 @@ class ColouredNoises:
     slots: np.ndarray  # (response or force,) bodies
     filters: Filters
     starts: tuple[FilterStart, ...]
-    modulated: tuple[bool, ...]  # whether each has an envelope
+    envelopes: int  # how many have one
     states: int  # of all filters
 
     @classmethod
@@ -62,16 +64,17 @@ class ColouredNoises:
                     "is the most. Use several sources."
                 )
         counts = [motion.states for motion in motions]
-        envelope = [number if motion.modulated else -1 for number, motion in enumerate(motions)]
+        modulated = np.array([motion.modulated for motion in motions], dtype=bool)
+        envelope = np.where(modulated, np.cumsum(modulated) - 1, -1).tolist()
         rows = _responses if integrator.takes_response else _forces
         slots, tables, normals = rows(motions, envelope, interval)
         names = [motion.name for motion, count in zip(motions, normals, strict=True) for _ in range(count)]
         numbers = [number for count in normals for number in range(count)]
         return cls(
             slots,
-            Filters(*tables, streams_of(seed, names, numbers), finer),
+            tables._replace(streams=streams_of(seed, names, numbers), finer=finer),
             _starts(model, counts, seed),
-            tuple(motion.modulated for motion in motions),
+            int(modulated.sum()),
             sum(counts),
         )
 
@@ -81,7 +84,7 @@ class ColouredNoises:
     @property
     def time_varying(self) -> bool:
         """Whether one of them has an envelope."""
-        return any(self.modulated)
+        return self.envelopes > 0
 
     @property
     def rows(self) -> int:
@@ -92,14 +95,14 @@ class ColouredNoises:
     def nbytes(self) -> int:
         """Bytes that a realization takes."""
         rows = (NEAR + 1) * self.rows + BLOCKS * (len(self.filters.motion.begin) - 1 + self.states)
-        return 8 * rows + 16 * self.filters.streams.shape[1]
+        return int(8 * rows + 16 * self.filters.streams.shape[1])
 
     @property
     def seconds(self) -> float:
         """Time that a sample takes for a realization, roughly (s)."""
         filters = self.filters
         entries = sum(len(item.values) for item in (filters.motion, filters.noise, filters.flow, filters.output))
-        return 1e-9 * filters.finer * (entries + 4 * filters.streams.shape[1])
+        return float(1e-9 * filters.finer * (entries + 4 * filters.streams.shape[1]))
 
     def arrays(self, function: int, realizations: np.ndarray) -> Coloured:
         """Return what the loop takes for a block of some realizations; the states are to be set."""
@@ -109,7 +112,7 @@ class ColouredNoises:
             function=function,
             filters=filters,
             realizations=realizations,
-            factors=np.zeros((0, BLOCKS, len(self.modulated))),
+            factors=np.zeros((0, BLOCKS, self.envelopes)),
             first=0,
             place=np.zeros(2, dtype=np.int64),
             kept=np.zeros((BLOCKS, self.states, lanes)),
@@ -131,8 +134,8 @@ def _starts(model: Model, counts: Sequence[int], seed: tuple[int, int]) -> tuple
 
 def _responses(
     motions: Sequence[FilteredMotion], envelope: Sequence[int], interval: float
-) -> tuple[np.ndarray, tuple[object, ...], list[int]]:
-    """Return the bodies that respond, all tables of `Filters` but the last two, and the numbers of normals."""
+) -> tuple[np.ndarray, Filters, list[int]]:
+    """Return the bodies that respond, tables without the addresses of their normals, and the numbers of these."""
     steps = [motion.steps(interval) for motion in motions]
     counts, moved = [motion.states for motion in motions], [2 * len(motion.slots) for motion in motions]
     pairs, first = [], sum(counts)
@@ -141,13 +144,15 @@ def _responses(
         growing = own + count if motion.modulated else np.full(count, -1)
         pairs.append(np.stack([own, growing, np.full(count, which)], axis=1))
         first += count * (2 if motion.modulated else 1)
-    tables = (
-        _states_first([item.motion for item in steps], counts),
-        _states_first([item.noise for item in steps], counts),
-        _sparse([item.flow for item in steps]),
-        _sparse([]),
-        np.concatenate([np.zeros((0, 3), dtype=np.int64), *pairs]),
-        np.zeros(0, dtype=np.int64),
+    tables = Filters(
+        motion=_states_first([item.motion for item in steps], counts),
+        noise=_states_first([item.noise for item in steps], counts),
+        flow=_sparse([item.flow for item in steps]),
+        output=_sparse([]),
+        pairs=np.concatenate([np.zeros((0, 3), dtype=np.int64), *pairs]),
+        envelopes=np.zeros(0, dtype=np.int64),
+        streams=np.zeros((3, 0), dtype=np.uint64),
+        finer=1,
     )
     slots = np.concatenate([np.zeros(0, dtype=np.int64), *(motion.slots for motion in motions)])
     return slots, tables, [item.noise.shape[1] for item in steps]
@@ -155,7 +160,7 @@ def _responses(
 
 def _forces(
     motions: Sequence[FilteredMotion], envelope: Sequence[int], interval: float
-) -> tuple[np.ndarray, tuple[object, ...], list[int]]:
+) -> tuple[np.ndarray, Filters, list[int]]:
     """Return the same for a method that takes forces."""
     steps = [motion.own_steps(interval) for motion in motions]
     driven = [np.flatnonzero(motion.weights) for motion in motions]
@@ -163,13 +168,15 @@ def _forces(
         np.outer(motion.weights[bodies], motion.filter.output)
         for motion, bodies in zip(motions, driven, strict=True)
     ]  # fmt: skip
-    tables = (
-        _sparse([motion for motion, _ in steps]),
-        _sparse([noise for _, noise in steps]),
-        _sparse([]),
-        _sparse(output),
-        np.zeros((0, 3), dtype=np.int64),
-        np.repeat(np.array(envelope, dtype=np.int64), [len(bodies) for bodies in driven]),
+    tables = Filters(
+        motion=_sparse([motion for motion, _ in steps]),
+        noise=_sparse([noise for _, noise in steps]),
+        flow=_sparse([]),
+        output=_sparse(output),
+        pairs=np.zeros((0, 3), dtype=np.int64),
+        envelopes=np.repeat(np.array(envelope, dtype=np.int64), [len(bodies) for bodies in driven]),
+        streams=np.zeros((3, 0), dtype=np.uint64),
+        finer=1,
     )
     slots = [motion.slots[bodies] for motion, bodies in zip(motions, driven, strict=True)]
     return np.concatenate([np.zeros(0, dtype=np.int64), *slots]), tables, [noise.shape[1] for _, noise in steps]

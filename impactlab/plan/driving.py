@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from impactlab.integrators.base import Integrator
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
 from impactlab.linear.laws import flowing_systems, lines_of, responses
-from impactlab.plan.coloured import ColouredNoises
+
+if TYPE_CHECKING:
+    from impactlab.plan.coloured import ColouredNoises
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +34,10 @@ class Driving:
     impacted: np.ndarray  # (body,) whether rigid contacts act between kicks
 
     @classmethod
-    def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> Driving:
-        """Return those of a model as a method takes them at a step (s); see `WhiteNoises` for a coarse run."""
+    def of(cls, model: Model, coloured: ColouredNoises) -> Driving:
+        """Return those of a model, with its coloured noises."""
         moved = responses(model, flowing_systems(model))
         number, body, weight = model.sources["force"].drives
-        coloured = ColouredNoises.of(model, integrator, step, seed, coarse)
         return cls(lines_of(model), moved, body, number, weight, coloured, model.impacted)
 
     def __bool__(self) -> bool:
@@ -72,7 +74,9 @@ class Driving:
         """Bytes of the samples of a realization, and of some rows more."""
         if not self.lines:
             return self.coloured.nbytes
-        return self.coloured.nbytes + 8 * (sum(self.rows(integrator)) + more) * sample_count(self.lines, *_samples(integrator, step, steps))
+        return self.coloured.nbytes + 8 * (sum(self.rows(integrator)) + more) * sample_count(
+            self.lines, *_samples(integrator, step, steps)
+        )
 
     def seconds(self, integrator: Integrator, step: float, steps: int) -> float:
         """Time that sampling takes for a realization (s)."""

@@ -67,8 +67,8 @@ class Plan:
     def transient(self) -> bool:
         """Whether the states at the start and the end of the measurement count: it is no sample of a stationary motion.
 
-        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines or coloured noise, whose mean velocity
-        is known from the states at both ends only.
+        Sums then have rows for it; see `impactlab.kernels.sums`. So have those under cosines or coloured noise, whose
+        mean velocity is known from the states at both ends only.
         """
         clock = self.clock
         steady = self.steady and clock.settled and clock.relaxation > 0.0 and not self.driving.series

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.coloured import filter_of
 from impactlab.components.composition import Composition
+from impactlab.components.filters import filter_of
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
 from impactlab.linear.laws import filtered_motions, lines_of, responses, system_of

@@ -391,7 +391,7 @@ class Block:
         samples, finer = method.samples_per_step, self.coloured.filters.finer
         span = NEAR // samples * samples  # samples that are brought near at a time
         begin, end = (samples * now // span * span for now in (self.now, self.now + count))
-        rows, first, per_step = len(plan.driving.coloured.modulated), finer * begin, finer * samples
+        rows, first, per_step = plan.driving.coloured.envelopes, finer * begin, finer * samples
         number = finer * (end - begin + NEAR) + 1
         mean, slope, _ = self._over_steps(number, self.module.modulation, rows, first, per_step)
         times = ((first + np.arange(number)) / per_step - plan.clock.spin_up_steps) * plan.clock.step

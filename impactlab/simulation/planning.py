@@ -19,6 +19,7 @@ from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
 from impactlab.plan.clock import Clock, batch_count, enough_units
+from impactlab.plan.coloured import ColouredNoises
 from impactlab.plan.driving import Driving, warn_of_bands
 from impactlab.plan.forces import Forces
 from impactlab.plan.impacts import RigidImpacts
@@ -69,10 +70,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     if isinstance(start.state, np.ndarray):
         impacts.check(model, start.state[0])
     _warn(model, request, expected, steps, integrator, impacts)
-    observed, driving = (
-        _observed(model, request, steps, window),
-        Driving.of(model, integrator, steps.step, request.seed, request.coarse),
-    )
+    observed = _observed(model, request, steps, window)
+    driving = Driving.of(model, ColouredNoises.of(model, integrator, steps.step, request.seed, request.coarse))
     # all batches but the last are multiples of this many steps: they end with a sample, if any, and with an interval
     grid = max(observed.every, steps.longest)
     clock = _clock(model, request, expected, steps, grid)

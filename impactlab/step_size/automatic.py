@@ -23,7 +23,7 @@ FLIGHT = 0.15
 """Part of a radian, and of the time in which friction takes 1/e of a velocity, in a step in which bodies collide."""
 
 SERIES_FRICTION = 3.0
-"""Largest friction over an automatic step, ``c h/m``, of a body under a sum of cosines or coloured noise that is kicked."""
+"""Largest friction over an automatic step, ``c h/m``, of a kicked body under a sum of cosines or coloured noise."""
 
 
 def choose_step(
@@ -112,11 +112,13 @@ def stopping_step(model: Model) -> float:
 
 
 def series_step(model: Model) -> float:
-    """Return the step at which friction takes little of what a kick gives to bodies under sums of cosines or coloured noise (s).
+    """Return the step at which friction takes little of what a kick gives to bodies under other noise than white (s).
 
     The velocities of these are read in the middle of kicks alone, which says nothing of what decays between them:
     with a damping ratio of 10, a natural frequency of 100 rad/s and a Hertz contact E[v²] is 1.7 % too large at
     ``c h/m = 16``, and 0.07 ± 0.003 % too small at 4.
     """
-    kicked = [slot for slot in {*model.lines, *model.coloured} if model.nonlinear_bodies[slot] and model.damping[slot] > 0.0]
+    kicked = [
+        slot for slot in {*model.lines, *model.coloured} if model.nonlinear_bodies[slot] and model.damping[slot] > 0.0
+    ]
     return min((SERIES_FRICTION * float(model.mass[slot] / model.damping[slot]) for slot in kicked), default=math.inf)
