@@ -136,7 +136,7 @@ class Block:
                 state.v[cold[:, None], resting] = velocity
         else:
             state.x[:-1, lanes] = plan.start.rest[:, None]
-        if plan.start.state != "stationary":
+        if plan.start.given or plan.start.state != "stationary":
             self._draw_filters(lanes, 0)
         return attempt
 
