@@ -156,6 +156,17 @@ def test_a_start_from_rest(at_rest):
 
 
 @few
+def test_given_states_begin_with_a_filter_that_is_stationary():
+    """Realizations differ from the first step on, although all begin alike."""
+    options = {"spin_up": 0.0, "initial": {"displacement": {"a": 0.3}}, "record": il.Trajectory(0.1), "step": 0.1}
+    result = il.simulate(on_ground(OU), 1.0, realizations=2000, rng=4, **options)
+    assert (result.displacement.values[:, 0, 0] == 0.3).all()
+    found = result.displacement.values[:, 1:, 0].var(axis=0)
+    expected = variance_in_time(OU, 0.1 * np.arange(1, 11), lambda t: 1.0)
+    np.testing.assert_allclose(found, expected, rtol=4.0 * np.sqrt(2.0 / 2000.0))
+
+
+@few
 def test_a_run_begins_in_the_joint_stationary_law():
     result = il.simulate(
         on_ground(OU), 2.0, realizations=4000, rng=5, step=0.25, initial="stationary", spin_up=0.0,
