@@ -13,7 +13,8 @@ _HOME = {
     "components.component": ["Component"],
     "components.fields": ["parameter", "state"],
     "components.beams": ["beam"],
-    "components.structure": ["LinearStructure", "ModalStructure"],
+    "components.modal_structure": ["ModalStructure"],
+    "components.linear_structure": ["LinearStructure"],
     "components.oscillator": [
         "DoubleWellOscillator",
         "DuffingOscillator",

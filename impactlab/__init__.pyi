@@ -43,12 +43,14 @@ from impactlab.components.hysteresis import JenkinsCoupling as JenkinsCoupling
 from impactlab.components.hysteresis import MaxwellCoupling as MaxwellCoupling
 from impactlab.components.hysteresis import PiezoelectricCoupling as PiezoelectricCoupling
 from impactlab.components.hysteresis import ZenerCoupling as ZenerCoupling
+from impactlab.components.linear_structure import LinearStructure as LinearStructure
 from impactlab.components.loads import Chirp as Chirp
 from impactlab.components.loads import ConstantForce as ConstantForce
 from impactlab.components.loads import Harmonic as Harmonic
 from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce
+from impactlab.components.modal_structure import ModalStructure as ModalStructure
 from impactlab.components.oscillator import DoubleWellOscillator as DoubleWellOscillator
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import InvertedOscillator as InvertedOscillator
@@ -64,8 +66,6 @@ from impactlab.components.sides import Combination as Combination
 from impactlab.components.springs import BilinearCoupling as BilinearCoupling
 from impactlab.components.springs import CubicCoupling as CubicCoupling
 from impactlab.components.springs import PowerLawCoupling as PowerLawCoupling
-from impactlab.components.structure import LinearStructure as LinearStructure
-from impactlab.components.structure import ModalStructure as ModalStructure
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError

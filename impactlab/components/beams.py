@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from impactlab.components.component import finite, positive
-from impactlab.components.structure import ModalStructure
+from impactlab.components.modal_structure import ModalStructure
 from impactlab.errors import InvalidInput
 
 _CLAMPED, _PINNED, _FREE = (0, 1), (0, 2), (2, 3)
@@ -41,8 +41,9 @@ def beam(
     """Return a uniform slender beam or tube by its lowest bending modes.
 
     The theory is that of Euler and Bernoulli: ``EI w'''' + μ w'' = forces``, S. S. Rao, Vibration of Continuous Systems
-    (2007), chapter 11; modal masses are 1. Shear and the inertia of rotation are left out, which matters where the
-    wavelength of a mode, ``2 L/n`` or so, is not much larger than the depth.
+    (2007), chapter 11; modal masses are 1. With `BaseMotion` all supports move together. Shear and the inertia of
+    rotation are left out, which matters where the wavelength of a mode, ``2 L/n`` or so, is not much larger than the
+    depth.
 
     Parameters
     ----------
@@ -85,14 +86,18 @@ def beam(
         raise InvalidInput(f"beam: points must be {{name: distance from the end at 0}}, not {points!r}.")
     places = {name: _place(name, place, span) for name, place in points.items()}
     roots = [_root(supports, number) for number in range(1, modes + 1)]
-    rows = np.array([_shape(root, *_SUPPORTS[supports], np.array([*places.values()])) for root in roots]).T
-    rows[np.abs(rows) < _NOWHERE] = 0.0
+    found = [_shape(root, *_SUPPORTS[supports], np.array([*places.values()])) for root in roots]
+    means, rows = np.array([mean for _, mean in found]), np.array([row for row, _ in found]).T
+    for numbers in (means, rows):
+        numbers[np.abs(numbers) < _NOWHERE] = 0.0
     for name, row in zip(places, rows, strict=True):
         if not row.any():
             raise InvalidInput(f"beam: point {name!r} at {points[name]!r} m does not move in any of the {modes} modes.")
-    shapes = {name: tuple((row / math.sqrt(mass * span)).tolist()) for name, row in zip(places, rows, strict=True)}
+    root_of_mass = math.sqrt(mass * span)
+    shapes = {name: tuple((row / root_of_mass).tolist()) for name, row in zip(places, rows, strict=True)}
     frequencies = [(root / span) ** 2 * math.sqrt(stiffness / mass) for root in roots]
-    return ModalStructure(tuple(frequencies), damping_ratios, points=shapes)
+    participation = (root_of_mass * means).tolist()
+    return ModalStructure(tuple(frequencies), damping_ratios, points=shapes, participation=participation)
 
 
 def _place(name: str, given: float, length: float) -> float:
@@ -125,10 +130,12 @@ def _fixed(begin: float, beyond: Callable[[float], float]) -> float:
     return b
 
 
-def _shape(root: float, first: tuple[int, int], last: tuple[int, int], places: np.ndarray) -> np.ndarray:
-    """Return the displacements of a mode at parts of the length; their mean square is 1, and they begin upwards.
+def _shape(root: float, first: tuple[int, int], last: tuple[int, int], places: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the displacements of a mode at parts of the length, and their mean.
 
-    They are a sum of a cosine, a sine and two exponentials that decay from either end, so that nothing large cancels.
+    Their mean square is 1, and they begin upwards.
+
+    It is a sum of a cosine, a sine and two exponentials that decay from either end, so that nothing large cancels.
     """
 
     def terms(order: int, place: np.ndarray | float) -> np.ndarray:
@@ -144,4 +151,5 @@ def _shape(root: float, first: tuple[int, int], last: tuple[int, int], places: n
     square = 0.25 * (ends[0] ** 2 - 2.0 * ends[1] * ends[3] + ends[2] ** 2)
     begins = next(order for order in (1, 2) if order not in first)
     weights *= math.copysign(1.0, float(weights @ terms(begins, 0.0))) / math.sqrt(square)
-    return np.asarray(weights @ terms(0, places))
+    mean = float(weights @ (terms(3, 1.0) - terms(3, 0.0))) / root  # since the fourth derivative is φ again
+    return np.asarray(weights @ terms(0, places)), mean

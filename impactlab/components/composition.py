@@ -14,10 +14,12 @@ from impactlab.components.component import Component, suggestion
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
+from impactlab.components.linear_structure import LinearStructure
+from impactlab.components.modal_structure import ModalStructure
 from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
-from impactlab.components.structure import LinearStructure, ModalStructure, Structure
+from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
 Member = TypeVar("Member", bound=Component)

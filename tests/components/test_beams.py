@@ -72,6 +72,28 @@ def test_a_tip_moves_as_twice_the_mean_square():
     )
 
 
+@pytest.mark.parametrize("supports", ROOTS)
+def test_participation_is_the_integral_of_the_shapes(supports):
+    """The squares add up to the mass of the beam."""
+    found = np.array(beam(supports).participation)
+    np.testing.assert_allclose(found, MASS * 0.5 * LENGTH * WEIGHTS @ shapes(supports, PLACES), atol=1e-13)
+    many = float((np.array(beam(supports, 100).participation) ** 2).sum())
+    assert 0.99 < many / (MASS * LENGTH) < 1.0
+
+
+def test_gravity_bends_a_cantilever_as_a_uniform_load():
+    """By ``μ g L⁴/8EI`` at the tip; the forces on the modes are those of a network."""
+    structure = beam("cantilever", 60, TIP)
+    ground = il.BaseMotion(il.ConstantForce(9.81))
+    pulled = il.Network({"beam": structure}, {}, {"ground": ground}).sources["ground"].on
+    forces = 9.81 * np.array([pulled[f"beam.{number}"] for number in range(1, 61)])
+    tip = (forces * structure.points["tip"] / np.array(structure.natural_frequencies) ** 2).sum()
+    assert tip == pytest.approx(-MASS * 9.81 * LENGTH**4 / (8.0 * STIFFNESS), rel=1e-8)
+    two, of_tip = {"tip": LENGTH, "half": 0.5 * LENGTH}, il.BaseMotion(il.ConstantForce(9.81), on="beam.tip")
+    with pytest.raises(il.InvalidInput, match="follows the ground as a whole; name the structure itself"):
+        il.Network({"beam": beam("cantilever", 3, two)}, {}, {"ground": of_tip})
+
+
 STATIC = {
     "cantilever": (LENGTH, 1.0 / 3.0), "pinned-pinned": (0.5 * LENGTH, 1.0 / 48.0),
     "clamped-clamped": (0.5 * LENGTH, 1.0 / 192.0), "clamped-pinned": (0.5 * LENGTH, 7.0 / 768.0),

@@ -9,7 +9,7 @@ import numpy as np
 
 from impactlab.assembly import sources
 from impactlab.assembly.links import Combinations
-from impactlab.components.structure import LinearStructure
+from impactlab.components.linear_structure import LinearStructure
 from impactlab.integrators import exact_flow
 from impactlab.simulation import block
 from planted.compound_scenes import CREEPING, LEVER, PULSATING, TOWER
