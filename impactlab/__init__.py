@@ -81,6 +81,7 @@ _HOME = {
     "records.trajectory": ["PerRealization", "Trajectory"],
     "simulation.simulate": ["simulate"],
     "sweeps.sweep": ["sweep"],
+    "plotting.animation": ["animate"],
     "sweeps.citation": ["citation"],
     "sweeps.rerun": ["network_of", "rerun"],
     "reference.compare": ["compare"],

@@ -80,6 +80,7 @@ from impactlab.networks.check import NetworkCheck as NetworkCheck
 from impactlab.networks.compiled import CompiledNetwork as CompiledNetwork
 from impactlab.networks.network import Network as Network
 from impactlab.networks.network import chain as chain
+from impactlab.plotting.animation import animate as animate
 from impactlab.records.density import Density as Density
 from impactlab.records.density import JointDensity as JointDensity
 from impactlab.records.final_state import FinalState as FinalState

@@ -6,6 +6,7 @@ are those that its own code draws: each is saved where the page shows it.
 
 import os
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -55,8 +56,11 @@ def densities(network: il.Network) -> Figure:
     return figure
 
 
-def of_page(page: str) -> Iterator[tuple[str, Figure]]:
-    """Run the code of a page, and give the figures that it draws by the names under which the page shows them."""
+def of_page(page: str, folder: Path) -> Iterator[tuple[str, Figure]]:
+    """Run the code of a page, and give the figures that it draws by the names under which the page shows them.
+
+    Films, which it writes itself, go to the folder.
+    """
     names: dict[str, object] = {}
     for number, (code, file) in enumerate(PARTS.findall((DOCS / f"{page}.md").read_text(encoding="utf-8"))):
         if file:
@@ -66,6 +70,8 @@ def of_page(page: str) -> Iterator[tuple[str, Figure]]:
             block = Path(f"{page}_{number}.py").resolve()
             block.write_text(code, encoding="utf-8")  # kernels are read from files
             exec(compile(code, block, "exec"), names)
+            for film in Path().glob("*.gif"):
+                shutil.move(film, folder / film.name)
 
 
 if __name__ == "__main__":
@@ -76,6 +82,6 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as scratch:
         os.chdir(scratch)  # where the pages write their files
         for page in PAGES:
-            for file, figure in of_page(page):
+            for file, figure in of_page(page, folder):
                 figure.savefig(folder / file, dpi=100)
         os.chdir(folder)

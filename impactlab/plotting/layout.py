@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import impactlab
@@ -81,17 +81,22 @@ def layout_of(network: impactlab.Network) -> Layout:
 
 
 def _row(given: Mapping[str, Mapping[str, Any]], owners: dict[str, str]) -> list[str]:
-    """Return the names of the bodies so that contacts and couplings join neighbours, from left to right."""
+    """Return the names of the bodies and structures from left to right."""
+    links = (*given["contacts"].values(), *given["couplings"].values())
+    plain = [link for link in links if isinstance(link.first, str) and isinstance(link.second, str)]
+    return in_a_row([(owners[link.first], owners[link.second]) for link in plain], list(given["oscillators"]))
+
+
+def in_a_row(pairs: Iterable[tuple[str, str]], names: list[str]) -> list[str]:
+    """Return names so that the two of a pair are neighbours, from left to right, where they can be."""
     follower: dict[str, str] = {}
     followed: set[str] = set()
-    for link in (*given["contacts"].values(), *given["couplings"].values()):
-        if isinstance(link.first, str) and isinstance(link.second, str):
-            first, second = owners[link.first], owners[link.second]
-            if first != second and first not in follower and second not in followed and follower.get(second) != first:
-                follower[first] = second
-                followed.add(second)
+    for first, second in pairs:
+        if first != second and first not in follower and second not in followed and follower.get(second) != first:
+            follower[first] = second
+            followed.add(second)
     row: dict[str, None] = {}
-    for name in (*(name for name in given["oscillators"] if name not in followed), *given["oscillators"]):
+    for name in (*(name for name in names if name not in followed), *names):
         here: str | None = name
         while here is not None and here not in row:
             row[here] = None

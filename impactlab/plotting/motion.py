@@ -66,7 +66,7 @@ def trajectory(
     """
     if quantity not in _QUANTITIES:
         raise InvalidInput(f"quantity: {suggestion(quantity, _QUANTITIES)}")
-    one = _realization(result, realization)
+    one = one_realization(result, realization)
     data = variable(one, quantity, "trajectories", "il.Trajectory(interval=…)", ["time"])
     axes = axes_of(ax)
     given = [name for name, _ in rows(data)] if names is None else _several(names)
@@ -105,7 +105,7 @@ def phase_portrait(result: xr.Dataset, name: Place, *, realization: int = 0, ax:
     InvalidInput
         If the result holds no trajectories, or the name is unknown.
     """
-    one = _realization(result, realization)
+    one = one_realization(result, realization)
     x, v = series(one, "displacement", name), series(one, "velocity", name)
     axes = axes_of(ax, (4.0, 3.6))
     axes.plot(x, v, lw=0.8, label="open")
@@ -153,7 +153,7 @@ def stroboscopic(
     InvalidInput
         If the result holds no trajectories, the name is unknown, or the period is no whole number of intervals.
     """
-    some = known_dataset(result) if realization is None else _realization(result, realization)
+    some = known_dataset(result) if realization is None else one_realization(result, realization)
     x, v = series(some, "displacement", name), series(some, "velocity", name)
     times = some["time"].values
     wanted = np.arange(times[0], times[-1] * (1.0 + 1e-9), positive("period", period))
@@ -191,7 +191,8 @@ def series(result: xr.Dataset, quantity: str, name: Place) -> np.ndarray:
     return np.asarray(data.sel(place).values)
 
 
-def _realization(result: Any, realization: int) -> xr.Dataset:
+def one_realization(result: Any, realization: int) -> xr.Dataset:
+    """Return one realization of a result."""
     dataset = known_dataset(result)
     if "realization" not in dataset.dims:
         return dataset
