@@ -224,7 +224,8 @@ class _Scene:
         at = [self.places[name] + float(self.paths[name][sample]) for name in own]
         if not own or not _plain(contact):
             return [x + 0.5 * width for x in at]
-        return [at[0] + width if own[0] == contact.first else at[0]]
+        faces = [x + width if name == contact.first else x for name, x in zip(own, at, strict=True)]
+        return [sum(faces) / len(faces)]
 
 
 def _plain(contact: _Contact) -> int:

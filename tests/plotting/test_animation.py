@@ -71,7 +71,7 @@ def test_bodies_are_to_scale_and_touch_when_contacts_close(result):
         apart = b.get_x() - (a.get_x() + a.get_width())
         indentation = float(path.displacement[sample, 0] - path.displacement[sample, 1]) - 0.3
         assert apart == pytest.approx(-indentation)
-        at = {"gap": a.get_x() + a.get_width(), "stop": b.get_x() + b.get_width()}
+        at = {"gap": a.get_x() + a.get_width() + 0.5 * apart, "stop": b.get_x() + b.get_width()}
         assert flashes[list(NETWORK.contacts).index(name)] == pytest.approx([at[name]])
     assert not any(len(x) for x in drawn(film, 0)[1])
 
