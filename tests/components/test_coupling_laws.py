@@ -185,6 +185,16 @@ def test_a_stiff_slider_is_friction_that_sticks():
         assert abs(off) < 0.1 * DURATION * most / math.sqrt(1.5 * stiffness)
 
 
+@pytest.mark.campaign
+def test_smooth_friction_of_a_small_velocity_is_nearly_friction_that_sticks():
+    """At the automatic step: at rest it creeps less than its velocity scale, and slides as Coulomb's friction."""
+    x, _ = sticking(3.0, DURATION)
+    law = il.FrictionCoupling(3.0, velocity=1e-4)
+    scene = il.Network({"a": HELD}, {}, {"a": PUSH}, {"f": il.Coupling(il.WALL, "a", law)})
+    result = il.simulate(scene, DURATION, initial={}, record=il.Trajectory(DURATION))
+    assert abs(result.displacement.isel(time=-1).item() - x) < 1e-4
+
+
 MEMORY = {"solid": "pull", "circuit": "voltage", "slider": "pull"}
 
 

@@ -223,7 +223,7 @@ BUGS = [
     Bug("bins half a width aside", PAIR, bins(shift=0.5)),
     Bug("bins that are too wide", PAIR, bins(width=24.0 / 23.0)),
     Bug("samples beyond the limits in the last bins", PAIR,
-        returned(density._Counts, "result", into_end_bins)),
+        returned(density.Counts, "result", into_end_bins)),
     Bug("density by the width of the bins without the last", PAIR, returned(il.Density, "label", wider)),
     Bug("cosines with the amplitude of a two-sided density", BOUNDED, lines(amplitude=math.sqrt(0.5))),
     Bug("cosines without the 2π of their density", BOUNDED, lines(amplitude=1.0 / math.sqrt(2.0 * math.pi))),
