@@ -12,17 +12,31 @@ _PATIENCE = 2.0  # seconds before a bar is worth its line
 _WIDTH = 30
 
 
+def is_watched() -> bool:
+    """Whether somebody sees standard error while something runs: on a terminal, or in a notebook."""
+    if sys.stderr.isatty():
+        return True
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    return getattr(shell, "kernel", None) is not None
+
+
+def is_shown(progress: bool | Callable[[float], None] | None) -> bool:
+    """Whether a bar would be shown."""
+    return progress is True or (progress is None and is_watched())
+
+
 def say(progress: bool | Callable[[float], None] | None, text: str) -> None:
     """Print a line where a bar would be shown."""
-    if progress is True or (progress is None and sys.stderr.isatty()):
+    if is_shown(progress):
         sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
 
 
 def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float], None]:
     """Return what is called with the part that is done.
 
-    With None it is a bar if standard error is a terminal and the run is long; True and False decide it; a callable is
-    called itself.
+    With None it is a bar if somebody watches, on a terminal or in a notebook, and the run is long; True and False
+    decide it; a callable is called itself.
     """
     if callable(progress):
         return progress
@@ -30,7 +44,7 @@ def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float
         raise InvalidInput(
             f"progress must be True, False, None or a function of the completed fraction, not {progress!r}."
         )
-    if progress is False or (progress is None and not sys.stderr.isatty()):
+    if not is_shown(progress):
         return lambda part: None
     begin = time.monotonic()
     shown = False

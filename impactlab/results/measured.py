@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 LOST = 0.1
 """Part of an error that rounding may change: errors themselves are hardly known better."""
@@ -25,3 +29,18 @@ def measured_text(value: float, error: float) -> str:
     places = max(0, digits)
     text = f"{round(value, digits):.{places}f} ± {shown:.{places}f}"
     return f"({text})e{power}" if power else text
+
+
+_HEADLINES = ("contact_ratio", "mean_square_displacement")
+
+
+def headline(result: xr.Dataset) -> str:
+    """Return one number of a simulation as text: the first contact's time in contact, else a body's mean square."""
+    for name in _HEADLINES:
+        if name in result and result[name].size:
+            error = result.get(f"{name}_standard_error")
+            first = result[name][dict.fromkeys(result[name].dims, 0)]
+            label = str(first[result[name].dims[-1]].item())
+            shown = measured_text(first.item(), math.nan if error is None else error.values.ravel()[0].item())
+            return f"{name.replace('_', ' ')} of {label} {shown}"
+    return "done"

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.assembly.build import digest
+from impactlab.assembly.compiling import announced
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
@@ -122,7 +123,7 @@ def simulate(
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.
     progress : bool or callable, optional
-        Progress bar; by default on long runs in a terminal.
+        Progress bar; by default on long runs in a terminal or a notebook.
     out : str or path, optional
         File to write the dataset to (netCDF): it is whole, or not there; an existing one is
         replaced at the end. Trajectories are written while they arise, so that they take
@@ -174,14 +175,16 @@ def simulate(
         one = replace(request, realizations=number, step=chosen, coarse=coarse)
         return Ensemble(model, one, Execution(executor, growing=True), compared=chosen is not None)
 
-    result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
+    with announced(progress):
+        result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
     return result if asked else without_realizations(result)
 
 
 def _simulate(network: Network, request: Request, execution: Execution) -> xr.Dataset:
     """Return the dataset of a request."""
     out, progress = execution.out, reporter(execution.progress)
-    with contextlib.nullcontext() if out is None else replacing(path_of(out)) as temporary:
+    files = contextlib.nullcontext() if out is None else replacing(path_of(out))
+    with announced(execution.progress), files as temporary:
         ensemble = Ensemble(Model.of(network), request, execution)
         ensemble.grow(ensemble.number, progress, temporary)
         dataset = ensemble.dataset()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from impactlab.progress import is_shown
 from impactlab.studies.discovery import make_study
 from impactlab.studies.report import publish
 from impactlab.studies.run_folder import Folder
@@ -43,7 +43,7 @@ def run_study(
     workers : int, optional
         Number of threads; by default one per core. The numbers do not depend on it.
     progress : bool, optional
-        Whether to show the progress on stderr; by default only on a terminal.
+        Whether to show the progress on stderr; by default only on a terminal and in a notebook.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def run_study(
     if folder is not None:
         folder.claim(made)
     begin = time.perf_counter()
-    results = run_simulations(wanted, folder, workers, sys.stderr.isatty() if progress is None else progress)
+    results = run_simulations(wanted, folder, workers, is_shown(progress))
     missed, tree = _missed(results), made.collect(results)
     if missed:
         tree.attrs[MISSED] = missed

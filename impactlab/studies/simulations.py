@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.progress import is_watched
+from impactlab.results.measured import headline
 from impactlab.studies.run_folder import plain
 from impactlab.studies.study import Item, SweepItem
 
@@ -72,6 +75,7 @@ def run_simulations(
     A folder keeps each result as soon as it and all before it are there. An item with a tolerance may spend a time on
     it: then each has the cores for itself.
     """
+    from impactlab.assembly.compiling import announced
     from impactlab.sweeps.scheduler import run_together
 
     items = wanted.items
@@ -79,7 +83,7 @@ def run_simulations(
     numbers = {key: number for number, key in enumerate(by_key, start=1)}
     kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
     results = {key: result for key, result in kept.items() if result is not None}
-    shown: dict[str, Callable[[float], None]] = {}
+    begun: set[str] = set()
 
     def job(item: Item) -> Job:
         return lambda pool, note: impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
@@ -88,37 +92,37 @@ def run_simulations(
         if isinstance(outcome, ImpactLabError):
             raise type(outcome)(f"Item {key!r}: {outcome}") from outcome
         results[key] = outcome
+        if progress:
+            _transient("")
+            print(f"[{numbers[key]}/{len(items)}] {key}: {headline(outcome)}", file=sys.stderr, flush=True)
         if folder is not None:
             folder.save_item(by_key[key], outcome)
 
     def watch(key: str, parts: Mapping[str, float]) -> None:
-        if key not in shown:
-            shown[key] = _reporter(f"[{numbers[key]}/{len(items)}] {key}", progress)
-        shown[key](parts[key])
+        if not progress:
+            return
+        if key not in begun and not is_watched():
+            print(f"[{numbers[key]}/{len(items)}] {key}", file=sys.stderr, flush=True)
+        begun.add(key)
+        _transient(f"[{numbers[key]}/{len(items)}] {key} {100.0 * parts[key]:.0f} %")
 
     jobs = {key: job(item) for key, item in by_key.items() if key not in results}
     alone = any("tolerance" in item.options for item in items)
     try:
-        run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
+        with announced(progress):
+            run_together(jobs, finished, kind="Item", workers=workers, alone=alone, watch=watch)
     finally:
-        if progress and sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        if progress:
+            _transient("")
     ordered = {item.key: results[item.key] for item in items}
     for key, sweep in wanted.sweeps.items():
         ordered[key] = sweep.dataset({point.key: ordered.pop(f"{key}, {point.key}") for point in sweep.points})
     return ordered
 
 
-def _reporter(text: str, progress: bool) -> Callable[[float], None]:
-    """Show an item on stderr and return its progress bar, on a terminal."""
-    if not progress:
-        return lambda _: None
-    if not sys.stderr.isatty():
-        print(text, file=sys.stderr, flush=True)
-        return lambda _: None
-
-    def show(part: float) -> None:
-        print(f"\r\x1b[K{text} {100.0 * part:.0f} %", end="", file=sys.stderr, flush=True)
-
-    show(0.0)
-    return show
+def _transient(text: str) -> None:
+    """Write a line in the place of the last one, where somebody watches."""
+    if not is_watched():
+        return
+    line = f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}" if sys.stderr.isatty() else f"\r{text:<100.100}"
+    print(line, end="", file=sys.stderr, flush=True)

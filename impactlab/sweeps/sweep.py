@@ -11,6 +11,7 @@ from typing import Any
 import xarray as xr
 
 import impactlab
+from impactlab.assembly.compiling import announced
 from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
 from impactlab.errors import ImpactLabError, InvalidInput
@@ -153,7 +154,8 @@ def run_points(
         if part < 1.0 or len(outcomes) == len(jobs):  # the end is shown once
             show(part)
 
-    run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch)
+    with announced(progress):
+        run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch)
     return outcomes
 
 
