@@ -158,6 +158,25 @@ def test_doctor(capsys):
     assert "simulation   works" in shown
 
 
+def test_completion_needs_a_package(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    with pytest.raises(SystemExit) as stop:
+        main(["--print-completion", "bash"])
+    assert stop.value.code == USAGE
+    assert "pip install shtab" in capsys.readouterr().err
+
+
+def test_completion_knows_commands_and_files(capsys):
+    pytest.importorskip("shtab")
+    with pytest.raises(SystemExit) as stop:
+        main(["--print-completion", "bash"])
+    assert stop.value.code == DONE
+    script = capsys.readouterr().out
+    assert "simulate" in script
+    assert "--realizations" in script
+    assert re.search("_pos_0_COMPGEN=_shtab_compgen_files", script)
+
+
 # exit codes
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import impactlab
 from impactlab.command_line import installation, network_commands, new_command, run_commands, study_commands
+from impactlab.command_line.completion import SHELLS, PrintCompletion
 from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE, say
 from impactlab.command_line.run_commands import Terminated, resumable
 from impactlab.errors import ImpactLabError, InvalidInput
@@ -84,6 +85,8 @@ def parser() -> argparse.ArgumentParser:
     text = "Networks of oscillators that collide, and studies of them."
     parser = argparse.ArgumentParser(prog="impactlab", description=text, **style)
     parser.add_argument("--version", action="version", version=f"impactlab {impactlab.__version__}")
+    parser.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL",
+                        help="print the script that completes commands in bash, zsh or fish (needs shtab)")  # fmt: skip
     parser.set_defaults(action=_what_next, verbose=False, quiet=False, folder=None)
     commands = parser.add_subparsers(metavar="COMMAND")
 
