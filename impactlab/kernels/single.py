@@ -51,6 +51,7 @@ _NOT_OF_BLOCKS = *_TYPES, "accepting"
 """What it imports from them besides."""
 
 
+@cache
 def single_text(text: str) -> str:
     """Return the text of a generated module for blocks of one lane."""
     tree = _WithoutLanes().visit(parsed(text))

@@ -5,6 +5,7 @@ Laws that depend on time are such functions as well, at places where they are lo
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +17,7 @@ from impactlab.components.evaluation import TIME
 from impactlab.components.excitation import Excitation, Source
 from impactlab.components.sides import weights_of
 from impactlab.errors import InvalidInput
+from impactlab.kernels.functions_of_time import follow, look_closely
 from impactlab.linear.transitions import response_to_force, transition
 
 LOOKS = 16384
@@ -60,6 +62,11 @@ _LEGENDRE, _AT_ENDS = (np.polynomial.legendre.legvander(places, 7) for places in
 _COEFFICIENTS = (2.0 * np.arange(8) + 1.0) * _LEGENDRE * _WEIGHTS[:, None]  # of values at the nodes
 _MEAN, _SLOPE = np.ascontiguousarray(_COEFFICIENTS[:, :2].T)
 
+_UNRESOLVED = np.zeros((4, 10))  # the last two coefficients, and distances from the sum at both ends
+_UNRESOLVED[:2, 1:-1] = _COEFFICIENTS[:, 6:].T
+_UNRESOLVED[2:, 1:-1] = -(_COEFFICIENTS @ _AT_ENDS.T).T
+_UNRESOLVED[[2, 3], [0, -1]] = 1.0
+
 ROUGH = 1e-3
 """Coefficients of the last two of eight Legendre polynomials, or distances from their sum at the ends, as parts of the
 function, from which on it is integrated in parts of the step: those of a cosine of half a radian are below 1e-7, those
@@ -78,12 +85,15 @@ def mean_and_slope(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values @ _MEAN, values @ _SLOPE
 
 
-def rough(values: np.ndarray) -> np.ndarray:
-    """Whether Gauss's rule does not resolve a function, such as one that jumps, from values at `PLACES`, last axis."""
-    inside, ends = values[..., 1:-1], values[..., [0, -1]]
-    coefficients = inside @ _COEFFICIENTS
-    unresolved = np.concatenate([coefficients[..., 6:], ends - coefficients @ _AT_ENDS.T], axis=-1)
-    return np.asarray(np.abs(unresolved).max(axis=-1) > ROUGH * np.abs(values).max(axis=-1))
+def looked_at(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether Gauss's rule does not resolve functions, such as one that jumps, and their least values.
+
+    Values are those at `PLACES`, on the last axis.
+    """
+    shape, rows = values.shape[:-1], np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    rough, least = np.empty(len(rows), dtype=bool), np.empty(len(rows))
+    look_closely(rows, _UNRESOLVED, ROUGH, rough, least)
+    return rough.reshape(shape), least.reshape(shape)
 
 
 def joined(mean: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +181,12 @@ def span_of(item: Excitation | LawInTime, begin: float, end: float) -> tuple[flo
 def look(model: Model, excitation: Excitation | LawInTime, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return irregular times, fewer where a network has many functions, and the values of an excitation there."""
     of_time = kinds_of(model)
-    return look_at(excitation, of_time[excitation], begin, end, max(LOOKS // len(of_time), 4 * SPOTS))
+    return look_at(excitation, of_time[excitation], begin, end, _looks(of_time))
+
+
+def _looks(of_time: Sized) -> int:
+    """Return at how many times each of some functions is looked at."""
+    return max(LOOKS // len(of_time), 4 * SPOTS)
 
 
 def resolving_step(model: Model, begin: float, end: float, longest: float) -> float:
@@ -251,25 +266,33 @@ def _largest_energy(
     Where the force varies faster than it is looked at, it acts like noise of its size, which brings more; where it is
     large it is looked at more closely, since it may be short.
     """
-    kinds = kinds_of(model)
-    looks = [look(model, excitation, begin, end) for excitation, _ in excitations]
-    times = looks[0][0]
-    force = np.sum([weight * values for (_, weight), (_, values) in zip(excitations, looks, strict=True)], axis=0)
-    if not force.any():
-        return 0.0
-    interval = (end - begin) / len(times)
-    places = np.unique(_drawn(force, SPOTS))
-    inside = begin + interval * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
-    force[places] = sum(weight * item.call(kinds[item], inside).mean(axis=1) for item, weight in excitations)
+    of_time = kinds_of(model)
+    items = tuple((item, of_time[item], weight) for item, weight in excitations)
+    force = _forces_between(items, begin, end, _looks(of_time))
     m, c, k = model.mass[[slot]], model.damping[[slot]], model.stiffness[[slot]]
-    (a_xx, a_xv), (a_vx, a_vv) = transition(m, c, k, np.zeros(1), interval)[0][0].tolist()
-    of_x, of_v = response_to_force(m, c, k, interval)[0, :2].tolist()
-    mass, stiffness = float(m[0]), float(k[0])
-    x = v = largest = 0.0
-    for push in force.tolist():
-        x, v = a_xx * x + a_xv * v + of_x * push, a_vx * x + a_vv * v + of_v * push
-        largest = max(largest, mass * v * v + stiffness * x * x)
-    return 0.5 * largest
+    interval = (end - begin) / len(force)
+    flow = transition(m, c, k, np.zeros(1), interval)[0][0]
+    response, energy = response_to_force(m, c, k, interval)[0, :2], np.zeros(1)
+    follow(force, np.ascontiguousarray(flow), np.ascontiguousarray(response), np.array([m[0], k[0]]), energy)
+    return float(energy[0])
+
+
+@lru_cache(maxsize=64)
+def _forces_between(
+    excitations: tuple[tuple[Excitation | LawInTime, str, float], ...], begin: float, end: float, count: int
+) -> np.ndarray:
+    """Return the sum of weighted functions of time in equal parts of an interval, looked at closely where it is large.
+
+    With each of them goes the name of its kernel.
+    """
+    looks = [look_at(item, kind, begin, end, count)[1] for item, kind, _ in excitations]
+    weights = [weight for *_, weight in excitations]
+    force = np.sum([weight * values for weight, values in zip(weights, looks, strict=True)], axis=0)
+    if force.any():
+        places = np.unique(_drawn(force, SPOTS))
+        inside = begin + (end - begin) / count * (places[:, None] + (np.arange(CLOSER) + 0.5) / CLOSER)
+        force[places] = sum(weight * item.call(kind, inside).mean(axis=1) for item, kind, weight in excitations)
+    return np.asarray(force)
 
 
 def _drawn(values: np.ndarray, count: int) -> np.ndarray:

@@ -357,7 +357,8 @@ def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: n
         middle = 0.5 * (low + high)
         up = middle >= above
         unknown = np.flatnonzero((below < middle) & (middle < above))
-        up[unknown] = reached(middle[unknown], rows[unknown])
+        if unknown.size:
+            up[unknown] = reached(middle[unknown], rows[unknown])
         low, high = np.where(up, low, middle), np.where(up, middle, high)
     result = np.zeros(len(target))
     result[rows] = _powers(0.5 * (low + high))

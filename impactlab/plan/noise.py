@@ -70,7 +70,7 @@ class WhiteNoises:
         return cls(
             white=white,
             rows=rows.bodies,
-            runs=_runs(rows.bodies, len(model.bodies)),
+            runs=noise_runs(rows.bodies, len(model.bodies)),
             amplitude=np.ascontiguousarray(rows.amplitude.transpose(0, 2, 1)),
             streams=streams_of(seed, rows.streams, rows.numbers.tolist()),
             intensity=intensity[white],
@@ -103,7 +103,7 @@ class WhiteNoises:
         return replace(
             self,
             rows=rows,
-            runs=_runs(rows, len(tile.bodies)),
+            runs=noise_runs(rows, len(tile.bodies)),
             amplitude=np.ascontiguousarray(self.amplitude[:, :, chosen]),
             streams=np.ascontiguousarray(self.streams[:, chosen]),
             noises=self.noises[chosen],
@@ -112,7 +112,7 @@ class WhiteNoises:
         )
 
 
-def _runs(rows: np.ndarray, bodies: int) -> np.ndarray:
+def noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
     """Return bodies that follow each other, as do their first rows of noise; see `WhiteNoises.runs`."""
     row, every = np.full(bodies, -1), np.arange(bodies)
     slots, first = np.unique(rows, return_index=True)

@@ -20,7 +20,7 @@ from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, T
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, mean_and_slope, rough
+from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, looked_at, mean_and_slope
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
@@ -73,6 +73,9 @@ def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
 class Block:
     """The arrays of one block while it runs."""
 
+    noise_sets, force_sets = 1, 1
+    """Sets of intensities and given forces that are independent of each other."""
+
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
@@ -93,14 +96,18 @@ class Block:
         self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
         noise = plan.driving.coloured
         self.coloured = noise.arrays(filtering(plan.single) if noise else 0, self.realizations)
+        self.series = self._of_series(np.zeros(0, np.int64), np.zeros((1, 0, 1)))
+        self._begin()
+
+    # start
+
+    def _begin(self) -> None:
+        """Bring the block to the beginning of the spin-up."""
+        plan, kicks = self.plan, self.plan.method.integrator.kicks
         if plan.driving.lines:
-            slots, samples = self._start_with_cosines()
+            self.series = self._of_series(*self._start_with_cosines())
         else:
-            self._start(np.arange(lanes))
-            slots, samples = np.zeros(0, np.int64), np.zeros((1, 0, 1))
-        near, rows = (NEAR + 1, samples.shape[1] + noise.rows, lanes) if plan.driving.series else (1, 0, 1), noise.slots
-        self.series = Series(np.concatenate([slots, rows]), samples, np.zeros(near), self.coloured)
-        kicks = plan.method.integrator.kicks
+            self._start(np.arange(len(self.realizations)))
         given = (self.state.x[:-1].copy(), self.state.v[:-1].copy()) if kicks and plan.start.given else None
         if kicks:
             self._half_kick(plan.start.given)
@@ -109,7 +116,11 @@ class Block:
         if given is not None:
             self._begin_on_path(*given)
 
-    # start
+    def _of_series(self, slots: np.ndarray, samples: np.ndarray) -> Series:
+        """Return the series of a block: samples of sums of cosines on some slots, and coloured noises."""
+        noise, lanes = self.plan.driving.coloured, len(self.realizations)
+        near = (NEAR + 1, samples.shape[1] + noise.rows, lanes) if self.plan.driving.series else (1, 0, 1)
+        return Series(np.concatenate([slots, noise.slots]), samples, np.zeros(near), self.coloured)
 
     def _start(self, lanes: np.ndarray) -> int:
         """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
@@ -364,7 +375,7 @@ class Block:
     def _noise(self, count: int) -> Noise:
         plan, noise, scale = self.plan, self.plan.noise, self.scale
         if noise.time_varying:
-            mean, _, least = self._over_steps(count, self.module.intensity, noise.shares.noises)
+            mean, _, least = self._over_steps(count, self.module.intensity, noise.shares.noises, self.noise_sets)
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
                 time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
@@ -393,7 +404,7 @@ class Block:
         begin, end = (samples * now // span * span for now in (self.now, self.now + count))
         rows, first, per_step = plan.driving.coloured.envelopes, finer * begin, finer * samples
         number = finer * (end - begin + NEAR) + 1
-        mean, slope, _ = self._over_steps(number, self.module.modulation, rows, first, per_step)
+        mean, slope, _ = self._over_steps(number, self.module.modulation, rows, 1, first, per_step)
         times = ((first + np.arange(number)) / per_step - plan.clock.spin_up_steps) * plan.clock.step
         value = np.empty((number, rows))
         self.module.modulation(times, plan.forces.parameters, plan.forces.indices, value)
@@ -405,7 +416,7 @@ class Block:
         if not len(plan.driving.forced):
             return Forced(plan.driving.forced, np.zeros((0, 0)))
         if plan.method.integrator.takes_response:
-            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given)
+            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given, self.force_sets)
             both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
             return Forced(plan.driving.forced, plan.driving.on_bodies(both))
         per_step = plan.method.integrator.samples_per_step
@@ -416,36 +427,48 @@ class Block:
         return Forced(plan.driving.forced, plan.driving.on_bodies(force))
 
     def _over_steps(
-        self, count: int, table: Any, rows: int, begins: int | None = None, per_step: int = 1
+        self,
+        count: int,
+        table: Any,
+        rows: int,
+        sets: int = 1,
+        begins: int | None = None,
+        per_step: int = 1,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
 
-        The measurement begins at 0. Parts of steps may be asked for in their place, so many `per_step`, and where they
-        begin by the number of the first one.
+        The measurement begins at 0. Rows are those of some sets, one set after the other, each of which has the bits
+        that it has alone. Parts of steps may be asked for in their place, so many `per_step`, and where they begin by
+        the number of the first one.
         """
         plan = self.plan
-        mean, slope, least = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)
+        mean, slope, least = *np.empty((2, sets, count, rows // sets)), np.empty(count)
         most = max(1, TABLE // (len(NODES) * rows))
 
         def seen(begin: np.ndarray, places: np.ndarray) -> np.ndarray:
-            """Return values at some places from the beginnings of steps, (…, row, place)."""
+            """Return values at some places from the beginnings of steps, (set, …, row, place)."""
             times = (begin[..., None] + places / per_step) * plan.clock.step
             values = np.empty((times.size, rows))
             table(times.ravel(), plan.forces.parameters, plan.forces.indices, values)
-            return values.reshape(*times.shape, rows).swapaxes(-1, -2)
+            each = np.moveaxis(values.reshape(*times.shape, sets, rows // sets), -2, 0)
+            return np.ascontiguousarray(each).swapaxes(-1, -2)
 
         for begin in range(0, count, most):
             steps = np.arange(begin, min(begin + most, count))
             first = (self.now if begins is None else begins / per_step) - plan.clock.spin_up_steps + steps / per_step
             values = seen(first, PLACES)
-            mean[steps], slope[steps] = mean_and_slope(values[..., 1:-1])
-            least[steps] = values[..., 1:-1].min(axis=(1, 2))  # a function may end with the run
-            again = rough(values).any(axis=1)
-            if again.any():
-                values = seen(first[again, None] + np.arange(PANELS) / (PANELS * per_step), NODES / PANELS)
-                least[steps[again]] = np.minimum(least[steps[again]], values.min(axis=(1, 2, 3)))
-                parts = mean_and_slope(values)
-                mean[steps[again]], slope[steps[again]] = joined(*(item.swapaxes(1, 2) for item in parts))
+            mean[:, steps], slope[:, steps] = mean_and_slope(values[..., 1:-1])
+            rough, inside = looked_at(values)
+            least[steps] = inside.min(axis=(0, 2))  # without the ends: a function may end with the run
+            again = np.asarray(rough.any(axis=-1))
+            chosen = np.flatnonzero(again.any(axis=0))
+            if chosen.size:
+                values = seen(first[chosen, None] + np.arange(PANELS) / (PANELS * per_step), NODES / PANELS)
+                least[steps[chosen]] = np.minimum(least[steps[chosen]], values.min(axis=(0, 2, 3, 4)))
+                parts = joined(*(item.swapaxes(-1, -2) for item in mean_and_slope(values)))
+                for result, part in zip((mean, slope), parts, strict=True):
+                    result[:, steps[chosen]] = np.where(again[:, chosen, None], part, result[:, steps[chosen]])
+        mean, slope = (np.moveaxis(item, 0, 1).reshape(count, rows) for item in (mean, slope))
         return mean, slope, least
 
     def _guard(self) -> None:

@@ -50,7 +50,7 @@ def run(
             while pending:
                 finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
                 for future in finished:
-                    _add(kept, future.result().records, plan)
+                    add_sums(kept, future.result().records, plan)
                 progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
         except BaseException as error:
             stop.set()
@@ -65,7 +65,7 @@ def run(
     return results
 
 
-def _add(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
+def add_sums(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
     """Add what the records of a finished block have in common with those of others, and take it from them."""
     for sums, of_block, (record, _) in zip(kept, records, plan.observed.records, strict=True):
         for name in record.summed:

@@ -145,15 +145,13 @@ def simulate(
     """
     if not isinstance(network, Network):
         raise InvalidInput(f"simulate takes an il.Network, not {network!r}.")
-    method, seed = integrator or ExactFlow(), seed_of(rng)
     allowed = None if max_seconds is None else positive("max_seconds", max_seconds)
+    if tolerance is None:
+        request = request_of(network, duration, realizations, step, integrator, spin_up, initial, record, rng)
+        return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
+    method, seed = integrator or ExactFlow(), seed_of(rng)
     records = Record.all_of(record)
     initial = given_by(initial, network, seed)
-    if tolerance is None:
-        if duration is None:
-            raise InvalidInput("simulate needs a duration (s), or a tolerance.")
-        request = Request(duration, realizations, step, method, spin_up, initial, records, seed)
-        return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
     if out is not None:
         raise InvalidInput(
             "simulate cannot write to out= until a tolerance is reached; give duration=, or use il.save afterwards."
@@ -178,6 +176,25 @@ def simulate(
     with announced(progress):
         result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
     return result if asked else without_realizations(result)
+
+
+def request_of(
+    network: Network,
+    duration: float | None = None,
+    realizations: int = 1,
+    step: float | None = None,
+    integrator: Integrator | None = None,
+    spin_up: float | None = None,
+    initial: Any = None,
+    record: Sequence[Record] | Record | None = None,
+    rng: Any = None,
+) -> Request:
+    """Return the request of a run without a tolerance; parameters are those of `simulate`."""
+    if duration is None:
+        raise InvalidInput("simulate needs a duration (s), or a tolerance.")
+    method, seed = integrator or ExactFlow(), seed_of(rng)
+    given = given_by(initial, network, seed)
+    return Request(duration, realizations, step, method, spin_up, given, Record.all_of(record), seed)
 
 
 def _simulate(network: Network, request: Request, execution: Execution) -> xr.Dataset:
@@ -285,6 +302,13 @@ class Ensemble:
         for part in self.parts:
             part.grow(number, progress, file)
 
+    def take(self, results: list[BlockResult]) -> None:
+        """Take what the blocks of the realizations found beside other networks, and measure the step if need be."""
+        (part,) = self.parts
+        part.results = results
+        if part.worth_measuring:
+            part.measure()
+
     def dataset(self) -> xr.Dataset:
         """Return the statistics of all realizations, and what records kept of them."""
         step = self.plan.clock.step if self.growing else self.request.step
@@ -304,26 +328,28 @@ class Part:
     def __init__(self, model: Model, request: Request, execution: Execution, compared: bool) -> None:
         self.model, self.request, self.execution = model, request, execution
         self.results: list[BlockResult] = []
-        self.plan, self.error = self._planned(compared)
+        self.error: StepError | None = None
+        self.plan = make_plan(model, request)
+        if not compared and self.plan.seconds(request.workers) <= execution.seconds and self.worth_measuring:
+            self.measure()
 
-    def _planned(self, compared: bool) -> tuple[Plan, StepError | None]:
-        """Plan the run, and measure its step where that is worth while."""
+    @property
+    def worth_measuring(self) -> bool:
+        """Whether nothing but a measurement tells what the step does."""
+        return worth_measuring(self.plan, self.model, self.request.integrator, self.request.step)
+
+    def measure(self) -> None:
+        """Measure what the step does; choose another where it was not given."""
         model, request, execution = self.model, self.request, self.execution
-
-        def planned(longest_step: float = math.inf, velocity: np.ndarray | None = None) -> Plan:
-            return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
 
         def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
             with unheard():  # the first plan has said it
-                return planned(longest_step, velocity)
+                return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
 
-        plan = planned()
-        affordable = not compared and plan.seconds(request.workers) <= execution.seconds
-        if not (affordable and worth_measuring(plan, model, request.integrator, request.step)):
-            return plan, None
-        with self._explained(plan):
+        with self._explained(self.plan):
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
-            return measured(tried, measure, plan, request.step is None, not execution.growing)
+            free, above = request.step is None, not execution.growing
+            self.plan, self.error = measured(tried, measure, self.plan, free, above)
 
     def grow(self, number: int, progress: Callable[[float], None], file: Path | None) -> None:
         """Run the realizations that are missing of so many."""

@@ -18,6 +18,7 @@ from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
+from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.sweep import DONE, Sweep, run_points
@@ -128,4 +129,4 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
             jobs[point.key] = partial(_repeat, configuration)
         points.append(point)
     coordinates = {str(name): dataset[name].variable for name in stored.dims}
-    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, None))
+    return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, reporter(None)))

@@ -3,62 +3,77 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
-from typing import TYPE_CHECKING
+from typing import Any
 
-from impactlab.errors import ImpactLabError, Interrupted, heard_by, warn
+from impactlab.errors import ImpactLabError, Interrupted, Listener, heard_by, warn
 from impactlab.machine import SharedThreads, begin, cores
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FOREIGN = 16
 """Simulations at a time on a given executor, whose number of workers is not known."""
 
-Job = Callable[[Executor, Callable[[float], None]], "xr.Dataset"]
-"""Simulates something on an executor and calls back with the part that is done."""
+Job = Callable[[Executor, Callable[[float], None]], Any]
+"""Simulates something on an executor, calls back with the part that is done, and returns its outcome."""
+
+
+class Heard:
+    """Warnings, and the keys of the jobs that gave them."""
+
+    def __init__(self) -> None:
+        self.keys: dict[tuple[type[Warning], str], set[str]] = {}
+
+    def of(self, key: str) -> Listener:
+        """Return what hears those of a job."""
+        return lambda message, category: self.keys.setdefault((category, message), set()).add(key)
+
+    def say(self, kind: str, order: Iterable[str]) -> None:
+        """Give each of them once, with the first of the jobs that it concerns."""
+        order = list(order)
+        for (category, message), concerned in self.keys.items():
+            first = next(key for key in order if key in concerned)
+            others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
+            warn(f"{kind} {first!r}{others}: {message}", category)
 
 
 def run_together(
     jobs: Mapping[str, Job],
-    finished: Callable[[str, xr.Dataset | ImpactLabError], None],
+    finished: Callable[[str, Any], None],
     *,
     kind: str,
     executor: Executor | None = None,
     workers: int | None = None,
     alone: bool = False,
     watch: Callable[[str, Mapping[str, float]], None] = lambda key, parts: None,
+    heard: Heard | None = None,
 ) -> None:
     """Run jobs side by side, so that what one does on a single core fills the gaps of the others.
 
     When a function that is called here raises an error, or Ctrl-C is pressed, all jobs stop. `finished` is called in
-    the order of the jobs with the key of each and its dataset, or the error that it raised on purpose; `watch` now and
+    the order of the jobs with the key of each and its outcome, or the error that it raised on purpose; `watch` now and
     then with the key of the job that is waited for and the parts that are done. `kind` is what a job is called in
-    warnings, which are given once, however many jobs they concern. Blocks run on the executor, or on as many threads as
-    `workers`, by default one per core. Jobs that measure their time run `alone`: each has the cores for itself.
+    warnings, which are given once, however many jobs they concern, unless somebody else has `heard` them. Blocks run on
+    the executor, or on as many threads as `workers`, by default one per core. Jobs that measure their time run `alone`:
+    each has the cores for itself.
     """
     threads = cores() if workers is None else workers
     parts = dict.fromkeys(jobs, 0.0)
-    heard: dict[tuple[type[Warning], str], set[str]] = {}
+    hearing = heard or Heard()
     stop = threading.Event()
     at_once = 1 if alone else min(len(jobs), threads if executor is None else FOREIGN) or 1
     pool = executor or SharedThreads(threads, at_once)
     turns = ThreadPoolExecutor(at_once)
     patient = True
 
-    def outcome(key: str) -> xr.Dataset | ImpactLabError:
+    def outcome(key: str) -> Any:
         def note(part: float) -> None:
             if stop.is_set():
                 raise Interrupted(f"{kind} {key!r} was stopped.")
             parts[key] = max(parts[key], part)
 
-        def hear(message: str, category: type[Warning]) -> None:
-            heard.setdefault((category, message), set()).add(key)
-
         note(0.0)
         try:
-            with heard_by(hear):
+            with heard_by(hearing.of(key)):
                 return jobs[key](pool, note)
         except ImpactLabError as error:
             return error
@@ -84,7 +99,5 @@ def run_together(
         turns.shutdown(wait=patient, cancel_futures=True)
         if executor is None:
             pool.shutdown(wait=patient, cancel_futures=True)
-    for (category, message), concerned in heard.items():
-        first = next(key for key in jobs if key in concerned)
-        others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
-        warn(f"{kind} {first!r}{others}: {message}", category)
+    if heard is None:
+        hearing.say(kind, jobs)

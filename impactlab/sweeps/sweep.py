@@ -19,8 +19,9 @@ from impactlab.plan.seed import seed_of
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.stack import gathered
+from impactlab.sweeps.fused import Outcome, run_side_by_side
 from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
-from impactlab.sweeps.scheduler import Job, run_together
+from impactlab.sweeps.scheduler import Heard, Job, run_together
 
 DONE = "done"
 """Status of a point that was simulated."""
@@ -36,15 +37,7 @@ class Sweep:
     points: tuple[Point, ...]  # their product; the last name varies fastest
     reference: bool = False  # whether the exact statistics are wanted
 
-    def jobs(self) -> dict[str, Job]:
-        """Return the simulations by the key of their point."""
-
-        def job(point: Point) -> Job:
-            return lambda pool, note: impactlab.simulate(point.network, **point.options, executor=pool, progress=note)  # type: ignore[arg-type]
-
-        return {point.key: job(point) for point in self.points if not point.refusal}
-
-    def dataset(self, outcomes: Mapping[str, xr.Dataset | ImpactLabError]) -> xr.Dataset:
+    def dataset(self, outcomes: Mapping[str, Outcome]) -> xr.Dataset:
         """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
         refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
         if all(refusals.values()):
@@ -135,28 +128,41 @@ def sweep(
         rng=rng,
         **simulate_options,
     )
-    alone = any(point.options.get("tolerance") is not None for point in made.points)
-    return made.dataset(run_points(made.jobs(), executor, progress, alone))
+    points, heard, show = [point for point in made.points if not point.refusal], Heard(), reporter(progress)
+    with announced(progress):
+        outcomes, rest = run_side_by_side(points, executor, show, heard)
+        alone = any(point.options.get("tolerance") is not None for point in rest)
+        jobs = {point.key: _job(point) for point in rest}
+        outcomes |= run_points(jobs, executor, show, alone, len(points) - len(jobs), heard)
+    heard.say("Point", [point.key for point in points])
+    return made.dataset(outcomes)
 
 
 def run_points(
     jobs: Mapping[str, Job],
     executor: Executor | None,
-    progress: bool | Callable[[float], None] | None,
+    show: Callable[[float], None],
     alone: bool = False,
-) -> dict[str, xr.Dataset | ImpactLabError]:
-    """Run the jobs of a sweep and return what came of each."""
-    outcomes: dict[str, xr.Dataset | ImpactLabError] = {}
-    show = reporter(progress)
+    done: int = 0,
+    heard: Heard | None = None,
+) -> dict[str, Outcome]:
+    """Run the jobs of a sweep, of which some points are `done`, and return what came of each."""
+    outcomes: dict[str, Outcome] = {}
 
     def watch(_: str, parts: Mapping[str, float]) -> None:
-        part = sum(parts.values()) / len(parts)
+        part = (done + sum(parts.values())) / (done + len(parts))
         if part < 1.0 or len(outcomes) == len(jobs):  # the end is shown once
             show(part)
 
-    with announced(progress):
-        run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch)
+    run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
+    if done and not jobs:
+        show(1.0)
     return outcomes
+
+
+def _job(point: Point) -> Job:
+    """Return the simulation of a point."""
+    return lambda pool, note: impactlab.simulate(point.network, **point.options, executor=pool, progress=note)  # type: ignore[arg-type]
 
 
 def make_sweep(

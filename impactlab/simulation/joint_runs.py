@@ -1,0 +1,211 @@
+"""Networks of one structure in one compiled run: each begins, is observed and ends as it does alone."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from impactlab.errors import Diverged, Interrupted
+from impactlab.machine import cores
+from impactlab.nonlinear.force_checks import LARGEST
+from impactlab.plan.plan import Plan
+from impactlab.plan.side_by_side import Planned, obstacle, side_by_side, structure
+from impactlab.records.record import Keeper
+from impactlab.simulation.block import Block, BlockResult, Tick, compiled
+from impactlab.simulation.ensemble import add_sums
+
+SIZE = 8000
+"""Bodies times lanes of a run of several networks: they outweigh what a call costs, and stay in the cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointRun:
+    """A run of several networks.
+
+    Parameters
+    ----------
+    planned : sequence of Planned
+        The networks and their plans, of one `impactlab.plan.side_by_side.structure`.
+    """
+
+    planned: Sequence[Planned]
+    whole: Plan = field(init=False)
+
+    def __post_init__(self) -> None:
+        whole = side_by_side(self.planned)
+        records = [
+            (_Together([plan.observed.records[index][0] for plan in self.plans], self.plans), ratio)
+            for index, (_, ratio) in enumerate(self.plans[0].observed.records)
+        ]
+        object.__setattr__(self, "whole", replace(whole, observed=replace(whole.observed, records=tuple(records))))
+
+    @property
+    def plans(self) -> list[Plan]:
+        """Plans of the networks."""
+        return [plan for _, plan in self.planned]
+
+    def run(self, index: int, tick: Tick) -> list[BlockResult | None]:
+        """Run one block of realizations; return what it found of each network, None where one left the finite."""
+        number = len(self.planned)
+        try:
+            block = _JointBlock(self, index, tick)
+            with np.errstate(invalid="ignore", over="ignore"):  # of networks that did
+                block.advance(self.whole.clock.spin_up_steps, None)
+                whole = block.measure()
+        except Diverged:  # each will say it for itself
+            return [None] * number
+        return [None if place in block.lost else _of_network(whole, place, number) for place in range(number)]
+
+    def collected(self, blocks: Sequence[Sequence[BlockResult | None]]) -> list[list[BlockResult] | None]:
+        """Return the results of all blocks by network, as `impactlab.simulation.ensemble.run` does for one."""
+        result: list[list[BlockResult] | None] = []
+        for plan, of_blocks in zip(self.plans, zip(*blocks, strict=True), strict=True):
+            found = [item for item in of_blocks if item is not None]
+            kept: list[dict[str, np.ndarray]] = [{} for _ in plan.observed.records]
+            for item in found:
+                add_sums(kept, item.records, plan)
+            for sums, of_first in zip(kept, found[0].records if found else [], strict=bool(found)):
+                of_first.update(sums)
+            result.append(found if len(found) == len(of_blocks) else None)
+        return result
+
+
+def joins(planned: Planned) -> bool:
+    """Whether a network can run beside others."""
+    return _most(planned.plan) > 1 and not obstacle(planned)
+
+
+def grouped(planned: Mapping[str, Planned]) -> list[list[str]]:
+    """Return the keys of the networks that run together, run by run; a network without others like it is in none."""
+    alike: dict[Hashable, list[str]] = {}
+    for key, item in planned.items():
+        alike.setdefault(structure(item), []).append(key)
+    runs = []
+    for keys in alike.values():
+        number = math.ceil(len(keys) / _most(planned[keys[0]].plan))
+        size = math.ceil(len(keys) / number)
+        runs += [keys[begin : begin + size] for begin in range(0, len(keys), size)]
+    return [keys for keys in runs if len(keys) > 1]
+
+
+def _most(plan: Plan) -> int:
+    """Return how many networks with plans like this one a run should have."""
+    return max(1, SIZE // (len(plan.system.bodies) * plan.realizations.lanes))
+
+
+def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list[list[list[BlockResult] | None]]:
+    """Run all blocks of some runs on threads and return the results of each run by network.
+
+    `progress` is called now and then with the part that is done.
+    """
+    done, stop, lock = [0], threading.Event(), threading.Lock()
+    total = sum(item.whole.realizations.number * item.whole.clock.all_steps for item in runs)
+
+    def tick(steps: int) -> None:
+        if stop.is_set():
+            raise Interrupted("The simulation was stopped.")
+        with lock:
+            done[0] += steps
+
+    with ThreadPoolExecutor(cores()) as pool:
+        for item in runs:
+            compiled(item.whole)  # in this thread, where Ctrl-C is answered at once
+        futures: list[list[Future[list[BlockResult | None]]]] = [
+            [pool.submit(item.run, index, tick) for index in range(item.whole.realizations.blocks)] for item in runs
+        ]
+        pending = {future for of_run in futures for future in of_run}
+        try:
+            while pending:
+                finished, pending = wait(pending, 0.1)
+                for future in finished:
+                    future.result()
+                progress(done[0] / total)
+        except BaseException:
+            stop.set()
+            for future in pending:
+                future.cancel()
+            raise
+    return [item.collected([future.result() for future in of_run]) for item, of_run in zip(runs, futures, strict=True)]
+
+
+class _JointBlock(Block):
+    """A block of the same realizations of several networks."""
+
+    def __init__(self, run: JointRun, index: int, tick: Tick) -> None:
+        self.run, self.index = run, index
+        self.lost: set[int] = set()
+        self.noise_sets = len(run.planned)
+        self.force_sets = run.whole.driving.given // max(run.plans[0].driving.given, 1) or 1
+        super().__init__(run.whole, index, tick)
+
+    def _begin(self) -> None:
+        """Begin as each network does alone."""
+        number = len(self.run.planned)
+        for place, plan in enumerate(self.run.plans):
+            one = Block(plan, self.index, lambda steps: None)
+            for name in ("x", "v", "reading", "velocity", "total"):
+                getattr(self.state, name)[place:-1:number] = getattr(one.state, name)[:-1]
+            for name in ("indentation", "contact_force"):
+                getattr(self.state, name)[place::number] = getattr(one.state, name)
+            for name in ("force", "middle"):
+                getattr(self.sums.turns, name)[place::number] = getattr(one.sums.turns, name)
+
+    def _guard(self) -> None:
+        """Note which networks have a number that is not finite, and hold these still."""
+        x, v, reading = self.state.x, self.state.v, self.state.reading
+        finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
+        if finite.all():
+            return
+        number = len(self.run.planned)
+        self.lost |= {int(body) % number for body in np.flatnonzero(~finite.all(axis=1))}
+        for place in self.lost:
+            for item in (x, v, reading, self.state.velocity, self.state.total):
+                item[place:-1:number] = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """The same record of several networks."""
+
+    records: list[Any]
+    plans: list[Plan]
+    summed: tuple[str, ...] = ()
+
+    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+        """Return what keeps it of a block."""
+        return _Keepers(
+            [record.keeper(own, realizations, ratio) for record, own in zip(self.records, self.plans, strict=True)]
+        )
+
+
+class _Keepers(Keeper):
+    """Hands each network's part of snapshots to its own keeper."""
+
+    def __init__(self, keepers: list[Keeper]) -> None:
+        super().__init__()
+        self.keepers = keepers
+        self.wants_start = keepers[0].wants_start
+
+    def start(self, values: np.ndarray) -> None:
+        for place, keeper in enumerate(self.keepers):
+            keeper.start(values[place :: len(self.keepers)])
+
+    def add(self, snapshots: np.ndarray, batch: int) -> None:
+        for place, keeper in enumerate(self.keepers):
+            keeper.add(snapshots[:, place :: len(self.keepers)], batch)
+
+    def result(self) -> dict[str, Any]:
+        return {"networks": [keeper.result() for keeper in self.keepers]}
+
+
+def _of_network(whole: BlockResult, place: int, number: int) -> BlockResult:
+    """Return what a block found of one network."""
+    bodies, contacts = (np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts))
+    records: list[dict[str, Any]] = [item["networks"][place] for item in whole.records]  # type: ignore[misc]
+    return BlockResult(bodies, contacts, whole.products, whole.points, records)
