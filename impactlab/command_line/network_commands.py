@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib
-import importlib.util
-import inspect
 import math
 import re
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,6 +85,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _arguments(file: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of `simulate`: the options of the file, in whose place may be those that are given."""
+    import inspect
+
     from impactlab.components.component import suggestion
     from impactlab.networks.network_file import SIMULATE
 
@@ -123,6 +121,8 @@ def _record(given: Any) -> impactlab.Record:
 
 def _field(text: str) -> tuple[str, Any]:
     """Return name and value of ``name=value``; quotes may be left out of a text."""
+    import tomllib
+
     name, _, value = (part.strip() for part in text.partition("="))
     try:
         return name, tomllib.loads(f"value = {value}")["value"]
@@ -132,6 +132,8 @@ def _field(text: str) -> tuple[str, Any]:
 
 def _import(module: str) -> None:
     """Import a module, or a file of Python, as the user asks for."""
+    import importlib.util
+
     try:
         if not module.endswith(".py"):
             sys.path.insert(0, "")

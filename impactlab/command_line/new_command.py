@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import keyword
 import re
 from pathlib import Path
@@ -29,6 +28,7 @@ def _new(options: argparse.Namespace) -> int:
 
 def write_study(name: str, folder: Path) -> None:
     """Write the package of a study into a folder that is made for it; a name that is taken is refused."""
+    import importlib.util
     from importlib.metadata import entry_points
 
     from impactlab.studies.discovery import GROUP

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import inspect
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,6 +46,8 @@ def _show(options: argparse.Namespace) -> int:
 
 def described(study: type[Study]) -> str:
     """Return a page on a study: its settings and files. Only its class is read: an instance may need much more."""
+    import inspect
+
     text = inspect.cleandoc(study.__doc__ or "")
     paragraphs = [textwrap.fill(" ".join(item.split()), _WIDTH) for item in text.split("\n\n")] if text else []
     parts = [f"{study.name}: {study.title}", *paragraphs, "settings\n" + _settings(study)]
@@ -69,6 +69,8 @@ def _settings(study: type[Study]) -> str:
 
 
 def _defaults(study: type[Study]) -> dict[str, object]:
+    import dataclasses
+
     return {field.name: field.default for field in dataclasses.fields(study)}
 
 
