@@ -137,8 +137,11 @@ class Apart:
     @classmethod
     def of(cls, subsystem: Subsystem) -> Apart | None:
         """Take the contacts away; None if what is left has no Gaussian law."""
+        bodies = [subsystem.network.oscillators[name] for name in subsystem.bodies]
+        if not subsystem.contacts or any(body.has_kernel("residual") for body in bodies):
+            return None  # some of which stops alone may hold
         left = subsystems_of(subsystem.without_contacts())
-        if not subsystem.contacts or not all(item.is_linear for item in left):
+        if not all(item.is_linear for item in left):
             return None
         parts = list(map(LinearPart, left))
         if any(part.reasons for part in parts):

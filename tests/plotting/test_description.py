@@ -71,6 +71,15 @@ def test_networks_without_step_or_contacts():
     assert "free" in Cells(ball._repr_html_()).texts
 
 
+def test_bodies_that_stops_alone_hold():
+    beam = il.InvertedOscillator(3.0, stiffness=2.0, damping=0.1)
+    stop = il.Contact("beam", il.WALL, LAW, clearance=0.1)
+    network = il.Network({"beam": beam}, {"stop": stop, "other": stop.replace(first=il.WALL, second="beam")})
+    with pytest.raises(il.NoExactReference):
+        il.exact(network)
+    assert "repulsion = 3" in network._repr_html_()
+
+
 def test_long_chains_are_shortened_and_quick():
     network = il.chain(3000, BODY, LAW, excitation=il.WhiteNoise(1.0))
     begin = process_time()
