@@ -17,6 +17,7 @@ import pytest
 import impactlab as il
 from impactlab.command_line.main import main, parser
 from impactlab.command_line.output import CLOSED, DONE, FAILED, INCOMPLETE, INTERRUPTED, USAGE
+from impactlab.command_line.study_commands import described
 from impactlab.studies.discovery import study_class
 
 PLUGIN = Path(__file__).parent / "plugin_example"
@@ -91,6 +92,14 @@ def test_show_tells_settings_and_files(capsys):
     assert "claims and checks" in shown
     assert main(["show", "exampel"]) == USAGE
     assert "did you mean 'example'?" in capsys.readouterr().err
+
+
+def test_a_study_without_a_docstring_has_none():
+    class BareStudy(il.Study):
+        name = "bare"
+        title = "Bare"
+
+    assert described(BareStudy).startswith("bare: Bare\n\nsettings\n  none\n")
 
 
 def test_run_prints_claims_and_writes_the_default_folder(capsys):

@@ -49,6 +49,8 @@ def described(study: type[Study]) -> str:
     import inspect
 
     text = inspect.cleandoc(study.__doc__ or "")
+    if text.startswith(f"{study.__name__}("):  # what a dataclass has in the place of a docstring
+        text = ""
     paragraphs = [textwrap.fill(" ".join(item.split()), _WIDTH) for item in text.split("\n\n")] if text else []
     parts = [f"{study.name}: {study.title}", *paragraphs, "settings\n" + _settings(study)]
     if "quick" in vars(study):
