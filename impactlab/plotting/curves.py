@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from impactlab.plotting.held import error_of, rows, variable
-from impactlab.plotting.style import axes_of, band, label_text, legend, number_text, points, style
+from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style
 
 
 class Spectra(Protocol):
@@ -74,13 +74,13 @@ def spectrum(
     frequencies = result[inner].values
     inside = frequencies > 0.0
     axes = axes_of(ax)
-    for label, place in rows(data, names):
+    for index, (label, place) in enumerate(rows(data, names)):
         value = data.sel(place).values[inside]
         error = error_of(result, name, place)[inside]
-        band(axes, frequencies[inside], np.where(value > 0.0, value, np.nan), error, label=label)
+        band(axes, frequencies[inside], np.where(value > 0.0, value, np.nan), error, label=label, ls=dashes(index))
         if reference is not None:
             linear = reference.spectrum(label, quantity, frequencies[inside])
-            axes.plot(frequencies[inside], linear, color=axes.lines[-1].get_color(), ls=(0, (4, 2.5)), lw=0.9)
+            axes.plot(frequencies[inside], linear, color=axes.lines[-1].get_color(), ls=(0, (2, 2)), lw=0.8)
             axes.lines[-1].set_label(f"{label}, linear")
     axes.set(xscale="log", yscale="log", xlabel=label_text("angular frequency", "rad s-1"))
     largest = float(data.max())

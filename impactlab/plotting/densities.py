@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from impactlab.plotting.held import configuration, contact_weights, error_of, rows, variable
-from impactlab.plotting.style import COLORS, axes_of, band, label_text, legend, style
+from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, style
 
 
 class BinDensities(Protocol):
@@ -74,10 +74,10 @@ def density(
     inner = f"{quantity}_bin"
     data = variable(result, name, f"density of the {quantity.replace('_', ' ')}", f"il.Density({argument})", [inner])
     axes, top, reached = axes_of(ax), 0.0, []
-    for label, place in rows(data, names):
+    for index, (label, place) in enumerate(rows(data, names)):
         center, value = result[f"{quantity}_center"].sel(place).values, data.sel(place).values
         shown = np.where(value > 0.0, value, np.nan) if log else value
-        band(axes, center, shown, error_of(result, name, place), label=label)
+        band(axes, center, shown, error_of(result, name, place), label=label, ls=dashes(index))
         top = max(top, float(value.max()))
         reached.append(center[value > (0.0 if log else VISIBLE) * value.max()][[0, -1]])
         if reference is not None:

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.plotting.held import LABELS, error_of, known_dataset
-from impactlab.plotting.style import axes_of, band, label_text, legend, number_text, points, style, units_text
+from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style, units_text
 from impactlab.results.schema import variables
 
 NAMED = 12
@@ -68,8 +68,10 @@ def sweep(
         data = result[statistic]
     axes = axes_of(ax)
     x = _positions(axes, data[axis])
-    for label, place in _lines(data, [name for name in own if name != axis], names):
-        band(axes, x, data.sel(place).values, error_of(result, statistic, place), label=label, marker="o", ms=3.0)
+    others = [name for name in own if name != axis]
+    for index, (label, place) in enumerate(_lines(data, others, names)):
+        look: dict[str, Any] = {"ls": dashes(index), "marker": "os^vD"[index % 5], "ms": 3.5}
+        band(axes, x, data.sel(place).values, error_of(result, statistic, place), label=label, **look)
         if f"{statistic}_exact" in result:
             exact = result[f"{statistic}_exact"].sel(place).values
             axes.plot(x, exact, color="black", ls=(0, (4, 2.5)), lw=1.0)

@@ -14,7 +14,7 @@ from impactlab.components.sides import Combination
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
 from impactlab.plotting.held import contact_weights, known_dataset, rows, variable
-from impactlab.plotting.style import COLORS, axes_of, label_text, legend, number_text, style
+from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend, number_text, style
 
 Place = str | Combination
 """What moves: a body, a point of a structure, or a weighted sum of these."""
@@ -72,8 +72,8 @@ def trajectory(
     given = [name for name, _ in rows(data)] if names is None else _several(names)
     if quantity != "contact_force":
         _shade(axes, one, given)
-    for name in given:
-        axes.plot(one["time"].values, series(one, quantity, name), label=side_text(name))
+    for index, name in enumerate(given):
+        axes.plot(one["time"].values, series(one, quantity, name), label=side_text(name), ls=dashes(index))
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
     if len(given) == 1:

@@ -20,6 +20,20 @@ from impactlab.errors import InvalidInput
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that can be told apart with every kind of colour vision (Okabe and Ito)."""
 
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (9, 1.5)),
+    (0, (7, 1.5, 1.5, 1.5)),
+    (0, (1.5, 1.2)),
+    (0, (7, 1.5, 1.5, 1.5, 1.5, 1.5)),
+)
+"""Styles of lines that can be told apart without colours, in the order of the lines."""
+
+
+def dashes(index: int) -> Any:
+    """Return the style of a line."""
+    return DASHES[index % len(DASHES)]
+
 
 _STYLE: dict[Any, Any] = {
     "font.size": 9.0,

@@ -177,6 +177,14 @@ def test_trajectory_shades_contacts(result, ax):
     assert labels(ax) == ("time (s)", "displacement (m)")
 
 
+def test_lines_can_be_told_apart_without_colours(result):
+    for draw in (il.plot.trajectory, il.plot.density, il.plot.spectrum):
+        axes = draw(result, ax=Figure().subplots())
+        one, two = axes.lines[:2]
+        assert one._dash_pattern != two._dash_pattern
+        assert one.get_color() != two.get_color()
+
+
 def test_trajectory_of_combinations_and_contacts(result, ax):
     il.plot.trajectory(result, il.Combination({"one": 1.0, "two": -0.5}), "velocity", ax=ax)
     velocity = result.velocity.sel(realization=0)
@@ -228,7 +236,7 @@ def test_sweep_draws_a_band_for_each_line(ax):
     right = data.sortby("clearance").sel(place="right", oscillator="b").mean_square_displacement
     np.testing.assert_array_equal(line(ax, "place = right"), [right.clearance, right])
     assert np.isnan(line(ax, "place = left")[1][2])  # the refused point
-    exact = [item for item in ax.lines if item.get_linestyle() != "-"]
+    exact = [item for item in ax.lines if item.get_color() == "black"]
     np.testing.assert_array_equal(exact[1].get_ydata(), right + 1.0)
     assert areas(ax)[1].get_paths()[0].get_extents().y1 == 1.2 * right.max()
     assert labels(ax) == ("clearance (m)", "mean square displacement (m$^{2}$)")
