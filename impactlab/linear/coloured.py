@@ -75,15 +75,20 @@ class FilteredMotion:
     def covariance(self) -> np.ndarray | None:
         """Stationary covariance of the filter's states, displacements and velocities; None if bodies have none.
 
-        Displacements in free directions, which have no stationary law, are taken as 0.
+        Displacements in free directions, which have no stationary law, are taken as 0. The filter knows nothing of
+        the bodies, so that its covariance, that with them, and theirs follow one after the other; what is costly is
+        the triangular form of the bodies' drift, which is the same for all noises on them.
         """
         if not self.system.rates.all():
             return None
-        reduction = self.system.reduction
-        drift = self._joint(self.system.drift, reduction @ self._push)
-        states = np.zeros((len(drift), self.states + reduction.shape[1]))
-        states[: self.states, : self.states], states[self.states :, self.states :] = np.eye(self.states), reduction
-        return np.asarray(states.T @ lyapunov(drift, self._growth(len(drift))) @ states)
+        own = lyapunov(self.filter.drift, self._growth(self.states))
+        triangle, turned = self.system.triangular
+        back, reduction = np.linalg.inv(turned), self.system.reduction
+        push = back @ reduction @ self._push
+        mixed = _triangular_solution(triangle, self.filter.drift, -push @ own)
+        bodies = _triangular_solution(triangle, triangle, -push @ mixed.T - mixed @ push.T)
+        whole = reduction.T @ turned
+        return np.block([[own, mixed.T @ whole.T], [whole @ mixed, whole @ bodies @ whole.T]])
 
     def variances(self) -> np.ndarray:
         """Return the mean squares of displacement and velocity without envelope, infinite without a law, (2, body)."""
@@ -153,6 +158,18 @@ class FilteredMotion:
         """Return the two-sided spectral density of the displacement of a body (m2 s rad-1), (frequency,)."""
         moved = self.system.receptance(body, frequencies) @ self.weights
         return np.asarray(np.abs(moved) ** 2 * self.filter.density(frequencies))
+
+
+def _triangular_solution(first: np.ndarray, second: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Solve ``A X + X Bᵀ = given``, A being nearly triangular."""
+    from scipy.linalg import schur
+    from scipy.linalg.lapack import dtrsyl
+
+    triangle, turned = (second, None) if second is first else schur(second)
+    right = given if turned is None else given @ turned
+    result, scale, _ = dtrsyl(first, triangle, right, tranb="T")
+    result = result / scale
+    return np.asarray(result if turned is None else result @ turned.T)
 
 
 def lyapunov(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:

@@ -70,10 +70,14 @@ def coloured_variances(model: Model) -> np.ndarray:
 
 def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[FilteredMotion, ...]:
     """Return what each filtered white noise moves, alone or in some systems of bodies."""
-    sources, result = model.sources["filter"], []
+    sources, result, joint = model.sources["filter"], [], {slot: pair for pair in systems for slot in pair[0].tolist()}
     for number, (name, excitation) in enumerate(sources.named()):
         driven, weights = sources.driven(number)
-        slots, system = joined_systems(model, systems, [driven])[-1]
+        slots, system = joint.get(int(driven[0]), (driven[:1], None))
+        if not np.isin(driven, slots).all():
+            slots, system = joined_systems(model, systems, [driven])[-1]
+        elif system is None:
+            system = system_of(model, slots, *np.zeros((2, 1, 1)))
         forces = np.zeros(len(slots))
         forces[np.searchsorted(slots, driven)] = weights
         result.append(FilteredMotion(name, excitation, filter_of(excitation), slots, system, forces))

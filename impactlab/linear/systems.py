@@ -86,6 +86,15 @@ class LinearSystem:
         return np.where(-values.real > ZERO * np.abs(values).max(), -values.real, 0.0)
 
     @cached_property
+    def triangular(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return T and R of ``drift = R T R⁻¹``, T being nearly triangular, and R orthogonal but for units."""
+        from scipy.linalg import matrix_balance, schur
+
+        _, (units, _) = matrix_balance(self.drift, permute=False, separate=True)
+        triangle, turned = schur(self.drift * units / units[:, None])
+        return triangle, units[:, None] * turned
+
+    @cached_property
     def covariance(self) -> np.ndarray | None:
         """Return the stationary covariance of (x, v), (2 body, 2 body), None if there is none.
 
