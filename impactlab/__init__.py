@@ -42,7 +42,16 @@ _HOME = {
         "Modulated",
         "OrnsteinUhlenbeckNoise",
     ],
-    "components.loads": ["Chirp", "ConstantForce", "Harmonic", "ModulatedNoise", "Pulse", "SampledForce"],
+    "components.correlated": ["correlated"],
+    "components.loads": [
+        "Chirp",
+        "ConstantForce",
+        "Harmonic",
+        "ModulatedNoise",
+        "Pulse",
+        "SampledForce",
+        "TabulatedNoise",
+    ],
     "components.dissipative": [
         "CarvalhoMartinsContact",
         "FloresContact",

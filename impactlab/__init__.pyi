@@ -16,6 +16,7 @@ from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
 from impactlab.components.contact import RigidContact as RigidContact
 from impactlab.components.contact import backlash as backlash
+from impactlab.components.correlated import correlated as correlated
 from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
@@ -50,6 +51,7 @@ from impactlab.components.loads import Harmonic as Harmonic
 from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce
+from impactlab.components.loads import TabulatedNoise as TabulatedNoise
 from impactlab.components.modal_structure import ModalStructure as ModalStructure
 from impactlab.components.oscillator import DoubleWellOscillator as DoubleWellOscillator
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator

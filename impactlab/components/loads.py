@@ -24,6 +24,9 @@ _SHAPES = {"rectangle": 0, "half-sine": 1, "versed-sine": 2}
 _AFTER = "error", "zero", "repeat"
 """What may follow the last sample."""
 
+_PLACES = {"times": ("time", "s"), "frequencies": ("frequency", "rad/s")}
+"""What samples may be of: what one of them is called, and its unit."""
+
 SAMPLES_SHOWN = 6
 """Samples up to which all are printed."""
 
@@ -223,6 +226,73 @@ class SampledForce(Excitation):
         return scale * between(time, times, values)
 
 
+class TabulatedNoise(Excitation):
+    """Bounded noise of a spectral density given as a table: a sum of cosines with random phases.
+
+    The density is linear between the frequencies of the table, and 0 outside. Lines are ``Δω = (ω_b − ω_a)/N`` apart,
+    at ω_a + Δω, …, ω_b, and each has the power of the band below it, so that the variance is exactly twice the integral
+    of the table.
+
+    Parameters
+    ----------
+    frequencies : (frequency,) array_like
+        Increasing angular frequencies, from 0 or above on (rad s-1).
+    densities : (frequency,) array_like
+        Two-sided spectral densities over angular frequency (N2 s rad-1).
+    components : int
+        Number N of cosines.
+    allow_repeat : bool
+        Whether a run may be longer than ``2π/Δω``, after which the series repeats itself (up to a modulation with ω_a).
+
+    Raises
+    ------
+    InvalidInput
+        If a density or a frequency is negative, there are not as many densities as frequencies, fewer than two, one is
+        not finite, or frequencies do not increase.
+    """
+
+    frequencies: Sequence[float] | np.ndarray = parameter(units="rad s-1", kw_only=False)
+    densities: Sequence[float] | np.ndarray = parameter(units="N2 s rad-1", kw_only=False)
+    components: int = parameter(4000, minimum=1)
+    allow_repeat: bool = parameter(False)
+
+    def __post_init__(self) -> None:
+        take_samples(self, "densities", of="frequencies")
+        super().__post_init__()
+        if self.frequencies[0] < 0.0:
+            raise InvalidInput(f"TabulatedNoise.frequencies must be at least 0 rad/s, not {self.frequencies[0]:g}.")
+        for frequency, density in zip(self.frequencies, self.densities, strict=True):
+            if density < 0.0:
+                raise InvalidInput(
+                    f"TabulatedNoise.densities must be at least 0, but that at {frequency:g} rad/s is {density:g}."
+                )
+
+    def __repr__(self) -> str:
+        count = len(self.frequencies)
+        if count <= SAMPLES_SHOWN:
+            return super().__repr__()
+        return f"TabulatedNoise of {count} densities from {self.frequencies[0]:g} to {self.frequencies[-1]:g} rad/s"
+
+    @property
+    def spacing(self) -> float:
+        """Distance Δω between neighbouring lines (rad s-1)."""
+        return (self.frequencies[-1] - self.frequencies[0]) / self.components
+
+    @property
+    def period(self) -> float:
+        return math.inf if self.allow_repeat else 2.0 * math.pi / self.spacing
+
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the angular frequencies (rad s-1) and the amplitudes (N) of the cosines."""
+        known, density = np.array(self.frequencies), np.array(self.densities)
+        ends = known[0] + self.spacing * np.arange(self.components + 1)
+        places = np.union1d(known, ends[1:-1])
+        values = np.interp(places, known, density)
+        power = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(places)))
+        below = np.diff(np.interp(np.minimum(ends, places[-1]), places, power))
+        return ends[1:], 2.0 * np.sqrt(np.maximum(below, 0.0))
+
+
 class ModulatedNoise(Excitation):
     """White noise of the spectral density ``S e(t)²``, with an envelope e given by samples: ``e(t) w(t)``.
 
@@ -289,21 +359,21 @@ def between(time: float, times: Sequence[float], values: Sequence[float]) -> flo
     return (1.0 - share) * values[low] + share * values[high]
 
 
-def take_samples(owner: Any, name: str) -> None:
-    """Make tuples of the times of a component and of the values of some name, or refuse them."""
-    kind = type(owner).__name__
-    times, values = (_samples(f"{kind}.{field}", getattr(owner, field)) for field in ("times", name))
+def take_samples(owner: Any, name: str, of: str = "times") -> None:
+    """Make tuples of the times of a component, or of other places, and of the values of some name, or refuse them."""
+    kind, (one, units) = type(owner).__name__, _PLACES[of]
+    times, values = (_samples(f"{kind}.{field}", getattr(owner, field)) for field in (of, name))
     if len(times) != len(values):
-        raise InvalidInput(f"{kind} takes a value for each time, not {len(values)} for {len(times)} times.")
+        raise InvalidInput(f"{kind} takes a value for each {one}, not {len(values)} for {len(times)} {of}.")
     if len(times) < 2:
         raise InvalidInput(f"{kind} needs two samples at least.")
     back = np.flatnonzero(np.diff(times) <= 0.0)
     if len(back):
         raise InvalidInput(
-            f"{kind}.times must increase, but sample {back[0] + 1} (from 0) at {times[back[0] + 1]:g} s follows one at "
-            f"{times[back[0]]:g} s."
+            f"{kind}.{of} must increase, but sample {back[0] + 1} (from 0) at {times[back[0] + 1]:g} {units} follows "
+            f"one at {times[back[0]]:g} {units}."
         )
-    object.__setattr__(owner, "times", tuple(times.tolist()))
+    object.__setattr__(owner, of, tuple(times.tolist()))
     object.__setattr__(owner, name, tuple(values.tolist()))
 
 

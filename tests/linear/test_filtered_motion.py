@@ -46,6 +46,25 @@ def test_the_stationary_covariance_solves_lyapunovs_equation(noise, spring):
     np.testing.assert_allclose(motion_of(noise, couplings).covariance, expected, rtol=1e-8, atol=1e-10)
 
 
+def test_bodies_that_no_spring_holds_have_the_law_of_their_velocities():
+    """In the coordinates z, x_a - x_b, v_a, v_b; what a common motion adds to displacements grows for ever."""
+    free = {name: body.replace(stiffness=0.0) for name, body in TWO.items()}
+    found = motion_of(CLOUGH, {"s": il.Coupling("a", "b", il.LinearCoupling(30.0))}, free)
+    a, b, c = map(np.array, CLOUGH.filter())
+    drift, growth = np.zeros((7, 7)), np.zeros((7, 7))
+    drift[:4, :4], growth[:4, :4] = a, 2.0 * np.pi * np.outer(b, b)
+    drift[4, 5:] = 1.0, -1.0
+    drift[5:, 4] = -30.0, 15.0
+    drift[5:, 5:] = -np.diag([0.4, 0.6])
+    drift[5:, :4] = np.outer([1.0, -0.25], c)
+    expected = solve_continuous_lyapunov(drift, -growth)
+    apart = np.zeros((7, 8))
+    apart[:4, :4], apart[4, 4:6], apart[5:, 6:] = np.eye(4), (1.0, -1.0), np.eye(2)
+    np.testing.assert_allclose(apart @ found.covariance @ apart.T, expected, rtol=1e-8, atol=1e-12)
+    assert np.isinf(found.variances()[0]).all()
+    np.testing.assert_allclose(found.variances()[1], np.diag(expected)[5:], rtol=1e-8)
+
+
 @pytest.mark.parametrize("step", [0.003, 0.2, 7.0])
 def test_steps_of_any_length_keep_the_stationary_law(step):
     """Of filter and bodies together: they forget nothing of what they have in common."""

@@ -1,0 +1,76 @@
+"""Correlated noises on several bodies, as sources of independent ones."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from impactlab.components.excitation import Excitation, Source
+from impactlab.components.matrices import NEGLIGIBLE, sum_of_squares
+from impactlab.errors import InvalidInput
+
+
+def correlated(noise: Excitation, densities: Any, on: Sequence[str], *, name: str = "noise") -> dict[str, Source]:
+    """Return correlated noises on several bodies: sources of independent noises, for ``excitations=`` of a network.
+
+    The matrix of the spectral densities of the forces, of each on the diagonal and between two beside it, is
+    `densities` times the density of the noise. With ``il.WhiteNoise(1.0)`` it is `densities` itself (N2 s rad-1), with
+    coloured noise of variance 1 it is that of the covariances (N2).
+
+    Parameters
+    ----------
+    noise : Excitation
+        Of which each source has one of its own: white or coloured noise, or a sum of cosines with random phases.
+    densities : (body, body) array_like
+        Symmetric matrix without negative eigenvalues.
+    on : sequence of str
+        Names of the bodies, or points of structures.
+    name : str
+        The sources are called by it and a number, such as "noise 1".
+
+    Returns
+    -------
+    dict of str to Source
+        As many as the rank of the matrix.
+
+    Raises
+    ------
+    InvalidInput
+        If the noise is none, or the matrix is not symmetric, of another size, or has a negative eigenvalue.
+    """
+    if not isinstance(noise, Excitation) or noise.kind == "force":
+        raise InvalidInput(f"correlated takes a noise such as il.WhiteNoise(1.0), not {noise!r}.")
+    if isinstance(on, str) or not all(isinstance(body, str) for body in on) or len(set(on)) < len(on):
+        raise InvalidInput(f"correlated: on must be different names of bodies, not {reprlib.repr(on)}.")
+    matrix = _checked(densities, len(on))
+    result = {}
+    for number, (weights, strength) in enumerate(sum_of_squares(matrix), 1):
+        size = math.sqrt(strength)
+        shares = {body: size * float(weight) for body, weight in zip(on, weights, strict=True) if weight}
+        result[f"{name} {number}"] = Source(noise, on=shares)
+    return result
+
+
+def _checked(given: Any, count: int) -> np.ndarray:
+    """Return a symmetric matrix of a size without negative eigenvalues, or refuse it."""
+    try:
+        array = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"correlated: densities must be numbers, not {reprlib.repr(given)}.") from None
+    if array.shape != (count, count) or not np.isfinite(array).all():
+        raise InvalidInput(
+            f"correlated: densities must be a matrix of finite numbers for {count} bodies, not of shape {array.shape}."
+        )
+    if np.abs(array - array.T).max(initial=0.0) > NEGLIGIBLE * np.abs(array).max(initial=0.0):
+        raise InvalidInput("correlated: densities must be symmetric.")
+    values = np.linalg.eigvalsh(array)
+    if values.size and values[0] < -NEGLIGIBLE * np.abs(values).max():
+        raise InvalidInput(
+            f"correlated: densities must have no negative eigenvalue, but the lowest of {count} is {values[0]:g}: no "
+            "noises have these correlations."
+        )
+    return np.asarray(0.5 * (array + array.T))

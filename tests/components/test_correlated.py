@@ -1,0 +1,84 @@
+"""Correlated noises by a matrix of spectral densities, and spectra given as tables."""
+
+import numpy as np
+import pytest
+
+import impactlab as il
+
+NAMES = "a", "b", "c"
+MATRIX = np.array([[2.0, 0.8, -0.3], [0.8, 1.0, 0.2], [-0.3, 0.2, 0.5]])
+BODIES = {name: il.LinearOscillator(mass=1.0, damping=0.4, stiffness=9.0) for name in NAMES}
+
+
+def spanned(sources):
+    weights = np.array([[source.on.get(name, 0.0) for name in NAMES] for source in sources.values()])
+    return weights.T @ weights
+
+
+@pytest.mark.parametrize(("matrix", "rank"), [(MATRIX, 3), (np.outer([1.0, -2.0, 0.5], [1.0, -2.0, 0.5]), 1)])
+def test_sources_have_the_densities_of_the_matrix(matrix, rank):
+    sources = il.correlated(il.WhiteNoise(1.0), matrix, NAMES)
+    assert len(sources) == rank
+    np.testing.assert_allclose(spanned(sources), matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [il.WhiteNoise(1.0), il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.3)], ids=repr)
+def test_equal_bodies_have_covariances_in_proportion_to_the_matrix(noise):
+    network = il.Network(BODIES, None, il.correlated(noise, MATRIX, NAMES))
+    exact = il.exact(network)
+    found = np.array([[exact.covariance(p, q, "displacement") for q in NAMES] for p in NAMES])
+    np.testing.assert_allclose(found / found[0, 0], MATRIX / MATRIX[0, 0], rtol=1e-9)
+    result = il.simulate(network, 40.0, realizations=128, rng=1, record=il.Trajectory(1.0))
+    x = result.displacement.values
+    each = np.einsum("rti,rtj->rij", x, x) / x.shape[1]
+    error = each.std(axis=0, ddof=1) / np.sqrt(len(each))
+    np.testing.assert_array_less(np.abs(each.mean(axis=0) - found), 4.5 * error)
+
+
+def test_what_is_no_matrix_of_densities_is_refused():
+    noise = il.WhiteNoise(1.0)
+    with pytest.raises(il.InvalidInput, match="no negative eigenvalue, but the lowest of 2 is -1"):
+        il.correlated(noise, [[1.0, 2.0], [2.0, 1.0]], ["a", "b"])
+    with pytest.raises(il.InvalidInput, match="symmetric"):
+        il.correlated(noise, [[1.0, 0.5], [0.4, 1.0]], ["a", "b"])
+    with pytest.raises(il.InvalidInput, match=r"for 3 bodies, not of shape \(2, 2\)"):
+        il.correlated(noise, np.eye(2), NAMES)
+    with pytest.raises(il.InvalidInput, match="numbers"):
+        il.correlated(noise, "matrix", NAMES)
+    with pytest.raises(il.InvalidInput, match="different names"):
+        il.correlated(noise, np.eye(2), ["a", "a"])
+    with pytest.raises(il.InvalidInput, match="a noise such as"):
+        il.correlated(il.ConstantForce(1.0), np.eye(3), NAMES)
+
+
+def test_a_table_has_the_power_of_its_bands():
+    noise = il.TabulatedNoise([1.0, 3.0, 3.7, 8.0], [0.0, 2.0, 2.0, 0.5], components=700)
+    frequencies, amplitudes = noise.lines()
+    assert noise.period == pytest.approx(2.0 * np.pi / 0.01)
+    assert 0.5 * (amplitudes**2).sum() == pytest.approx(2.0 * (2.0 + 1.4 + 4.3 * 1.25), rel=1e-12)
+    middle = frequencies - 0.5 * noise.spacing
+    inside = np.interp(middle, noise.frequencies, noise.densities)
+    np.testing.assert_allclose(0.25 * amplitudes**2 / noise.spacing, inside, atol=2e-9 + 1e-12 * 700)
+    flat = il.TabulatedNoise([0.0, 40.0 * np.pi], [0.7, 0.7], components=400)
+    for found, expected in zip(
+        flat.lines(), il.ShinozukaNoise(0.7, band=(0.0, 20.0), components=400).lines(), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_a_table_moves_a_body_as_its_exact_law_says():
+    noise = il.TabulatedNoise([0.0, 3.0, 9.0], [0.2, 1.0, 0.0], components=2000)
+    network = il.Network({"a": BODIES["a"]}, None, {"a": noise})
+    result = il.simulate(network, 100.0, realizations=128, rng=2)
+    assert np.abs(il.compare(result, il.exact(network)).z).max() < 4.0
+
+
+def test_tables_that_are_no_spectra_are_refused():
+    with pytest.raises(il.InvalidInput, match=r"at least 0, but that at 3 rad/s is -1"):
+        il.TabulatedNoise([0.0, 3.0], [1.0, -1.0])
+    with pytest.raises(il.InvalidInput, match="at least 0 rad/s, not -1"):
+        il.TabulatedNoise([-1.0, 3.0], [1.0, 1.0])
+    with pytest.raises(il.InvalidInput, match=r"frequencies must increase, but sample 1 .* 2 rad/s"):
+        il.TabulatedNoise([3.0, 2.0], [1.0, 1.0])
+    many = il.TabulatedNoise(np.arange(20.0), np.ones(20))
+    assert repr(many) == "TabulatedNoise of 20 densities from 0 to 19 rad/s"
