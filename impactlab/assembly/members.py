@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,12 @@ LAWS = "force", "coupling", "combination", "residual"
 """Roles of the kinds whose forces depend on the motion, which may have states."""
 
 
-Row = tuple[Component, tuple[int, ...], tuple[float, ...]]
-"""A member, its indices, and its parameters before those that are fields."""
+class Rows(NamedTuple):
+    """Members of a kind."""
+
+    components: Sequence[Component]
+    indices: np.ndarray  # (member, leading)
+    leading: np.ndarray  # (member, parameter) before those that are fields
 
 
 @dataclass(frozen=True)
@@ -155,13 +159,13 @@ class Members:
     samples: np.ndarray  # numbers of all rows that are fields
 
     @classmethod
-    def of(cls, rows: Mapping[Kind, Sequence[Row]], ends: Links, coupled: Links) -> Members:
+    def of(cls, rows: Mapping[Kind, Rows], ends: Links, coupled: Links) -> Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
         kinds = tuple(sorted(rows, key=_canonical))
         links = ends if ends.plain else joined(ends, coupled)
         samples = Samples(len(links.weights) if isinstance(links, Combinations) else 0)
         tables = tuple(_table(kind, rows[kind], samples) for kind in kinds)
-        starts = [_numbers(rows[kind], kind.states) for kind in kinds]
+        starts = [_numbers(rows[kind].components, kind.states) for kind in kinds]
         return cls(kinds, tables, *packed(tables, links, samples.numbers, starts=starts), samples.numbers)
 
     def of_role(self, *roles: str) -> tuple[Kind, ...]:
@@ -174,22 +178,32 @@ def _canonical(kind: Kind) -> tuple[bool, str, str, str, tuple[str, ...]]:
     return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__, kind.sampled
 
 
-def _table(kind: Kind, rows: Sequence[Row], samples: Samples) -> Table:
-    leading = np.array([row for _, row, _ in rows], dtype=np.int64).reshape(-1, len(LEADING[kind.role]))
-    columns = [np.array([extra for *_, extra in rows]).reshape(len(rows), len(kind.leading))]
+def by_kind(role: str, components: Sequence[Component], kernel: str) -> dict[Kind, list[int]]:
+    """Return which components are of each kind, by their numbers."""
+    result: dict[Kind, list[int]] = {}
+    known: dict[int, list[int]] = {}  # many members may have one component
+    for number, component in enumerate(components):
+        if id(component) not in known:
+            known[id(component)] = result.setdefault(Kind.of(role, component, kernel), [])
+        known[id(component)].append(number)
+    return result
+
+
+def _table(kind: Kind, rows: Rows, samples: Samples) -> Table:
+    columns = [rows.leading.astype(float)]
     for name in kind.fields:
         if name in kind.sampled:
-            values = [_row(item, name) for item, *_ in rows]
+            values = [_row(item, name) for item in rows.components]
             columns.append(np.array([(samples.place(row), len(row)) for row in values], dtype=float).reshape(-1, 2))
         else:
-            columns.append(_numbers(rows, (name,)))
-    return leading, np.concatenate(columns, axis=1)
+            columns.append(_numbers(rows.components, (name,)))
+    return rows.indices, np.concatenate(columns, axis=1)
 
 
-def _numbers(rows: Sequence[Row], fields: Sequence[str]) -> np.ndarray:
+def _numbers(components: Sequence[Component], fields: Sequence[str]) -> np.ndarray:
     """Return the values of some fields, (member, field)."""
-    values = [[_number(item, field) for field in fields] for item, *_ in rows]
-    return np.array(values, dtype=float).reshape(len(rows), len(fields))
+    columns = [_column(components, field) for field in fields]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(components), 0))
 
 
 def packed(
@@ -225,6 +239,15 @@ def packed(
     heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
     indices = np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
     return np.concatenate(columns), indices, np.concatenate(states)
+
+
+def _column(components: Sequence[Component], field: str) -> np.ndarray:
+    """Return the values of a field, (member,)."""
+    values = [getattr(item, field) for item in components]
+    result = np.array(values) if {float}.issuperset(map(type, values)) else np.array([np.nan])
+    if not np.isfinite(result).all():  # or no floats: one by one
+        result = np.array([_number(item, field) for item in components])
+    return result.astype(float)
 
 
 def _number(component: Component, field: str) -> float:

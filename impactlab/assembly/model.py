@@ -13,7 +13,7 @@ import numpy as np
 
 from impactlab.assembly.incidence import runs
 from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
-from impactlab.assembly.members import Kind, Members, Row
+from impactlab.assembly.members import LEADING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact, ContactLaw, RigidContact
@@ -21,6 +21,7 @@ from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation
 from impactlab.components.sides import is_difference, weights_of
+from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
 
@@ -47,6 +48,7 @@ class Model:
     members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
+    @uncollected()
     def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
         bodies = list(network.oscillators.values())
@@ -341,16 +343,18 @@ def _links(network: Composition, flowing: Collection[str]) -> tuple[Links, Links
 
     def links_of(items: Sequence[Contact | Coupling], plain: bool) -> Links:
         if plain:
-            return Pairs(len(slots), np.array([_pair(slots, item) for item in items], dtype=np.int64).reshape(-1, 2))
+            return Pairs(len(slots), _pairs(slots, items))
         combinations = [{slots[name]: weight for name, weight in weights_of(item).items()} for item in items]
         return Combinations.of(combinations, len(slots))
 
     return links_of(contacts, plain), links_of(couplings, plain and all(map(is_difference, couplings)))
 
 
-def _pair(slots: Mapping[Any, int], link: Contact | Coupling) -> tuple[int, int]:
-    """Return the slots of both sides; the wall has that after the last body."""
-    return slots.get(link.first, len(slots)), slots.get(link.second, len(slots))
+def _pairs(slots: Mapping[Any, int], links: Sequence[Contact | Coupling]) -> np.ndarray:
+    """Return the slots of both sides, (link, 2); the wall has that after the last body."""
+    wall = len(slots)
+    sides = [[slots.get(link.first, wall) for link in links], [slots.get(link.second, wall) for link in links]]
+    return np.array(sides, dtype=np.int64).T.copy()
 
 
 _IN_TIME = (
@@ -363,28 +367,35 @@ _IN_TIME = (
 
 def _members(
     network: Composition, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources]
-) -> dict[Kind, list[Row]]:
+) -> dict[Kind, Rows]:
     """Return what acts by its kernels, kind by kind, without the couplings that flow."""
+    result: dict[Kind, Rows] = {}
+
+    def add(role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray) -> None:
+        for kind, numbers in by_kind(role, components, kernel).items():
+            chosen = [components[number] for number in numbers]
+            columns = [item[numbers] for item in leading[: len(kind.leading)]]
+            table = np.stack(columns, axis=1) if columns else np.zeros((len(numbers), 0))
+            result[kind] = Rows(chosen, indices[numbers].reshape(len(numbers), len(LEADING[role])), table)
+
     bodies = list(network.oscillators.values())
-    mobilities = ends.squares(np.array([1.0 / body.mass for body in bodies])).tolist()
-    result: dict[Kind, list[Row]] = {}
-    for slot, contact in enumerate(network.contacts.values()):
-        kind = Kind.of("force", contact.law, "force")
-        extra = (contact.clearance, mobilities[slot]) if kind.slows else (contact.clearance,)
-        result.setdefault(kind, []).append((contact.law, (slot,), extra))
+    mobility = 1.0 / np.array([body.mass for body in bodies])
+    contacts = list(network.contacts.values())
+    clearance = np.array([contact.clearance for contact in contacts])
+    add("force", [item.law for item in contacts], "force", np.arange(len(contacts)), clearance, ends.squares(mobility))
+    role = "coupling" if ends.plain else "combination"
+    kicking = [item for name, item in network.couplings.items() if name not in flowing]
     slots = {name: slot for slot, name in enumerate(network.oscillators)}
-    for index, (name, coupling) in enumerate(network.couplings.items()):
-        kind = Kind.of("coupling" if ends.plain else "combination", coupling.law, "force")
-        result.setdefault(kind, [])  # also without a row: the text does not depend on what flows
-        if name not in flowing:
-            result[kind].append((coupling.law, _pair(slots, coupling) if ends.plain else (len(ends) + index,), ()))
-    for slot, body in enumerate(bodies):
-        if body.has_kernel("residual"):
-            kind = Kind.of("residual", body, "residual")
-            result.setdefault(kind, []).append((body, (slot,), (1.0 / body.mass,) if kind.slows else ()))
+    numbers = np.flatnonzero([name not in flowing for name in network.couplings])
+    add(role, [item.law for item in kicking], "force", _pairs(slots, kicking) if ends.plain else len(ends) + numbers)
+    for kind in by_kind(role, [item.law for item in network.couplings.values()], "force"):
+        # also without a row: the text does not depend on what flows
+        result.setdefault(kind, Rows([], np.zeros((0, len(LEADING[role])), np.int64), np.zeros((0, 0))))
+    bent = [slot for slot, body in enumerate(bodies) if body.has_kernel("residual")]
+    add("residual", [bodies[slot] for slot in bent], "residual", np.array(bent, dtype=np.int64), mobility[bent])
     for role, family, kernel in _IN_TIME:
-        for row, item in enumerate(item for item in sources[family].excitations if item.has_kernel(kernel)):
-            result.setdefault(Kind.of(role, item, kernel), []).append((item, (row,), ()))
+        excitations = [item for item in sources[family].excitations if item.has_kernel(kernel)]
+        add(role, excitations, kernel, np.arange(len(excitations)))
     return result
 
 

@@ -47,11 +47,12 @@ class Sources:
         own = {name: item for name, item in bodies.items() if isinstance(item, Excitation) and item.kind == kind}
         sources = {name: item for name, item in given.items() if isinstance(item, Source)}
         shared = {name: item for name, item in sources.items() if item.excitation.kind == kind}
-        pairs = [(number, slots[name], 1.0) for number, name in enumerate(own)]
+        source, body, weight = list(range(len(own))), [slots[name] for name in own], [1.0] * len(own)
         for number, item in enumerate(shared.values(), len(own)):
-            by_slot = sorted((slots[name], weight) for name, weight in item.on.items())
-            pairs += [(number, slot, weight) for slot, weight in by_slot]
-        source, body, weight = zip(*pairs, strict=True) if pairs else ((), (), ())
+            for slot, of_slot in sorted((slots[name], of_name) for name, of_name in item.on.items()):
+                source.append(number)
+                body.append(slot)
+                weight.append(of_slot)
         return cls(
             (*own, *shared),
             (*own.values(), *(item.excitation for item in shared.values())),

@@ -115,12 +115,12 @@ class Component:
     @classmethod
     def field_names(cls) -> tuple[str, ...]:
         """Names of the fields, in the order of their declaration."""
-        return tuple(declared.name for declared in declared_by(cls))
+        return _names(cls)[0]
 
     @classmethod
     def state_names(cls) -> tuple[str, ...]:
         """Names of the fields that are states, in the order of their declaration."""
-        return tuple(declared.name for declared in declared_by(cls) if declared.state)
+        return _names(cls)[1]
 
     @classmethod
     def units(cls, name: str) -> str:
@@ -179,9 +179,7 @@ class Component:
     @classmethod
     def arguments(cls, name: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the names of the kinematic arguments that a kernel takes itself, and of its fields."""
-        names = _argument_names(getattr(cls, name))
-        kinematic = tuple(item for item in cls.kernels[name] if item in names)
-        return kinematic, names[len(kinematic) :]
+        return _arguments(getattr(cls, name), cls.kernels[name])
 
     @classmethod
     def kernel(cls, name: str) -> Found:
@@ -190,10 +188,7 @@ class Component:
         A kernel that reads states reads those which hold at its own arguments: ``update`` has made them of the
         fields, at once.
         """
-        kinematic, fields = cls.arguments(name)
-        if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
-            return getattr(cls, name), kinematic, fields
-        return at_new_states(cls, name)
+        return _found(cls, name, getattr(cls, name), getattr(cls, UPDATE, None))
 
     def call(self, name: str, *kinematic: Any) -> np.ndarray:
         """Evaluate a kernel on arrays, in Python, with the fields filled in.
@@ -266,8 +261,29 @@ def _plain(value: Any) -> Any:
 
 
 @functools.cache
-def _argument_names(function: Callable[..., Any]) -> tuple[str, ...]:
-    return tuple(inspect.signature(function).parameters)
+def _arguments(function: Callable[..., Any], kinematic: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return which kinematic arguments a kernel takes, and its other arguments."""
+    names = tuple(inspect.signature(function).parameters)
+    own = tuple(item for item in kinematic if item in names)
+    return own, names[len(own) :]
+
+
+def _found_of(cls: Any, name: str, function: Callable[..., float], update: Any) -> Found:
+    """Return what `Component.kernel` does of a class that has some kernels."""
+    kinematic, fields = cls.arguments(name)
+    if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
+        return function, kinematic, fields
+    return at_new_states(cls, name)
+
+
+def _names_of(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the fields of a class, and of those that are states, in the order of their declaration."""
+    declared = declared_by(cls)
+    return tuple(item.name for item in declared), tuple(item.name for item in declared if item.state)
+
+
+_found: Callable[..., Found] = functools.cache(_found_of)
+_names: Callable[[Any], tuple[tuple[str, ...], tuple[str, ...]]] = functools.cache(_names_of)
 
 
 def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) -> None:

@@ -24,6 +24,7 @@ NUMBERS = (int, float, Number)
 Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 """A kernel with the names of its kinematic arguments and of its fields."""
 
+_FEW = 4  # points of each component up to which equal ones are found
 _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 
 
@@ -42,6 +43,12 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     import numpy as np  # studies are listed without it
 
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
+    if len(components) > 1 and result.shape[1] <= _FEW:
+        arrays = [np.broadcast_to(item, result.shape) for item in kinematic]
+        first, which = _distinct(components, arrays)
+        if len(first) < len(components):
+            result[:] = call_each([components[row] for row in first], name, *(item[first] for item in arrays))[which]
+            return result
     by_class: dict[Any, list[int]] = {}
     for row, component in enumerate(components):
         by_class.setdefault(type(component), []).append(row)
@@ -62,6 +69,19 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
                 components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
             raise
     return result
+
+
+def _distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of all components that are the same with the same numbers, and which of these each one is."""
+    import numpy as np  # studies are listed without it
+
+    identities = np.fromiter(map(id, components), np.float64, len(components))  # addresses have 48 bits
+    table = np.column_stack([identities, *arrays])
+    order = np.lexsort(table.T)
+    new = np.append(True, (table[order[1:]] != table[order[:-1]]).any(axis=1))
+    which = np.empty(len(components), dtype=np.int64)
+    which[order] = np.cumsum(new) - 1
+    return order[new], which
 
 
 def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:

@@ -144,8 +144,9 @@ class Integrator(Component):
         if model.rigid.any() and not self.collides:
             name = model.contacts[int(model.rigid.argmax())]
             raise InvalidInput(f"{type(self).__name__} knows no rigid contacts such as {name!r}; use il.ExactFlow().")
-        for name, excitation in model.excitations:
-            if excitation.kind not in self.handles:
+        for kind, sources in model.sources.items():
+            if kind not in self.handles and sources.names:
+                name, excitation = sources.named()[0]
                 raise InvalidInput(
                     f"{type(self).__name__} does not handle the excitation of {name!r} "
                     f"({type(excitation).__name__}, defined by {excitation.kind}); "

@@ -52,22 +52,30 @@ def stream(seed: tuple[int, int], name: str, purpose: str) -> tuple[int, int, in
     The seed is 128 bits as two words of 64 bits, the name that of the body or the source, and the purpose says what the
     numbers are for in at most 16 bytes ("noise", "start", "phases").
     """
-    key = struct.pack("<2Q", *seed)
-    digest = hashlib.blake2b(name.encode(), digest_size=12, key=key, person=purpose.encode()).digest()
-    low, high, word = struct.unpack("<3I", digest)
+    low, high, word = addresses(seed, [name], purpose)[:, 0].tolist()
     return low, high, word
 
 
 def addresses(seed: tuple[int, int], names: Iterable[str], purpose: str) -> np.ndarray:
-    """Return the addresses of the streams of several bodies, (3, body) of uint64."""
-    return np.array([stream(seed, name, purpose) for name in names], dtype=np.uint64).reshape(-1, 3).T.copy()
+    """Return the addresses of the streams of several names for one purpose, (3, name) of uint64."""
+    begun = hashlib.blake2b(digest_size=12, key=struct.pack("<2Q", *seed), person=purpose.encode())
+    digests = []
+    for name in names:
+        digest = begun.copy()
+        digest.update(name.encode())
+        digests.append(digest.digest())
+    return np.frombuffer(b"".join(digests), dtype="<u4").reshape(-1, 3).T.astype(np.uint64, order="C")
 
 
 def streams_of(seed: tuple[int, int], names: Sequence[str], numbers: Sequence[int]) -> np.ndarray:
     """Return the addresses of rows of noise, (3, row), from names of bodies or sources and numbers of their normals."""
-    purposes = ["noise" if number == 0 else f"noise {number + 1}" for number in numbers]
-    streams = [stream(seed, name, purpose) for name, purpose in zip(names, purposes, strict=True)]
-    return np.array(streams, dtype=np.uint64).reshape(-1, 3).T.copy()
+    result = np.empty((3, len(names)), dtype=np.uint64)
+    for number in set(numbers):
+        rows = [row for row, item in enumerate(numbers) if item == number]
+        result[:, rows] = addresses(
+            seed, [names[row] for row in rows], "noise" if number == 0 else f"noise {number + 1}"
+        )
+    return result
 
 
 @scalar
@@ -146,7 +154,7 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
     They are those of one block or, if the noise is coarse, sums of two steps each, over √2: the
     noise that a run at half the step has, so that both follow nearly the same paths.
     """
-    fill_streams(noise, group, noise.distinct if noise.which.shape[0] else normals)
+    filladdresses(noise, group, noise.distinct if noise.which.shape[0] else normals)
     for row in range(noise.which.shape[0]):  # rows of one stream have the same normals
         number = noise.which[row]
         for part in range(4):
@@ -155,7 +163,7 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_streams(noise, group, normals):  # type: ignore[no-untyped-def]
+def filladdresses(noise, group, normals):  # type: ignore[no-untyped-def]
     """Do so for every stream of the noise."""
     if not noise.coarse:
         fill_normals(noise.streams, noise.realizations, np.uint64(group), normals)

@@ -15,6 +15,7 @@ from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import RigidFlow, WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
 from impactlab.linear.given_functions import jumping_laws
+from impactlab.machine import uncollected
 from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
@@ -42,6 +43,7 @@ NEGLIGIBLE_CLOSINGS = 1e-3
 """Expected number of closings in a run below which a contact is taken never to close, and its statistics are 0."""
 
 
+@uncollected()
 def make_plan(model: Model, request: Request) -> Plan:
     """Make the plan of a run. A request that cannot be met is refused, with a cure.
 
