@@ -154,7 +154,7 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
     They are those of one block or, if the noise is coarse, sums of two steps each, over √2: the
     noise that a run at half the step has, so that both follow nearly the same paths.
     """
-    filladdresses(noise, group, noise.distinct if noise.which.shape[0] else normals)
+    fill_streams(noise, group, noise.distinct if noise.which.shape[0] else normals)
     for row in range(noise.which.shape[0]):  # rows of one stream have the same normals
         number = noise.which[row]
         for part in range(4):
@@ -163,7 +163,7 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def filladdresses(noise, group, normals):  # type: ignore[no-untyped-def]
+def fill_streams(noise, group, normals):  # type: ignore[no-untyped-def]
     """Do so for every stream of the noise."""
     if not noise.coarse:
         fill_normals(noise.streams, noise.realizations, np.uint64(group), normals)
