@@ -81,13 +81,13 @@ def test_bodies_that_stops_alone_hold():
 
 
 def test_long_chains_are_shortened_and_quick():
-    network = il.chain(3000, BODY, LAW, excitation=il.WhiteNoise(1.0))
+    network = il.chain(1000, BODY, LAW, excitation=il.WhiteNoise(1.0))
     begin = process_time()
     cells = Cells(network._repr_html_())
     assert process_time() - begin < 2.0  # 0.3 s, but for a machine that is busy
-    assert "… 2992 more" in cells.texts
-    assert "… 2991 more" in cells.texts
-    assert not re.search("body_1500", "".join(cells.texts))
+    assert "… 992 more" in cells.texts
+    assert "… 991 more" in cells.texts
+    assert not re.search("body_500", "".join(cells.texts))
 
 
 def test_only_networks_are_described():

@@ -292,10 +292,3 @@ def test_points_of_sweeps_are_selected(result):
         il.plot.trajectory(result, quantity="velocty")
     with pytest.raises(il.InvalidInput, match="ax must be axes of Matplotlib"):
         il.plot.density(result, ax=Figure())
-
-
-def test_nothing_is_loaded_before_it_is_used(run_python):
-    text = (
-        "import sys, impactlab as il; print('matplotlib' in sys.modules); il.plot; print('matplotlib' in sys.modules)"
-    )
-    assert run_python("-c", text).split() == ["False", "True"]
