@@ -398,9 +398,9 @@ def exact(network: Composition) -> ExactReference:
       combination of displacements, as between two towers that are given by their modes, if the
       matrices of spectral densities and of damping are in proportion, ``π S = T C``;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
-      any temperatures, also one on several bodies, and sums of cosines. Contacts are allowed if
-      the law without them closes them so rarely that they cannot matter: a bound of the
-      probability, and of the contacts in a relaxation time, is 10⁻¹².
+      any temperatures, also one on several bodies, coloured noise without an envelope, and sums of
+      cosines. Contacts are allowed if the law without them closes them so rarely that they cannot
+      matter: a bound of the probability, and of the contacts in a relaxation time, is 10⁻¹².
 
     Parameters
     ----------
