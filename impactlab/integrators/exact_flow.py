@@ -105,8 +105,8 @@ class ExactFlow(Integrator):
     that in the middle of the kick where it is a weak damper, nearly that after it where it is a
     strong one. Without contacts
     there is no error at any step. Sums of cosines and coloured noises enter through their exact
-    linear response, given forces through the one to what is linear in the time of a step, which has their integral. States of laws
-    are those at y, and at the velocity in the middle of the kick.
+    linear response, given forces through the one to what is linear in the time of a step, which
+    has their integral. States of laws are those at y, and at the velocity in the middle of the kick.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
