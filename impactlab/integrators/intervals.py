@@ -89,19 +89,24 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
     z = np.random.default_rng(2023).standard_normal((bodies + 1, 4, samples))
     near: list[float] = []
     best, foreseen = GAIN, 0
+    a_of, q_of = _moved(model, step, LEAF)
     for level in range((LONGEST // LEAF).bit_length()):
         steps = LEAF << level
-        tables = jump_tables(model, step, LEAF, level, deviations, window)
+        if level == 1:  # most networks that will not jump have shown it
+            a_of, q_of = _moved(model, step, LONGEST)
+        path, scatter = _bridge(model, a_of, q_of, steps)
+        path = np.concatenate([path, np.zeros((steps, 1, 4))], axis=1)
+        limits, draw = model.clearance - window - _sigmas(model, steps) * scatter, _cholesky(q_of[steps])
         state = z.copy()
         state[:-1, :2] *= deviations.T[..., None]
-        state[:-1, 2] = tables.noise.draw[:, :1] * z[:-1, 2]
-        state[:-1, 3] = tables.noise.draw[:, 1:2] * z[:-1, 2] + tables.noise.draw[:, 2:] * z[:-1, 3]
+        state[:-1, 2] = draw[:, :1] * z[:-1, 2]
+        state[:-1, 3] = draw[:, 1:2] * z[:-1, 2] + draw[:, 2:] * z[:-1, 3]
         state[-1] = 0.0
-        size = np.append(tables.reach[:-1, 2:] * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
-        flagged = (size[model.ends.pairs].sum(axis=1) > tables.nearest[:, None]).any(axis=0).mean()
+        reach = _reach(path[:, :-1], draw, deviations)[:, None]
+        size = np.append(reach * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
+        flagged = (size[model.ends.pairs].sum(axis=1) > limits.min(axis=0)[:, None]).any(axis=0).mean()
         touched = np.zeros(samples, dtype=bool)
-        for (first, second), limit in zip(model.ends.pairs, tables.limit[-steps:].T, strict=True):
-            path = tables.path[-steps:]
+        for (first, second), limit in zip(model.ends.pairs, limits.T, strict=True):
             # not by BLAS, whose threads would take longer to wake up than this takes
             gap = np.einsum("sc,cn->sn", path[:, first], state[first])
             gap -= np.einsum("sc,cn->sn", path[:, second], state[second])
@@ -144,40 +149,25 @@ def jump_tables(
     The deviations are the usual size of displacements and velocities, (2, body) (m, m s-1), and the window is how near
     to contact a gap must be for statistics to look at it, (contact,) (m).
     """
-    linear = model.mass, model.damping, model.stiffness, model.intensities()
     bodies, noisy = len(model.mass), model.intensities() > 0.0
-    a, q = transition(*linear, step)
-    flows, growth = [np.broadcast_to(np.eye(2), a.shape)], [np.zeros_like(q)]
-    for _ in range(leaf << levels):
-        flows.append(a @ flows[-1])
-        growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
-    a_of, q_of = np.array(flows), np.array(growth)  # by the number of steps
-    sigmas = -NormalDist().inv_cdf(TOUCHED / ((leaf << levels) * max(1, len(model.ends))))
+    a_of, q_of = _moved(model, step, leaf << levels)
+    sigmas = _sigmas(model, leaf << levels)
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
     path, limit = [], []
     for level in range(levels + 1):
         steps = leaf << level
-        inverse = _inverse(q_of[steps])
         if level:
-            half = steps // 2
+            half, inverse = steps // 2, _inverse(q_of[steps])
             gain[level] = q_of[half] @ a_of[half].transpose(0, 2, 1) @ inverse
             rest[level] = q_of[half] - gain[level] @ a_of[half] @ q_of[half]
-        inside = np.arange(1, steps + 1)
-        by_noise = q_of[inside] @ a_of[steps - inside].swapaxes(-1, -2) @ inverse
-        around = q_of[inside] - by_noise @ a_of[steps - inside] @ q_of[inside]
-        path.append(np.concatenate([a_of[inside, :, 0], by_noise[:, :, 0]], axis=-1))
-        wall = np.zeros((steps, 1))
-        variance = np.concatenate([np.maximum(around[:, :, 0, 0], 0.0), wall], axis=1)
-        scatter = np.sqrt(variance[:, model.ends.pairs].sum(axis=-1))
+        own_path, scatter = _bridge(model, a_of, q_of, steps)
+        path.append(own_path)
         limit.append(model.clearance - window - sigmas * scatter)
     factors = _cholesky(q_of[-1])
-    by_x, by_v = path[-1][..., 2], path[-1][..., 3]
-    by_normals = np.stack([by_x * factors[:, 0] + by_v * factors[:, 1], by_v * factors[:, 2]], axis=-1)
-    most = np.concatenate([path[-1][..., :2] * deviations.T, by_normals], axis=-1)
-    reach = np.concatenate([1.0 / deviations, [np.sqrt((most**2).sum(axis=-1)).max(axis=0)]]).T
+    reach = np.concatenate([1.0 / deviations, [_reach(path[-1], factors, deviations)]]).T
     names = [name for name, some in zip(model.bodies, noisy, strict=True) if some]
     inside = np.arange(leaf)
-    terms = q[None] @ a_of[leaf - 1 - inside].swapaxes(-1, -2)
+    terms = q_of[1][None] @ a_of[leaf - 1 - inside].swapaxes(-1, -2)
     return Jumps(
         leaf=leaf,
         levels=levels,
@@ -197,6 +187,42 @@ def jump_tables(
         reach=np.ascontiguousarray(np.concatenate([reach, [[0.0, 0.0, 0.0]]])),
         nearest=limit[-1].min(axis=0),
     )
+
+
+def _moved(model: Model, step: float, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return flows and covariances of the motion over 0 to a number of steps, (steps, body, 2, 2) each."""
+    a, q = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
+    flows, growth = [np.broadcast_to(np.eye(2), a.shape)], [np.zeros_like(q)]
+    for _ in range(number):
+        flows.append(a @ flows[-1])
+        growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
+    return np.array(flows), np.array(growth)
+
+
+def _sigmas(model: Model, steps: int) -> float:
+    """Return the standard deviations from a mean path of some steps beyond which nothing is expected."""
+    return -NormalDist().inv_cdf(TOUCHED / (steps * max(1, len(model.ends))))
+
+
+def _bridge(model: Model, a_of: np.ndarray, q_of: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean path between two ends, by the state at the first and noise, and how far gaps stray from it.
+
+    They are (step, body, 4) and (step, contact); flows and covariances are as `_moved` returns them.
+    """
+    inside = np.arange(1, steps + 1)
+    by_noise = q_of[inside] @ a_of[steps - inside].swapaxes(-1, -2) @ _inverse(q_of[steps])
+    around = q_of[inside] - by_noise @ a_of[steps - inside] @ q_of[inside]
+    path = np.concatenate([a_of[inside, :, 0], by_noise[:, :, 0]], axis=-1)
+    variance = np.concatenate([np.maximum(around[:, :, 0, 0], 0.0), np.zeros((steps, 1))], axis=1)
+    return path, np.sqrt(variance[:, model.ends.pairs].sum(axis=-1))
+
+
+def _reach(path: np.ndarray, factors: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Return the largest standard deviation of each body along its mean path, (body,)."""
+    by_x, by_v = path[..., 2], path[..., 3]
+    by_normals = np.stack([by_x * factors[:, 0] + by_v * factors[:, 1], by_v * factors[:, 2]], axis=-1)
+    most = np.concatenate([path[..., :2] * deviations.T, by_normals], axis=-1)
+    return np.asarray(np.sqrt((most**2).sum(axis=-1)).max(axis=0))
 
 
 def _rows(matrices: np.ndarray) -> np.ndarray:

@@ -30,10 +30,15 @@ Measure = Callable[..., StepError]
 """Of a plan, and the mean square velocities that it was made with; `patient` ones go on where much is unclear."""
 
 
+def may_measure(model: Model, integrator: Integrator) -> bool:
+    """Whether the error of a step of a method can be measured, and there may be one."""
+    wanted = isinstance(integrator, ExactFlow) and integrator.measured
+    return wanted and bool(model.nonlinear_bodies.any())
+
+
 def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: float | None) -> bool:
     """Whether nothing but a measurement tells what the step of a plan does, and it can be made."""
-    wanted = isinstance(integrator, ExactFlow) and integrator.measured
-    if not wanted or plan.noise.coarse or not model.nonlinear_bodies.any():
+    if plan.noise.coarse or not may_measure(model, integrator):
         return False
     if given is None:
         return not plan.clock.certified or alike(model, plan.start.state, plan.clock.duration)

@@ -6,6 +6,7 @@ Spin-up and start are chosen in `impactlab.simulation.expected`, the step in `im
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,9 +35,10 @@ from impactlab.plan.start import Start, states_of
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
 from impactlab.simulation.expected import Expected
+from impactlab.simulation.measured_step import may_measure
 from impactlab.simulation.request import Request
-from impactlab.simulation.steps import Steps
-from impactlab.step_size.certified import certified
+from impactlab.simulation.steps import Steps, automatic_step
+from impactlab.step_size.certified import alike, certified
 from impactlab.step_size.kinks import warn_of_kinks
 
 NEGLIGIBLE_CLOSINGS = 1e-3
@@ -98,6 +100,35 @@ def make_plan(model: Model, request: Request) -> Plan:
         observed=observed,
         subdomains=Subdomains.of(model, _contacts_reached(model, integrator) if single else 0),
     )
+
+
+class Automatic(NamedTuple):
+    """What is chosen for a run of which neither step nor spin-up are given."""
+
+    step: float  # (s)
+    spin_up: float  # (s)
+
+
+def automatic(model: Model, request: Request) -> Automatic | None:
+    """Return what would be chosen for a run, which takes a part of the time of a plan.
+
+    None where that is more: couplings that flow, functions that repeat, or a step to be measured.
+    """
+    request.integrator.check(model)
+    request = request.resolved(model)
+    if model.lines:
+        return None
+    expected = Expected.of(model, request)
+    stiffening = expected.stiffening
+    if request.integrator.arrange(model, stiffening.links, stiffening.bodies) is not model:
+        return None
+    step = automatic_step(model, request, expected)
+    unsure = not certified(model, stiffening.penetration, step) or alike(model, expected.start, request.duration)
+    if unsure and may_measure(model, request.integrator):
+        return None
+    if request.integrator.kicks:
+        warn_of_kinks(model, stiffening, step, request.duration + expected.spin_up)
+    return Automatic(step, expected.spin_up)
 
 
 def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) -> Observed:

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-    from impactlab.plan.plan import Plan
     from impactlab.plan.side_by_side import Planned
     from impactlab.simulation.block import BlockResult
+    from impactlab.simulation.planning import Automatic
     from impactlab.simulation.request import Request
     from impactlab.simulation.simulate import Ensemble
 
@@ -101,16 +101,15 @@ def prepared(point: Point, executor: Executor) -> Prepared:
     if any(isinstance(record, impactlab.FinalState) for record in request.records):
         return alone
     model = Model.of(network)
-    ensemble = _ensemble(model, request, executor)
-    if ensemble is None:
-        return alone
     if request.step is None:
-        if ensemble.parts[0].worth_measuring:
+        chosen: Automatic | None = simulation.planning.automatic(model, request)
+        if chosen is None:
             return alone
-        changes = _rounded(ensemble.plan, request)
+        changes = _rounded(chosen, request)
         point = point._replace(options={**point.options, **changes})
-        ensemble = _ensemble(model, replace(request, **changes), executor)
-    return Prepared(point, ensemble)
+        request = replace(request, **changes)
+    ensemble = _ensemble(model, request, executor)
+    return alone if ensemble is None else Prepared(point, ensemble)
 
 
 def _ensemble(model: Model, request: Request, executor: Executor) -> Ensemble | None:
@@ -123,16 +122,15 @@ def _ensemble(model: Model, request: Request, executor: Executor) -> Ensemble | 
     return ensemble if simulation.joint_runs.joins(planned) else None
 
 
-def _rounded(plan: Plan, request: Request) -> dict[str, Any]:
+def _rounded(chosen: Automatic, request: Request) -> dict[str, Any]:
     """Return a step, and a spin-up if there is one, that are a little smaller and longer, of few that may be chosen."""
-    clock, intervals = plan.clock, set(request.intervals())
+    step, intervals = chosen.step, set(request.intervals())
     whole = next(iter(intervals), request.duration)
-    step = clock.step
     if len(intervals) < 2:
         step = whole / _rounded_up(round(whole / step))
-    if request.spin_up is not None or not clock.spin_up_steps:
+    if request.spin_up is not None or chosen.spin_up <= 0.0:
         return {"step": step}
-    return {"step": step, "spin_up": _rounded_up(math.ceil(clock.spin_up / step * (1.0 - 1e-12))) * step}
+    return {"step": step, "spin_up": _rounded_up(math.ceil(chosen.spin_up / step * (1.0 - 1e-12))) * step}
 
 
 def _rounded_up(number: int) -> int:
