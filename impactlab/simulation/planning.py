@@ -37,7 +37,7 @@ from impactlab.plan.system import System
 from impactlab.simulation.expected import Expected
 from impactlab.simulation.measured_step import may_measure
 from impactlab.simulation.request import Request
-from impactlab.simulation.steps import Steps, automatic_step
+from impactlab.simulation.steps import Steps
 from impactlab.step_size.certified import alike, certified
 from impactlab.step_size.kinks import warn_of_kinks
 
@@ -112,17 +112,21 @@ class Automatic(NamedTuple):
 def automatic(model: Model, request: Request) -> Automatic | None:
     """Return what would be chosen for a run, which takes a part of the time of a plan.
 
-    None where that is more: couplings that flow, functions that repeat, or a step to be measured.
+    None where that is more: contact-free intervals, couplings that flow, or a step to be measured.
     """
     request.integrator.check(model)
     request = request.resolved(model)
-    if model.lines:
-        return None
     expected = Expected.of(model, request)
     stiffening = expected.stiffening
     if request.integrator.arrange(model, stiffening.links, stiffening.bodies) is not model:
         return None
-    step = automatic_step(model, request, expected)
+    start = Start.of(
+        model, expected.start, stiffening.bodies, stiffening.rest, expected.relaxed.temperature, request.seed
+    )
+    steps = Steps.of(model, request, expected, start, WINDOW * gap_scale(model, stiffening.penetration))
+    step = steps.step
+    if steps.jumping:
+        return None
     unsure = not certified(model, stiffening.penetration, step) or alike(model, expected.start, request.duration)
     if unsure and may_measure(model, request.integrator):
         return None

@@ -96,14 +96,6 @@ class Steps:
         return jump_tables(model, self.step, self.leaf, self.levels, start.deviations, window, seed)
 
 
-def automatic_step(model: Model, request: Request, expected: Expected) -> float:
-    """Return the step of `Steps.of` where none is given, every step is taken and nothing repeats (s)."""
-    every_step = any(record.every_step for record in request.records) or bool(sampled_of(BODY))
-    may_sample = expected.stationary and sampled_will_do(model, request.integrator, every_step)
-    chosen = _step_before_fitting(model, request, expected, may_sample)
-    return fit_step(chosen, False, request.intervals(), request.duration)[0]
-
-
 def _step_before_fitting(model: Model, request: Request, expected: Expected, may_sample: bool) -> float:
     """Return the given step, checked, or the chosen one before rounding (s)."""
     integrator, stiffening, duration = request.integrator, expected.stiffening, request.duration

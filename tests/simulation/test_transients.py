@@ -17,9 +17,9 @@ from impactlab.linear.given_functions import (
     PLACES,
     irregular_times,
     joined,
+    looked_at,
     mean_and_slope,
     resolving_step,
-    rough,
 )
 from impactlab.linear.transitions import response_to_force
 
@@ -511,7 +511,9 @@ def test_impulses_that_begin_with_a_jump_are_equal():
 def test_a_jump_is_found_wherever_it_is_in_a_step():
     """And the mean over the step is right to a sixteenth of the largest error of Gauss's rule."""
     for place in np.linspace(0.0, 1.0, 1001)[1:-1]:
-        assert rough(1.0 * (place <= PLACES))
+        assert looked_at(1.0 * (place <= PLACES))[0]
         parts = mean_and_slope(1.0 * ((np.arange(PANELS)[:, None] + NODES) / PANELS >= place))
         assert joined(*parts)[0] == pytest.approx(1.0 - place, abs=0.1 / PANELS)
-    assert not rough(np.cos(0.7 * PLACES + 1.1))
+    rough, least = looked_at(np.cos(0.7 * PLACES + 1.1))
+    assert not rough
+    assert least == np.cos(0.7 * PLACES + 1.1)[1:-1].min()
