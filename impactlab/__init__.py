@@ -10,6 +10,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "components.catalogue": ["catalogue"],
     "components.component": ["Component"],
     "components.fields": ["parameter", "state"],
     "components.beams": ["beam"],

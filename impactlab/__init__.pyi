@@ -2,6 +2,7 @@
 
 from impactlab import plot as plot
 from impactlab.components.beams import beam as beam
+from impactlab.components.catalogue import catalogue as catalogue
 from impactlab.components.coloured import BandPassNoise as BandPassNoise
 from impactlab.components.coloured import CloughPenzien as CloughPenzien
 from impactlab.components.coloured import FilteredNoise as FilteredNoise
