@@ -17,11 +17,11 @@ from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import declared_by
 from impactlab.components.literature import in_one_line
 from impactlab.components.oscillator import Oscillator
-from impactlab.components.structure import LinearStructure, ModalStructure
+from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
 FAMILIES: dict[str, tuple[type[Component], ...]] = {
-    "bodies": (Oscillator, LinearStructure, ModalStructure),
+    "bodies": (Oscillator, Structure),
     "contact laws": (ContactLaw,),
     "couplings": (CouplingLaw,),
     "excitations": (Excitation, Source, BaseMotion),
