@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import impactlab
 from impactlab.components.coloured import FilteredNoise
-from impactlab.components.component import Component, suggestion
+from impactlab.components.component import suggestion
 from impactlab.components.contact import ContactLaw
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.excitation import BaseMotion, Excitation, Source
@@ -20,7 +20,7 @@ from impactlab.components.oscillator import Oscillator
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
-FAMILIES: dict[str, tuple[type[Component], ...]] = {
+FAMILIES: dict[str, tuple[type, ...]] = {
     "bodies": (Oscillator, Structure),
     "contact laws": (ContactLaw,),
     "couplings": (CouplingLaw,),
