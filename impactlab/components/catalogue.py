@@ -20,7 +20,7 @@ from impactlab.components.oscillator import Oscillator
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
-FAMILIES: dict[str, tuple[type, ...]] = {
+FAMILIES: dict[str, Any] = {
     "bodies": (Oscillator, Structure),
     "contact laws": (ContactLaw,),
     "couplings": (CouplingLaw,),
