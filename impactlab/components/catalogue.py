@@ -93,10 +93,11 @@ def catalogue(family: str | None = None) -> Catalogue:
 
 def _entries(family: str) -> Iterator[Entry]:
     for name in sorted(dir(impactlab)):
-        cls: Any = getattr(impactlab, name) if name[0].isupper() else None
+        cls = getattr(impactlab, name) if name[0].isupper() else None
         if inspect.isclass(cls) and issubclass(cls, FAMILIES[family]) and cls not in ABSTRACT:
             summary = str(inspect.getdoc(cls)).split("\n\n")[0].replace("\n", " ").replace("``", "").replace("`", "")
-            source = in_one_line([cls.citation]) if cls.citation else ""
+            citation = getattr(cls, "citation", "")
+            source = in_one_line([citation]) if citation else ""
             yield Entry(family, name, summary, tuple(_parameters(cls)), source)
 
 
