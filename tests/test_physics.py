@@ -31,7 +31,7 @@ class CubicContact(il.ContactLaw):
         return 0.25 * stiffness * indentation**4
 
 
-class Modulated(il.Excitation):
+class Swelling(il.Excitation):
     """White noise that swells."""
 
     density: float = il.parameter(units="N2 s rad-1", minimum=0.0)
@@ -254,7 +254,7 @@ def test_one_contact_pushes_both_ways(second):
 
 def test_a_varying_intensity_gives_the_moments_of_the_linear_equation():
     """Mean squares over the realizations at each time, against the equation of the moments."""
-    noise = Modulated(1.0, rate=3.0)
+    noise = Swelling(1.0, rate=3.0)
     network = linear().replace(excitations={"a": noise})
     body = network.oscillators["a"]
     ds = il.simulate(

@@ -22,7 +22,8 @@ UNMEASURED = instead(simulate, "worth_measuring", lambda *_: False)
 
 
 def nothing_is(values):
-    return np.zeros(values.shape[:-1], dtype=bool)
+    """As `impactlab.linear.given_functions.looked_at`, but every function is smooth."""
+    return np.zeros(values.shape[:-1], dtype=bool), values[..., 1:-1].min(axis=-1)
 
 
 def mean_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +58,7 @@ BUGS = [
     Bug("given force at the beginning of a step", RESONANCE, instead(block, "mean_and_slope", first_only)),
     Bug("given force as constant over a step", FAST, instead(block, "mean_and_slope", mean_only)),
     Bug("density of noise at the beginning of a step that does not see how fast it varies", GUST,
-        both(instead(automatic, "resolving_step", longest), instead(block, "rough", nothing_is),
+        both(instead(automatic, "resolving_step", longest), instead(block, "looked_at", nothing_is),
              instead(block, "mean_and_slope", first_only))),
     Bug("means of a transient over its kicks", DECAY,
         instead(impactlab.plan.plan.Plan, "transient", property(lambda plan: False))),

@@ -55,7 +55,7 @@ class Restless(il.Excitation):
         return math.sin(1e15 * time * time)
 
 
-class Modulated(il.Excitation):
+class Swelling(il.Excitation):
     """White noise that comes and goes."""
 
     level: float = il.parameter(units="N2 s rad-1", minimum=0.0)
@@ -369,7 +369,7 @@ def test_the_linear_function_of_a_step():
 
 
 def test_noise_that_comes_and_goes_within_a_step():
-    ds = il.simulate(alone(Modulated(1.0, depth=1.0)), 400.0, realizations=256, spin_up=100.0, rng=1)
+    ds = il.simulate(alone(Swelling(1.0, depth=1.0)), 400.0, realizations=256, spin_up=100.0, rng=1)
     value, error = float(ds.mean_square_displacement[0]), float(ds.mean_square_displacement_standard_error[0])
     assert abs(value - np.pi / 0.2) < 4.0 * error < 0.1 * value
 
@@ -392,7 +392,7 @@ def test_a_gust(length):
 def test_constant_noise_as_a_function_of_time_has_the_same_moments():
     body = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)
     wall = il.Contact("a", il.WALL, il.HertzContact(400.0), clearance=-0.8)
-    network = il.Network({"a": body}, {"w": wall}, {"a": Modulated(0.5, depth=0.0)})
+    network = il.Network({"a": body}, {"w": wall}, {"a": Swelling(0.5, depth=0.0)})
     exact = il.exact(network.replace(excitations={"a": il.WhiteNoise(0.5)})).statistics()
     ds = il.simulate(network, 100.0, realizations=1024, spin_up=40.0, rng=1)
     expected = {name: float(exact[name][0]) for name in (*NAMES, "variance_displacement")}
