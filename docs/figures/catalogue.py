@@ -21,7 +21,6 @@ indentation, e an extension, x a displacement; a prime is a derivative by time. 
 defaults; the docstrings say more. A law of one's own is a class of a few lines: see [how to](how_to.md).
 """
 
-PAGE = Path(__file__).parent.parent / "catalogue.md"
 POINTS, TURNS = 2000, 2.25
 
 EXAMPLES: dict[str, dict[str, il.Component]] = {
@@ -151,4 +150,4 @@ if __name__ == "__main__":
     with style():
         for family in EXAMPLES:
             draw(family).savefig(folder / f"catalogue_{family.replace(' ', '_')}.png", dpi=80)
-    PAGE.write_text(page(), encoding="utf-8")
+    (folder.parent / "catalogue.md").write_text(page(), encoding="utf-8")
