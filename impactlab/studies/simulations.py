@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from impactlab.studies.run_folder import Folder
     from impactlab.studies.study import Study
+    from impactlab.sweeps.product import Sweep
     from impactlab.sweeps.scheduler import Job
-    from impactlab.sweeps.sweep import Sweep
 
 
 class Simulations(NamedTuple):
@@ -43,7 +43,7 @@ def simulations(study: Study) -> Simulations:
         if not isinstance(entry, SweepItem):
             found.append(entry)
             continue
-        from impactlab.sweeps.sweep import make_sweep  # what is only described needs nothing that simulates
+        from impactlab.sweeps.product import make_sweep  # what is only described needs nothing that simulates
 
         sweeps[entry.key] = sweep = make_sweep(entry.make_network, entry.over, **entry.options)
         for point in sweep.points:

@@ -21,7 +21,8 @@ from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 from impactlab.sweeps.points import Point
-from impactlab.sweeps.sweep import DONE, Sweep, run_points
+from impactlab.sweeps.product import DONE, Sweep
+from impactlab.sweeps.scheduler import run_points
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}
 """Options that are stored with a result: none of them can name a file."""

@@ -101,3 +101,25 @@ def run_together(
             pool.shutdown(wait=patient, cancel_futures=True)
     if heard is None:
         hearing.say(kind, jobs)
+
+
+def run_points(
+    jobs: Mapping[str, Job],
+    executor: Executor | None,
+    show: Callable[[float], None],
+    alone: bool = False,
+    done: int = 0,
+    heard: Heard | None = None,
+) -> dict[str, Any]:
+    """Run the jobs of a sweep, of which some points are `done`, and return what came of each."""
+    outcomes: dict[str, Any] = {}
+
+    def watch(_: str, parts: Mapping[str, float]) -> None:
+        part = (done + sum(parts.values())) / (done + len(parts))
+        if part < 1.0 or len(outcomes) == len(jobs):  # the end is shown once
+            show(part)
+
+    run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
+    if done and not jobs:
+        show(1.0)
+    return outcomes

@@ -1,68 +1,41 @@
-"""Sweeps: simulations over a product of values as one labelled dataset."""
+"""Sweeps: simulations over a product of values as one labelled dataset.
+
+Points that differ in numbers only run side by side in one compiled run. What a point finds never depends on the other
+points, nor on where it runs: an automatic step and spin-up are rounded to numbers of steps from which many points can
+choose the same, and each point is then what `impactlab.simulate` gives for it at this step and spin-up, bit for bit.
+"""
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import xarray as xr
 
 import impactlab
 from impactlab.assembly.compiling import announced
-from impactlab.components.citations import entries
-from impactlab.components.literature import in_one_line
-from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.plan.seed import seed_of
+from impactlab.assembly.model import Model
+from impactlab.errors import ImpactLabError
+from impactlab.machine import begin
+from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
-from impactlab.results.dataset import CONFIGURATION, provenance
-from impactlab.results.stack import gathered
-from impactlab.sweeps.fused import Outcome, run_side_by_side
-from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
-from impactlab.sweeps.scheduler import Heard, Job, run_together
+from impactlab.simulation.block import BlockResult
+from impactlab.simulation.joint_runs import SIZE, JointRun, grouped, joins, run_all
+from impactlab.simulation.planning import Automatic, automatic
+from impactlab.simulation.request import Request
+from impactlab.simulation.simulate import Ensemble, Execution, request_of
+from impactlab.sweeps.points import MakeNetwork, Point
+from impactlab.sweeps.product import Outcome, make_sweep
+from impactlab.sweeps.scheduler import Heard, Job, run_points, run_together
 
-DONE = "done"
-"""Status of a point that was simulated."""
+ROUNDED = 4
+"""Numbers of steps per octave to which they are rounded up: by 19 % at most, 9 % on average."""
 
-_UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_spent"), "s")
-
-
-@dataclass(frozen=True, eq=False)
-class Sweep:
-    """What a sweep simulates, and how its results become one dataset."""
-
-    coordinates: dict[str, xr.Variable]  # the values by name
-    points: tuple[Point, ...]  # their product; the last name varies fastest
-    reference: bool = False  # whether the exact statistics are wanted
-
-    def dataset(self, outcomes: Mapping[str, Outcome]) -> xr.Dataset:
-        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
-        refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
-        if all(refusals.values()):
-            key, reason = next(iter(refusals.items()))
-            error = outcomes.get(key)
-            kind = type(error) if isinstance(error, ImpactLabError) else InvalidInput
-            raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
-        names = {"names": list(self.coordinates), "reference": self.reference}
-        title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        made = [json.loads(item.attrs[CONFIGURATION]) for item in outcomes.values() if isinstance(item, xr.Dataset)]
-        of_all = provenance(title, {"sweep": names}, in_one_line(entries(made)))
-        results = [
-            outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
-            for point in self.points
-        ]
-        further = []
-        for point, result in zip(self.points, results, strict=True):
-            variables = {
-                **_own_attributes(point, result, of_all),
-                "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
-                **(_reference(point) if self.reference else {}),
-            }
-            further.append(xr.Dataset({name: variables[name] for name in variables if name not in self.coordinates}))
-        whole = gathered(results, self.coordinates).assign_attrs(of_all)
-        return whole.assign(gathered(further, self.coordinates).data_vars)
+ALONE = {"tolerance", "max_seconds"}
+"""Options with which a point chooses more than its step while it runs."""
 
 
 def sweep(
@@ -138,78 +111,123 @@ def sweep(
     return made.dataset(outcomes)
 
 
-def run_points(
-    jobs: Mapping[str, Job],
-    executor: Executor | None,
-    show: Callable[[float], None],
-    alone: bool = False,
-    done: int = 0,
-    heard: Heard | None = None,
-) -> dict[str, Outcome]:
-    """Run the jobs of a sweep, of which some points are `done`, and return what came of each."""
-    outcomes: dict[str, Outcome] = {}
+class Prepared(NamedTuple):
+    """A point that is planned."""
 
-    def watch(_: str, parts: Mapping[str, float]) -> None:
-        part = (done + sum(parts.values())) / (done + len(parts))
-        if part < 1.0 or len(outcomes) == len(jobs):  # the end is shown once
-            show(part)
+    point: Point  # with the options with which `impactlab.simulate` gives the same alone
+    ensemble: Ensemble | None  # None where it cannot run beside others
 
-    run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
-    if done and not jobs:
-        show(1.0)
-    return outcomes
+    @property
+    def planned(self) -> Planned:
+        """Its network and its plan."""
+        assert self.ensemble is not None
+        return Planned(self.ensemble.parts[0].model, self.ensemble.plan)
+
+
+def run_side_by_side(
+    points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard
+) -> tuple[dict[str, Outcome], list[Point]]:
+    """Run the points that can side by side; return what came of them, and the others as they are to run alone.
+
+    With an executor no points run side by side, but they have the same steps. `show` is called with the part of all
+    points that is done, and `heard` are their warnings.
+    """
+    if executor is not None and points:
+        begin(executor)  # processes are forked here, before any thread computes
+    found: dict[str, Any] = {}
+    jobs = {point.key: _preparing(point) for point in points}
+    run_together(jobs, found.__setitem__, kind="Point", heard=heard)
+    outcomes: dict[str, Outcome] = {key: item for key, item in found.items() if isinstance(item, ImpactLabError)}
+    ready: dict[str, Prepared] = {key: item for key, item in found.items() if key not in outcomes}
+    runs = runs_of(ready) if executor is None else []
+    share = 0.99 * sum(map(len, runs)) / max(len(points), 1)  # the end is shown by others
+    results = run_fused(ready, runs, lambda part: show(share * part))
+    labelling = {key: _labelling(ready[key], blocks) for key, blocks in results.items()}
+    run_together(labelling, outcomes.__setitem__, kind="Point", heard=heard, alone=True)
+    return outcomes, [item.point for key, item in ready.items() if key not in outcomes]
+
+
+def _preparing(point: Point) -> Job:
+    return lambda pool, note: prepared(point, pool)
+
+
+def _labelling(item: Prepared, results: list[BlockResult]) -> Job:
+    def dataset(pool: Executor, note: Callable[[float], None]) -> xr.Dataset:
+        assert item.ensemble is not None
+        item.ensemble.take(results)
+        return item.ensemble.dataset()
+
+    return dataset
+
+
+def prepared(point: Point, executor: Executor) -> Prepared:
+    """Plan a point, if it may run beside others; its step and spin-up are then given."""
+    alone = Prepared(point, None)
+    network, given = point.network, {name: value for name, value in point.options.items() if value is not None}
+    if network is None or not ALONE.isdisjoint(given) or len(network.oscillators) > SIZE // 2:
+        return alone
+    request = request_of(network, **given)
+    if any(isinstance(record, impactlab.FinalState) for record in request.records):
+        return alone
+    model = Model.of(network)
+    if request.step is None:
+        chosen = automatic(model, request)
+        if chosen is None:
+            return alone
+        changes = _rounded(chosen, request)
+        point = point._replace(options={**point.options, **changes})
+        request = replace(request, **changes)
+    ensemble = _ensemble(model, request, executor)
+    return alone if ensemble is None else Prepared(point, ensemble)
+
+
+def _ensemble(model: Model, request: Request, executor: Executor) -> Ensemble | None:
+    """Return the realizations of a request, unless something keeps them from running beside others."""
+    ensemble = Ensemble(model, request, Execution(executor), compared=True)
+    if len(ensemble.parts) > 1:
+        return None
+    return ensemble if joins(Planned(ensemble.parts[0].model, ensemble.plan)) else None
+
+
+def _rounded(chosen: Automatic, request: Request) -> dict[str, Any]:
+    """Return a step, and a spin-up if there is one, that are a little smaller and longer, of few that may be chosen."""
+    step, intervals = chosen.step, set(request.intervals())
+    whole = next(iter(intervals), request.duration)
+    if len(intervals) < 2:
+        step = whole / _rounded_up(round(whole / step))
+    if request.spin_up is not None or chosen.spin_up <= 0.0:
+        return {"step": step}
+    return {"step": step, "spin_up": _rounded_up(math.ceil(chosen.spin_up / step * (1.0 - 1e-12))) * step}
+
+
+def _rounded_up(number: int) -> int:
+    """Return the next of 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, … that is no smaller."""
+    power = max(0, int(ROUNDED * math.log2(number)) - 1)
+    while (rounded := math.ceil(math.exp2(power / ROUNDED) * (1.0 - 1e-12))) < number:
+        power += 1
+    return rounded
+
+
+def runs_of(points: Mapping[str, Prepared]) -> list[list[str]]:
+    """Return the keys of the points that run together, run by run; points that run alone are in none."""
+    able = {key: item.planned for key, item in points.items() if item.ensemble is not None}
+    return grouped(able)
+
+
+def run_fused(
+    points: Mapping[str, Prepared], runs: Sequence[Sequence[str]], progress: Callable[[float], None]
+) -> dict[str, list[BlockResult]]:
+    """Run some points, run by run, and return what the blocks found of each, but of those that left the finite."""
+    joint = [JointRun([points[key].planned for key in keys]) for keys in runs]
+    results = run_all(joint, progress) if joint else []
+    return {
+        key: found
+        for keys, of_run in zip(runs, results, strict=True)
+        for key, found in zip(keys, of_run, strict=True)
+        if found is not None
+    }
 
 
 def _job(point: Point) -> Job:
     """Return the simulation of a point."""
     return lambda pool, note: impactlab.simulate(point.network, **point.options, executor=pool, progress=note)  # type: ignore[arg-type]
-
-
-def make_sweep(
-    make_network: MakeNetwork,
-    over: Mapping[str, Sequence[Any]],
-    *,
-    reference: bool = False,
-    common_random_numbers: bool = False,
-    rng: Any = None,
-    **options: Any,
-) -> Sweep:
-    """Make the networks of a sweep and decide its random numbers; nothing is simulated yet.
-
-    Parameters and errors are those of `sweep`.
-    """
-    if not isinstance(over, Mapping) or not over:
-        raise InvalidInput(f'sweep takes values by name, such as {{"clearance": [0.01, 0.05]}}, not {over!r}.')
-    values = {name: values_of(name, given) for name, given in over.items()}
-    labels = {name: labels_of(name, items) for name, items in values.items()}
-    points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
-    coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
-    return Sweep(coordinates, points, reference)
-
-
-def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
-    """Return the attributes of a point as variables, but for those that describe the whole sweep."""
-    network = {} if point.network is None else {"network": point.network.to_dict()}
-    again = result.attrs.get(CONFIGURATION, json.dumps(network))
-    variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
-    for name, value in result.attrs.items():
-        if name not in of_all:
-            attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
-            variables[name] = ((), value, attrs)
-    return variables
-
-
-def _reference(point: Point) -> dict[str, Any]:
-    """Return the exact statistics of a point as variables, and whether there are any."""
-    status = point.refusal or DONE
-    found: dict[str, Any] = {}
-    if point.network is not None:
-        try:
-            statistics = impactlab.exact(point.network).statistics()
-        except ImpactLabError as error:
-            status = reason_of(error)
-        else:
-            for name, variable in statistics.data_vars.items():
-                attrs = {**variable.attrs, "long_name": f"exact {variable.attrs['long_name']}"}
-                found[f"{name}_exact"] = (variable.dims, variable.values, attrs)
-    return {**found, "reference_status": ((), status, {"long_name": f"{DONE}, or why there is no exact law"})}

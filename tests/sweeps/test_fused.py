@@ -14,9 +14,9 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.plan.side_by_side import Planned, obstacle
 from impactlab.progress import reporter
-from impactlab.sweeps.fused import prepared, run_fused, run_side_by_side, runs_of
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.scheduler import Heard
+from impactlab.sweeps.sweep import prepared, run_fused, run_side_by_side, runs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 

@@ -1,0 +1,113 @@
+"""What a sweep simulates: networks over a product of values, and how their results become one labelled dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import xarray as xr
+
+import impactlab
+from impactlab.components.citations import entries
+from impactlab.components.literature import in_one_line
+from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.plan.seed import seed_of
+from impactlab.results.dataset import CONFIGURATION, provenance
+from impactlab.results.stack import gathered
+from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
+
+Outcome: TypeAlias = xr.Dataset | ImpactLabError
+"""What comes of a point."""
+
+DONE = "done"
+"""Status of a point that was simulated."""
+
+_UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_spent"), "s")
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What a sweep simulates, and how its results become one dataset."""
+
+    coordinates: dict[str, xr.Variable]  # the values by name
+    points: tuple[Point, ...]  # their product; the last name varies fastest
+    reference: bool = False  # whether the exact statistics are wanted
+
+    def dataset(self, outcomes: Mapping[str, Outcome]) -> xr.Dataset:
+        """Return the outcomes of all points as one dataset, see `sweep`; an error if no point could be simulated."""
+        refusals = {point.key: point.refusal or reason_of(outcomes[point.key]) for point in self.points}
+        if all(refusals.values()):
+            key, reason = next(iter(refusals.items()))
+            error = outcomes.get(key)
+            kind = type(error) if isinstance(error, ImpactLabError) else InvalidInput
+            raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
+        names = {"names": list(self.coordinates), "reference": self.reference}
+        title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
+        made = [json.loads(item.attrs[CONFIGURATION]) for item in outcomes.values() if isinstance(item, xr.Dataset)]
+        of_all = provenance(title, {"sweep": names}, in_one_line(entries(made)))
+        results = [
+            outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
+            for point in self.points
+        ]
+        further = []
+        for point, result in zip(self.points, results, strict=True):
+            variables = {
+                **_own_attributes(point, result, of_all),
+                "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
+                **(_reference(point) if self.reference else {}),
+            }
+            further.append(xr.Dataset({name: variables[name] for name in variables if name not in self.coordinates}))
+        whole = gathered(results, self.coordinates).assign_attrs(of_all)
+        return whole.assign(gathered(further, self.coordinates).data_vars)
+
+
+def make_sweep(
+    make_network: MakeNetwork,
+    over: Mapping[str, Sequence[Any]],
+    *,
+    reference: bool = False,
+    common_random_numbers: bool = False,
+    rng: Any = None,
+    **options: Any,
+) -> Sweep:
+    """Make the networks of a sweep and decide its random numbers; nothing is simulated yet.
+
+    Parameters and errors are those of `sweep`.
+    """
+    if not isinstance(over, Mapping) or not over:
+        raise InvalidInput(f'sweep takes values by name, such as {{"clearance": [0.01, 0.05]}}, not {over!r}.')
+    values = {name: values_of(name, given) for name, given in over.items()}
+    labels = {name: labels_of(name, items) for name, items in values.items()}
+    points = make_points(make_network, values, labels, options, seed_of(rng), common_random_numbers)
+    coordinates = {name: xr.Variable(name, labels[name], getattr(over[name], "attrs", {})) for name in values}
+    return Sweep(coordinates, points, reference)
+
+
+def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
+    """Return the attributes of a point as variables, but for those that describe the whole sweep."""
+    network = {} if point.network is None else {"network": point.network.to_dict()}
+    again = result.attrs.get(CONFIGURATION, json.dumps(network))
+    variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
+    for name, value in result.attrs.items():
+        if name not in of_all:
+            attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
+            variables[name] = ((), value, attrs)
+    return variables
+
+
+def _reference(point: Point) -> dict[str, Any]:
+    """Return the exact statistics of a point as variables, and whether there are any."""
+    status = point.refusal or DONE
+    found: dict[str, Any] = {}
+    if point.network is not None:
+        try:
+            statistics = impactlab.exact(point.network).statistics()
+        except ImpactLabError as error:
+            status = reason_of(error)
+        else:
+            for name, variable in statistics.data_vars.items():
+                attrs = {**variable.attrs, "long_name": f"exact {variable.attrs['long_name']}"}
+                found[f"{name}_exact"] = (variable.dims, variable.values, attrs)
+    return {**found, "reference_status": ((), status, {"long_name": f"{DONE}, or why there is no exact law"})}
