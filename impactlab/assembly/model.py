@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -15,15 +15,35 @@ from impactlab.assembly.incidence import runs
 from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
 from impactlab.assembly.members import LEADING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
-from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact, ContactLaw, RigidContact
 from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import TIME, call_each
-from impactlab.components.excitation import KINDS, Excitation
+from impactlab.components.excitation import KINDS, Excitation, Source
+from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import is_difference, weights_of
 from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
+
+
+class Described(Protocol):
+    """A network as a model reads it; see `impactlab.components.composition.Composition`."""
+
+    @property
+    def oscillators(self) -> Mapping[str, Oscillator]: ...
+    @property
+    def points(self) -> Mapping[str, Mapping[str, float]]: ...
+    @property
+    def contacts(self) -> Mapping[str, Contact]: ...
+    @property
+    def couplings(self) -> Mapping[str, Coupling]: ...
+    @property
+    def excitations(self) -> Mapping[str, Excitation | Source]: ...
+    @property
+    def sources(self) -> Mapping[str, Source]: ...
+    def excitations_on(self, bodies: Set[str]) -> dict[str, Any]: ...
+    def displaced(self, point: str) -> Mapping[str, float]: ...
+    def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +54,7 @@ class Model:
     that is always at rest at 0, so that walls need no code of their own.
     """
 
-    network: Composition  # where the model comes from
+    network: Described  # where the model comes from
     mass: np.ndarray  # (body,) of the linear part, as the next two (kg)
     damping: np.ndarray  # (N s m-1)
     stiffness: np.ndarray  # (N m-1)
@@ -43,18 +63,18 @@ class Model:
     coupled: Links  # the same of the couplings; their extension is the negative of it
     coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
     flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
-    sources: dict[str, Sources]
+    sources: dict[str, Sources[Excitation]]
     """White noises ("intensity"), given forces ("force"), sums of cosines ("lines") and filtered noises ("filter")."""
     members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
     @uncollected()
-    def of(cls, network: Composition, flowing: Collection[str] = ()) -> Model:
+    def of(cls, network: Described, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
         bodies = list(network.oscillators.values())
         ends, coupled = _links(network, flowing)
         slots = {name: slot for slot, name in enumerate(network.oscillators)}
-        sources = {kind: Sources.of(network.excitations, slots, kind) for kind in KINDS}
+        sources = _sources(network, slots)
         return cls(
             network=network,
             mass=np.array([body.mass for body in bodies]),
@@ -331,7 +351,22 @@ class Model:
         return result
 
 
-def _links(network: Composition, flowing: Collection[str]) -> tuple[Links, Links]:
+def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[Excitation]]:
+    """Return the excitations by what they define."""
+    given = network.excitations
+    bodies = {name: item for name in slots if isinstance(item := given.get(name), Excitation)}
+    shared = network.sources
+    return {
+        kind: Sources.of(
+            {name: item for name, item in bodies.items() if item.kind == kind},
+            {name: (item.excitation, item.on) for name, item in shared.items() if item.excitation.kind == kind},
+            slots,
+        )
+        for kind in KINDS
+    }
+
+
+def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
     """Return contacts and couplings as links.
 
     Both are pairs if all that kick are differences: combinations that flow are only terms of a matrix.
@@ -366,7 +401,7 @@ _IN_TIME = (
 
 
 def _members(
-    network: Composition, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources]
+    network: Described, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources[Excitation]]
 ) -> dict[Kind, Rows]:
     """Return what acts by its kernels, kind by kind, without the couplings that flow."""
     result: dict[Kind, Rows] = {}

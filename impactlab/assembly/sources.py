@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from impactlab.components.excitation import Excitation, Source
+Excitation = TypeVar("Excitation")
 
 
 class Drives(NamedTuple):
@@ -21,14 +21,15 @@ class Drives(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
+class Sources(Generic[Excitation]):
     """Excitations of one kind.
 
     Attributes
     ----------
     names : tuple of str
         Their names, by which random numbers are addressed: that of the body, or of the source.
-    excitations : tuple of Excitation
+    excitations : tuple
+        What has these names.
     own : int
         How many, the first ones, are the excitation of one body under the body's name, by its slot.
     drives : Drives
@@ -41,21 +42,22 @@ class Sources:
     drives: Drives
 
     @classmethod
-    def of(cls, given: Mapping[str, Excitation | Source], slots: Mapping[str, int], kind: str) -> Sources:
-        """Return those of one of the `KINDS` of excitations, for bodies of some slots."""
-        bodies = {name: given[name] for name in slots if name in given}
-        own = {name: item for name, item in bodies.items() if isinstance(item, Excitation) and item.kind == kind}
-        sources = {name: item for name, item in given.items() if isinstance(item, Source)}
-        shared = {name: item for name, item in sources.items() if item.excitation.kind == kind}
+    def of(
+        cls,
+        own: Mapping[str, Excitation],
+        shared: Mapping[str, tuple[Excitation, Mapping[str, float]]],
+        slots: Mapping[str, int],
+    ) -> Sources[Excitation]:
+        """Return those of bodies by the names of these, by slot, and then those with weights of the bodies on which."""
         source, body, weight = list(range(len(own))), [slots[name] for name in own], [1.0] * len(own)
-        for number, item in enumerate(shared.values(), len(own)):
-            for slot, of_slot in sorted((slots[name], of_name) for name, of_name in item.on.items()):
+        for number, (_, on) in enumerate(shared.values(), len(own)):
+            for slot, of_slot in sorted((slots[name], of_name) for name, of_name in on.items()):
                 source.append(number)
                 body.append(slot)
                 weight.append(of_slot)
         return cls(
             (*own, *shared),
-            (*own.values(), *(item.excitation for item in shared.values())),
+            (*own.values(), *(excitation for excitation, _ in shared.values())),
             len(own),
             Drives(np.array(source, dtype=np.int64), np.array(body, dtype=np.int64), np.array(weight, dtype=float)),
         )
@@ -85,7 +87,7 @@ class Sources:
         parts = [self.driven(number)[0] for number in self.beyond_own]
         return [slots for slots in parts if len(slots) > 1]
 
-    def only_own(self) -> Sources:
+    def only_own(self) -> Sources[Excitation]:
         """Return those that are the excitation of one body under its name."""
         drives = Drives(*(item[: self.own] for item in self.drives))
         return Sources(self.names[: self.own], self.excitations[: self.own], self.own, drives)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import reprlib
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.components.component import Component
 from impactlab.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from impactlab.components.excitation import Excitation
 
 
 class Filter(NamedTuple):
@@ -37,7 +35,7 @@ class Filter(NamedTuple):
         return np.asarray(np.abs(np.linalg.solve(moving, inputs)[..., 0] @ self.output) ** 2)
 
 
-def filter_of(excitation: Excitation) -> Filter:
+def filter_of(excitation: Component) -> Filter:
     """Return the filter of an excitation, or refuse one that is none or not stable."""
     kind, parts = type(excitation).__name__, excitation.filter()  # type: ignore[attr-defined]
     try:

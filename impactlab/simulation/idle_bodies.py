@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Described, Model
 from impactlab.components.composition import Composition
 from impactlab.components.sides import bodies_of
 from impactlab.integrators.base import Integrator
@@ -46,7 +46,7 @@ def _only(model: Model, chosen: np.ndarray) -> Composition:
     """Return the network of some bodies, which nothing connects with the others."""
     network = model.network
     names = {name for name, keep in zip(model.bodies, chosen, strict=True) if keep}
-    return type(network)(
+    return Composition(
         {name: body for name, body in network.oscillators.items() if name in names},
         {name: item for name, item in network.contacts.items() if not names.isdisjoint(bodies_of(item))},
         network.excitations_on(names),
@@ -54,7 +54,7 @@ def _only(model: Model, chosen: np.ndarray) -> Composition:
     )
 
 
-def joined(network: Composition, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
+def joined(network: Described, busy: xr.Dataset, idle: xr.Dataset) -> xr.Dataset:
     """Return one dataset of both parts, its bodies in the order of the network."""
     import xarray as xr
 
