@@ -73,6 +73,13 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
 }
 """Components of each family whose force is a function of motion or time, with values that show what it does."""
 
+AXES = {
+    "bodies": ("displacement (m)", "force (N)"),
+    "contact laws": ("indentation (m)", "force (N)"),
+    "couplings": ("extension (m)", "force (N)"),
+    "excitations": ("time (s)", "force (N)"),
+}
+
 CAPTIONS = {
     "bodies": "Force of spring, damper and residual force, beside the displacement, of x = cos t.",
     "contact laws": "Force beside the indentation, of δ = sin t.",
@@ -124,6 +131,9 @@ def draw(family: str) -> Figure:
         ax.tick_params(labelsize=6)
     for ax in axes[len(examples) :]:
         ax.set_axis_off()
+    below, beside = AXES[family]
+    figure.supxlabel(below, fontsize=8)
+    figure.supylabel(beside, fontsize=8)
     return figure
 
 

@@ -80,6 +80,9 @@ $name = "$module:$class"
 
 [tool.setuptools]
 py-modules = ["$module"]
+
+[tool.pytest.ini_options]
+testpaths = ["tests"]
 """,
     "README.md": """
 # $name
@@ -156,7 +159,7 @@ class $class(il.Study):
     name: ClassVar[str] = "$name"
     title: ClassVar[str] = "A body beside a wall, against the clearance"
     captions: ClassVar[Mapping[str, str]] = {
-        "contact_ratio": "Part of the time in contact against the clearance: simulated, with bars of two standard "
+        "contact_ratio": "Part of the time in contact against the clearance: simulated, with a band of two standard "
         "errors, and exact.",
     }
 
@@ -215,16 +218,11 @@ class $class(il.Study):
 
     def figures(self, tree: xr.DataTree) -> Iterator[tuple[str, Figure]]:
         """Draw what the captions say."""
-        from impactlab.plotting.style import points
         from matplotlib.figure import Figure
 
-        data = tree["statistics"].to_dataset().sel(contact="stop")
         figure = Figure(figsize=(5.0, 3.5))
-        axes = figure.subplots()
-        axes.plot(data.clearance, data.contact_ratio_exact, color="black", label="exact")
-        points(axes, data.clearance, data.contact_ratio, data.contact_ratio_standard_error, label="simulated")
-        axes.set(xlabel="clearance (m)", ylabel="part of the time in contact")
-        axes.legend()
+        axes = il.plot.sweep(tree["statistics"].to_dataset(), "contact_ratio", ax=figure.subplots())
+        axes.set_xlabel("clearance (m)")
         yield "contact_ratio", figure
 ''',
 }

@@ -246,6 +246,8 @@ class Composition:
             if isinstance(structure, ModalStructure):
                 kind = "point" if structure.points else "mode"
             return f"name a {kind} of the structure, such as {f'{name}.{first}'!r}."
+        if name.lower() == "wall":
+            return "the wall is il.WALL, in a file {wall = true}."
         return suggestion(name, places)
 
     def replace(

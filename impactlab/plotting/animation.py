@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +32,19 @@ RATE = 25
 PLACES = 16
 """Bodies and points that are drawn at most."""
 
+_BUTTONS = {
+    "minus": "\N{MINUS SIGN}",
+    "fast-backward": "|\N{BLACK LEFT-POINTING TRIANGLE}",
+    "step-backward": "\N{SINGLE LEFT-POINTING ANGLE QUOTATION MARK}",
+    "play fa-flip-horizontal": "\N{BLACK LEFT-POINTING TRIANGLE}",
+    "pause": "\N{HEAVY VERTICAL BAR}\N{HEAVY VERTICAL BAR}",
+    "play": "\N{BLACK RIGHT-POINTING TRIANGLE}",
+    "step-forward": "\N{SINGLE RIGHT-POINTING ANGLE QUOTATION MARK}",
+    "fast-forward": "\N{BLACK RIGHT-POINTING TRIANGLE}|",
+    "plus": "+",
+}
+"""Signs on the buttons, by the names of the icons that Matplotlib would fetch from the web."""
+
 _WIDTH, _HEIGHT, _ROOM = 0.5, 0.6, 0.6
 """Width of a body and distance of bodies that no contact joins, in the largest range of a motion; height."""
 
@@ -52,10 +66,11 @@ class Animation:
 
     @cached_property
     def html(self) -> str:
-        """The film with its controls, as a part of a page."""
+        """The film with its controls, as a part of a page; nothing of it comes from the web."""
         with style():
             text: str = self._film().to_jshtml(fps=RATE, default_mode="loop")
-        return text
+        text = re.sub(r'<link rel="stylesheet"\s+href="[^"]*">', "", text)
+        return re.sub(r'<i class="fa fa-([a-z -]+)"></i>', lambda icon: _BUTTONS.get(icon[1], icon[1]), text)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the film to a file: ``.html``, ``.gif``, or ``.mp4`` where ffmpeg is installed.

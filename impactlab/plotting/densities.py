@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from impactlab.plotting.held import configuration, contact_weights, error_of, rows, variable
-from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, style
+from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, legend_above, style
 
 
 class BinDensities(Protocol):
@@ -152,9 +152,7 @@ def joint_density(
     axes.set(xlim=_reached(edges[0], density.sum(axis=1)), ylim=_reached(edges[1], density.sum(axis=0)))
     axes.set_xlabel(label_text(f"displacement of {first}", "m"))
     axes.set_ylabel(label_text(f"displacement of {second}", "m"))
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(frameon=True)
-    return axes
+    return legend_above(axes)
 
 
 def _reached(edges: np.ndarray, bins: np.ndarray) -> tuple[float, float]:

@@ -13,7 +13,18 @@ from matplotlib.axes import Axes
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
 from impactlab.plotting.held import LABELS, error_of, known_dataset
-from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style, units_text
+from impactlab.plotting.style import (
+    axes_of,
+    band,
+    dashes,
+    label_text,
+    legend,
+    legend_above,
+    number_text,
+    points,
+    style,
+    units_text,
+)
 from impactlab.results.schema import variables
 
 NAMED = 12
@@ -128,8 +139,9 @@ def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Ax
             {"ls": (0, (4, 2.5)), "lw": 1.0} if data.size > NAMED else {"ls": "", "marker": "_", "ms": 12}
         )
         axes.plot(x, exact.values, color="black", label="reference", **look)
+        legend_above(axes)
     axes.set_ylabel(_label(data))
-    return legend(axes)
+    return axes
 
 
 def _statistic(result: Any, name: str) -> xr.DataArray:

@@ -116,6 +116,14 @@ def legend(axes: Axes, most: int = 8) -> Axes:
     return axes
 
 
+def legend_above(axes: Axes) -> Axes:
+    """Add a legend above the axes, where data leave no room for it."""
+    count = len(axes.get_legend_handles_labels()[1])
+    if count:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=count)
+    return axes
+
+
 def band(axes: Axes, x: Any, value: Any, error: Any, *, label: str | None = None, **line: Any) -> None:
     """Draw a curve with a band of two standard errors on both sides.
 

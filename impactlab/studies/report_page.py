@@ -36,6 +36,7 @@ figure img { display: block; max-width: 100%; height: auto; }
 table { border-collapse: collapse; width: 100%; font-size: 0.9rem; }
 th, td { text-align: left; vertical-align: top; padding: 0.35rem 0.6rem; border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #888; } td:last-child { white-space: nowrap; }
+td[data-column="statement"] { width: 38%; }
 tr:target, figure:target { background: #fff8dc; }
 pre { background: #f4f4f4; padding: 0.8rem; overflow-x: auto; }
 .good { color: #00694c; font-weight: 600; } .bad { color: #b03a00; font-weight: 600; }
@@ -43,7 +44,8 @@ pre { background: #f4f4f4; padding: 0.8rem; overflow-x: auto; }
 @media (max-width: 40rem) {
   nav { position: static; }
   thead { display: none; } tr { display: block; padding: 0.6rem 0; border-bottom: 1px solid #bbb; }
-  td, td:last-child { display: block; white-space: normal; border: 0; padding: 0.1rem 0; }
+  td, td:last-child, td[data-column="statement"] { display: block; width: auto; white-space: normal; border: 0;
+                                                   padding: 0.1rem 0; }
   td::before { content: attr(data-column) ": "; color: #595959; } td:empty { display: none; }
   figure img { max-width: none; width: 40rem; }
 }

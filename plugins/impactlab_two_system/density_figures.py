@@ -74,7 +74,7 @@ def base_densities(results: Results) -> Figure:
             _absolute_errors(results, below, ratio, system, quantity)
             above.tick_params(labelbottom=False)
             below.set_xlabel(AXIS[system, quantity][0])
-            below.set_ylabel("$|\\Delta p|$")
+            below.set_ylabel(f"$|\\Delta p|$\n({DENSITY_UNITS[quantity]})")
         else:
             below.remove()
             above.set_xlabel(AXIS[system, quantity][0])

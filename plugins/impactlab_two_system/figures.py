@@ -140,9 +140,9 @@ def _mean_squares(results: Results) -> Figure:
     figure = Figure(figsize=(9.0, 7.4))
     grid = figure.add_gridspec(5, 3, height_ratios=[2.2, 1.3, 0.1, 2.2, 1.3])
     columns = (
-        (X2, "mean square displacement", "m$^2$"),
-        ("variance_displacement", "variance of displacement", "m$^2$"),
-        (V2, "mean square velocity", "m$^2$ s$^{-2}$"),
+        (X2, "mean square\ndisplacement", "m$^2$"),
+        ("variance_displacement", "variance of\ndisplacement", "m$^2$"),
+        (V2, "mean square\nvelocity", "m$^2$ s$^{-2}$"),
     )
     for row, system in enumerate(("one", "two")):
         for column, (name, text, units) in enumerate(columns):

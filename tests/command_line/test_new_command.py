@@ -25,7 +25,9 @@ def test_a_study_is_written_and_runs(capsys, monkeypatch):
     assert files == {
         "pyproject.toml", "README.md", "strange-one.toml", "strange_one.py", "tests/test_strange_one.py",
     }  # fmt: skip
-    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    described = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))
+    project = described["project"]
+    assert described["tool"]["pytest"]["ini_options"]["testpaths"] == ["tests"]
     place, name = project["entry-points"]["impactlab.studies"]["strange-one"].split(":")
     monkeypatch.syspath_prepend(str(folder))
     study = getattr(importlib.import_module(place), name)

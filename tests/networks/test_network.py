@@ -105,6 +105,10 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             {"contacts": {"c": il.Contact("a", "x", LAW)}},
             r"Contact 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
         ),
+        (
+            {"contacts": {"c": il.Contact("a", "wall", LAW)}},
+            r"body 'wall' that is not in the network; the wall is il.WALL, in a file \{wall = true\}",
+        ),
         ({"contacts": {"c": il.Contact("A", "b", LAW)}}, r"names a body 'A' that is not in the network"),
         ({"couplings": {"c": LAW}}, r"couplings: 'c' must be an il.Coupling, not HertzContact"),
         (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -111,6 +112,8 @@ def test_files_of_each_kind(result, tmp_path, monkeypatch):
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     assert film._repr_html_() in text
     assert text.count("data:image/png;base64") == 4
+    assert "://" not in text  # it needs no network
+    assert re.findall(r"<button[^>]*>\s*(\S+)\s*</button>", text) == ["−", "|◀", "‹", "◀", "❚❚", "▶", "›", "▶|", "+"]
     monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
     with pytest.raises(il.InvalidInput, match=r"\.mp4 are written by ffmpeg, which is not installed; write \.html or"):
         film.save(tmp_path / "x.mp4")
