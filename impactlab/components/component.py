@@ -75,6 +75,7 @@ class Component:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls.citation = cls.__dict__.get("citation", "")
+        _check_annotations(cls)
         make_first_field_positional(cls)
         dataclasses.dataclass(frozen=True, kw_only=True, repr=False)(cls)
         for name, kinematic in cls.kernels.items():
@@ -284,6 +285,15 @@ def _names_of(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 _found: Callable[..., Found] = functools.cache(_found_of)
 _names: Callable[[Any], tuple[tuple[str, ...], tuple[str, ...]]] = functools.cache(_names_of)
+
+
+def _check_annotations(cls: type) -> None:
+    """Refuse fields without a type, of which data classes would not know."""
+    annotated = inspect.get_annotations(cls)
+    for name, value in vars(cls).items():
+        if isinstance(value, dataclasses.Field) and name not in annotated:
+            made_by = "state" if value.metadata.get("state") else "parameter"
+            raise InvalidInput(f"{cls.__name__}.{name} has no type: write {name}: float = il.{made_by}(…).")
 
 
 def _make_kernel(cls: type[Component], name: str, kinematic: tuple[str, ...]) -> None:

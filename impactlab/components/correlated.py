@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation, Source
 from impactlab.components.matrices import NEGLIGIBLE, sum_of_squares
 from impactlab.errors import InvalidInput
@@ -58,9 +59,9 @@ def correlated(noise: Excitation, densities: Any, on: Sequence[str], *, name: st
 def _checked(given: Any, count: int) -> np.ndarray:
     """Return a symmetric matrix of a size without negative eigenvalues, or refuse it."""
     try:
-        array = np.array(given, dtype=float)
+        array = real_array(given)
     except (TypeError, ValueError):
-        raise InvalidInput(f"correlated: densities must be numbers, not {reprlib.repr(given)}.") from None
+        raise InvalidInput(f"correlated: densities must be real numbers, not {reprlib.repr(given)}.") from None
     if array.shape != (count, count) or not np.isfinite(array).all():
         raise InvalidInput(
             f"correlated: densities must be a matrix of finite numbers for {count} bodies, not of shape {array.shape}."

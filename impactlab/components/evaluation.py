@@ -104,6 +104,16 @@ def number_of(value: Any) -> float:
     return float(value)
 
 
+def real_array(values: Any) -> np.ndarray:
+    """Return an array of floats; raise `TypeError` or `ValueError` for what is none, also complex numbers."""
+    import numpy as np  # studies are listed without it
+
+    array = np.asarray(values)
+    if np.iscomplexobj(array):
+        raise TypeError("complex numbers")
+    return array.astype(float)
+
+
 def is_truth_value(value: Any) -> bool:
     """Whether a value is true or false, in Python's type or in NumPy's."""
     if isinstance(value, bool):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from impactlab.components.component import Component
+from impactlab.components.evaluation import real_array
 from impactlab.errors import InvalidInput
 
 
@@ -39,7 +40,7 @@ def filter_of(excitation: Component) -> Filter:
     """Return the filter of an excitation, or refuse one that is none or not stable."""
     kind, parts = type(excitation).__name__, excitation.filter()  # type: ignore[attr-defined]
     try:
-        drift, given, output = (np.asarray(part, dtype=float) for part in parts)
+        drift, given, output = (real_array(part) for part in parts)
     except (TypeError, ValueError):
         raise InvalidInput(f"{kind}.filter must return a matrix and two vectors, not {reprlib.repr(parts)}.") from None
     count = given.size

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from impactlab.components.component import Component
+from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import (
     NEGLIGIBLE,
@@ -83,7 +84,7 @@ class LinearStructure(Component, Structure):
         masses = mass_matrix(mass)
         matrix = positive_matrix("stiffness", stiffness, len(masses))
         try:
-            ratios = np.broadcast_to(np.asarray(damping_ratio, dtype=float), len(masses))
+            ratios = np.broadcast_to(real_array(damping_ratio), len(masses))
         except (TypeError, ValueError):
             ratios = np.full(1, math.nan)
         if not (np.isfinite(ratios) & (ratios >= 0.0)).all():

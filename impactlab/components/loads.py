@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from impactlab.components.component import known_name
+from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
@@ -386,9 +387,9 @@ def shown_samples(owner: Any) -> str:
 def _samples(place: str, given: Any) -> np.ndarray:
     """Return a row of finite numbers, or refuse it."""
     try:
-        array = np.asarray(given, dtype=float)
+        array = real_array(given)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{place} must be numbers, not {reprlib.repr(given)}.") from None
+        raise InvalidInput(f"{place} must be real numbers, not {reprlib.repr(given)}.") from None
     if array.ndim != 1:
         raise InvalidInput(f"{place} must be a row of numbers, not of shape {array.shape}.")
     wrong = np.flatnonzero(~np.isfinite(array))

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from impactlab.components.component import Component
+from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import Vector, mass_matrix, modes_of, positive_matrix
 from impactlab.components.structure import SHOWN, Structure, Term, moved
@@ -162,13 +163,13 @@ class ModalStructure(Component, Structure):
 def _numbers(place: str, given: Any, count: int = 0, what: str = "one for all modes or one for each") -> Vector:
     """Return finite numbers, as many as there are modes; one alone stands for all."""
     try:
-        array = np.array(given, dtype=float)
+        array = real_array(given)
     except (TypeError, ValueError):
         array = np.full(1, math.nan)
     if array.ndim == 0 and count:
         array = np.full(count, array)
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
-        raise InvalidInput(f"ModalStructure.{place} must be finite numbers, {what}, not {reprlib.repr(given)}.")
+        raise InvalidInput(f"ModalStructure.{place} must be finite real numbers, {what}, not {reprlib.repr(given)}.")
     if count and len(array) != count:
         raise InvalidInput(f"ModalStructure.{place} must be {count} numbers, {what}, not {len(array)}.")
     return tuple(array.tolist())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -144,19 +145,19 @@ class FilteredMotion:
         root = lower_root(q[0], np.diag(q[0]))
         return a[0], root[:, root.any(axis=0)]
 
-    def autocovariance(self, place: int, lags: np.ndarray) -> np.ndarray:
-        """Return ``E[q(t) q(t + lag)]`` of a displacement or a velocity, by its place among (x, v), (lag,)."""
+    def autocovariance(self, places: Sequence[int], factors: np.ndarray, lags: np.ndarray) -> np.ndarray:
+        """Return ``E[q(t) q(t + lag)]`` of a weighted sum of displacements or velocities, places of (x, v), (lag,)."""
         from scipy.linalg import expm
 
         assert self.covariance is not None
-        row, result = self.states + place, np.empty(len(lags))
+        rows, result = [self.states + place for place in places], np.empty(len(lags))
         for index, lag in enumerate(lags):
-            result[index] = expm(abs(lag) * self.drift)[row] @ self.covariance[:, row]
+            result[index] = factors @ expm(abs(lag) * self.drift)[rows] @ (self.covariance[:, rows] @ factors)
         return result
 
-    def spectrum(self, body: int, frequencies: np.ndarray) -> np.ndarray:
-        """Return the two-sided spectral density of the displacement of a body (m2 s rad-1), (frequency,)."""
-        moved = self.system.receptance(body, frequencies) @ self.weights
+    def spectrum(self, along: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+        """Return the spectral density of a sum of displacements with weights, (body,), (m2 s rad-1), (frequency,)."""
+        moved = self.system.receptance(along, frequencies) @ self.weights
         return np.asarray(np.abs(moved) ** 2 * self.filter.density(frequencies))
 
 

@@ -154,7 +154,7 @@ def responses(
             slots = np.array([slot])
             if slot in joint:
                 slots, system = joint[slot]
-                response = system.receptance(slots.tolist().index(slot), item.frequencies)
+                response = system.receptance((slots == slot).astype(float), item.frequencies)
             else:
                 response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
                 response = response[:, None]

@@ -143,10 +143,12 @@ class LinearSystem:
         own = np.diag(self.thermal_covariance(1.0))[: len(self.mass)]
         return np.where(self.free, np.inf, own)
 
-    def receptance(self, body: int, frequencies: np.ndarray) -> np.ndarray:
-        """Return the complex displacements by a unit force on one body, (frequency, body) (m N-1)."""
-        force = np.zeros((len(self.mass), 1))
-        force[body] = 1.0
+    def receptance(self, along: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+        """Return the complex displacements by a force on bodies with weights, (body,); (frequency, body) (m N-1).
+
+        As the matrices are symmetric, so does the weighted sum of displacements answer to a force on each body.
+        """
+        force = along[:, None]
         parts = []
         for omega in np.array_split(frequencies, int(frequencies.size * self.stiffness.size / _CHUNK) + 1):
             omega = omega[:, None, None]

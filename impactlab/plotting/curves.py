@@ -79,7 +79,7 @@ def spectrum(
         error = error_of(result, name, place)[inside]
         band(axes, frequencies[inside], np.where(value > 0.0, value, np.nan), error, label=label, ls=dashes(index))
         if reference is not None:
-            linear = reference.spectrum(label, quantity, frequencies[inside])
+            linear = reference.spectrum(label, quantity.removeprefix("point_"), frequencies[inside])
             axes.plot(frequencies[inside], linear, color=axes.lines[-1].get_color(), ls=(0, (2, 2)), lw=0.8)
             axes.lines[-1].set_label(f"{label}, linear")
     axes.set(xscale="log", yscale="log", xlabel=label_text("angular frequency", "rad s-1"))

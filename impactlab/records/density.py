@@ -16,7 +16,7 @@ from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
 from impactlab.results.snapshot import ALL, with_points
@@ -71,7 +71,10 @@ class Density(Record):
 
     def resolved(self, model: Model) -> Record:
         known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
-        names = _known("Density", self.oscillators, known)
+        names = self.oscillators
+        if not isinstance(names, tuple | None):
+            raise InvalidInput(f"Density: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
+        names = names_of(self, "oscillator", names, self.quantity, model)
         limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known)
         return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
 
@@ -227,13 +230,11 @@ def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
 
 
-def _known(place: str, names: tuple[str, ...] | None, known: tuple[str, ...]) -> tuple[str, ...]:
-    if not isinstance(names, tuple | None):
-        raise InvalidInput(f"{place}: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
-    for name in names or ():
+def _known(place: str, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
         if name not in known:
             raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, known)}")
-    return tuple(names) if names else known
+    return names
 
 
 def _plain_limits(limits: Any) -> Any:

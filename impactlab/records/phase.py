@@ -14,9 +14,9 @@ from impactlab.errors import InvalidInput, unheard
 from impactlab.kernels.histogram import count_samples
 from impactlab.plan.plan import Plan
 from impactlab.records.density import Counts, Density
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import ALL, Snapshot
+from impactlab.results.snapshot import ALL
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
 
 _SQUARES = {"m": "m2", "m s-1": "m2 s-2", "N": "N2"}
@@ -69,13 +69,9 @@ class PhaseMeans(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
-        known = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points).names(self.quantity)
         if isinstance(self.labels, str):
             raise InvalidInput(f"PhaseMeans: labels is a sequence of names, not {self.labels!r}.")
-        for name in self.labels or ():
-            if name not in known:
-                raise InvalidInput(f"PhaseMeans: there is no label {name!r}; {suggestion(name, known)}")
-        return self.replace(labels=tuple(self.labels or known))
+        return self.replace(labels=names_of(self, "label", self.labels, self.quantity, model))
 
     def exact_interval(self) -> float | None:
         return self.period / self.phases

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import Component
+from impactlab.components.component import Component, suggestion
 from impactlab.errors import InvalidInput
+from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot
 
 
 class Keeper:
@@ -105,3 +106,17 @@ class Record(Component):
     def bytes_per_block(self, plan: Any) -> int:
         """Bytes of what is `summed` over the blocks."""
         return 0
+
+
+def names_of(record: Record, kind: str, names: Sequence[str] | None, quantity: str, model: Model) -> tuple[str, ...]:
+    """Return the names of which a record keeps a quantity, by default all; refuse those that do not have it."""
+    snapshot = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points)
+    known = snapshot.names(quantity)
+    other = quantity.removeprefix("point_") if quantity not in QUANTITIES else f"point_{quantity}"
+    for name in names or ():
+        if name not in known:
+            hint = suggestion(name, known)
+            if other in ALL and name in snapshot.names(other):
+                hint = f"the quantity of a {'body' if other in QUANTITIES else 'point'} is {other!r}"
+            raise InvalidInput(f"{type(record).__name__}: there is no {kind} {name!r}; {hint}")
+    return tuple(names or known)

@@ -14,9 +14,9 @@ from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import ALL, Snapshot, with_points
+from impactlab.results.snapshot import ALL, with_points
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 SEGMENT = 20.0
@@ -83,11 +83,7 @@ class Spectrum(Record):
     def resolved(self, model: Model) -> Record:
         if isinstance(self.labels, str):
             raise InvalidInput(f"Spectrum: labels is a sequence of names, not {self.labels!r}.")
-        known = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points).names(self.quantity)
-        for name in self.labels or ():
-            if name not in known:
-                raise InvalidInput(f"Spectrum: there is no label {name!r}; {suggestion(name, known)}")
-        names = tuple(self.labels or known)
+        names = names_of(self, "label", self.labels, self.quantity, model)
         segment = self.segment or SEGMENT * relaxation_time(model)
         if not segment > 0.0:
             raise InvalidInput("Spectrum: no segment can be chosen, since nothing is damped; give segment= (s).")

@@ -108,17 +108,15 @@ class GaussianLaw:
         place = self._place(body, quantity)
         return float(self.covariance[place, place])
 
-    def covariance_of(self, first: str, second: str, quantity: str) -> float:
-        """Return the covariance of the displacements (m2) or the velocities (m2 s-2) of two bodies."""
-        return float(self.covariance[self._place(first, quantity), self._place(second, quantity)])
+    def covariance_of(self, first: Mapping[str, float], second: Mapping[str, float], quantity: str) -> float:
+        """Return the covariance of the displacements (m2) or velocities (m2 s-2) of two weighted sums of bodies."""
+        (rows, left), (columns, right) = self._places(first, quantity), self._places(second, quantity)
+        return float(left @ self.covariance[np.ix_(rows, columns)] @ right)
 
     def relative_variances(self, weights: Mapping[str, float]) -> tuple[float, float]:
         """Return the variances of the displacement and the velocity of a weighted sum of bodies."""
-        factors, parts = np.array(list(weights.values())), []
-        for quantity in ("displacement", "velocity"):
-            places = [self._place(name, quantity) for name in weights]
-            parts.append(float(factors @ self.covariance[np.ix_(places, places)] @ factors))
-        return parts[0], parts[1]
+        place, speed = (self.covariance_of(weights, weights, quantity) for quantity in ("displacement", "velocity"))
+        return place, speed
 
     def density_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
         """Return the density of a displacement (m-1) or a velocity (s m-1)."""
@@ -167,9 +165,9 @@ class GaussianLaw:
         rest = (y - root[1, 0] * z) / root[1, 1]
         return np.asarray(np.exp(-0.5 * (z**2 + rest**2)) / (2.0 * math.pi * root[0, 0] * root[1, 1]))
 
-    def autocovariance(self, body: str, quantity: str, lags: np.ndarray) -> np.ndarray:
-        """Return ``E[q(t) q(t + lag)]`` of a displacement (m2) or a velocity (m2 s-2)."""
-        place, count = self._place(body, quantity), len(self.bodies)
+    def autocovariance(self, weights: Mapping[str, float], quantity: str, lags: np.ndarray) -> np.ndarray:
+        """Return ``E[q(t) q(t + lag)]`` of the displacement (m2) or velocity (m2 s-2) of a weighted sum of bodies."""
+        (places, factors), count = self._places(weights, quantity), len(self.bodies)
         result = np.zeros(len(lags))
         if self.system.intensity.any():
             drift = drift_matrix(self.system.mass, self.system.damping, self.system.stiffness)
@@ -177,30 +175,33 @@ class GaussianLaw:
             for first in range(0, len(lags), step):
                 part = slice(first, first + step)
                 flows = expm(np.abs(lags[part])[:, None, None] * drift)
-                result[part] = flows[:, place] @ self._white[:, place]
+                result[part] = factors @ flows[:, places] @ (self._white[:, places] @ factors)
         for item in self.coloured:
-            result += item.autocovariance(place, lags)
-        for frequencies, amplitudes in self._amplitudes(body, quantity):
+            result += item.autocovariance(places, factors, lags)
+        for frequencies, amplitudes in self._amplitudes(weights, quantity):
             step = max(1, _CHUNK // len(frequencies))
             for first in range(0, len(lags), step):
                 part = slice(first, first + step)
                 result[part] += np.cos(np.multiply.outer(lags[part], frequencies)) @ (0.5 * amplitudes**2)
         return result
 
-    def spectrum(self, body: str, quantity: str, frequencies: np.ndarray) -> np.ndarray:
-        """Return the two-sided spectral density over angular frequency (m2 s rad-1 or m2 s-1 rad-1)."""
+    def spectrum(self, weights: Mapping[str, float], quantity: str, frequencies: np.ndarray) -> np.ndarray:
+        """Return the two-sided spectral density of a weighted sum of bodies (m2 s rad-1 or m2 s-1 rad-1)."""
         if self.cosines:
             raise NoExactReference(
-                f"The spectrum of {body!r} has no density: sums of cosines have line spectra. "
-                "Under white noise alone it has one."
+                f"The spectrum of {' and '.join(map(repr, weights))} has no density: sums of cosines have line "
+                "spectra. Under white noise alone it has one."
             )
-        response = self.system.receptance(self.bodies.index(body), frequencies)
+        places, factors = self._places(weights, "displacement")
+        along = np.zeros(len(self.bodies))
+        along[places] = factors
+        response = self.system.receptance(along, frequencies)
         own = np.diag(self.system.intensity)
         result = np.abs(response) ** 2 @ own
         if (between := self.system.intensity - np.diag(own)).any():
             result += ((response @ between) * response.conj()).sum(axis=1).real
         for item in self.coloured:
-            result += item.spectrum(self.bodies.index(body), frequencies)
+            result += item.spectrum(along, frequencies)
         return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
 
     def __str__(self) -> str:
@@ -216,11 +217,15 @@ class GaussianLaw:
     def _place(self, body: str, quantity: str) -> int:
         return self.bodies.index(body) + (len(self.bodies) if quantity == "velocity" else 0)
 
-    def _amplitudes(self, body: str, quantity: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _places(self, weights: Mapping[str, float], quantity: str) -> tuple[list[int], np.ndarray]:
+        """Return the places of bodies among (x, v), and their weights."""
+        return [self._place(name, quantity) for name in weights], np.array(list(weights.values()))
+
+    def _amplitudes(self, weights: Mapping[str, float], quantity: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the frequencies and the amplitudes of the cosines in a displacement or a velocity."""
-        index, result = self.bodies.index(body), []
+        (places, factors), result = self._places(weights, "displacement"), []
         for item in self.cosines:
-            amplitudes = item.amplitudes * np.abs(item.receptance[:, index])
+            amplitudes = item.amplitudes * np.abs(item.receptance[:, places] @ factors)
             result.append((item.frequencies, amplitudes * item.frequencies if quantity == "velocity" else amplitudes))
         return result
 
@@ -232,7 +237,7 @@ class GaussianLaw:
         """
         place = self._place(body, quantity)
         variance = float(self.covariance[place, place])
-        amplitudes = np.concatenate([part for _, part in self._amplitudes(body, quantity)]) / math.sqrt(variance)
+        amplitudes = np.concatenate([part for _, part in self._amplitudes({body: 1.0}, quantity)]) / math.sqrt(variance)
         normal, spacing = float(self._normal[place, place]) / variance, math.pi / _REACH
         values: list[np.ndarray] = []
         while len(values) * 16 < _MOST_NODES:

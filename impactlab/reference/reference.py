@@ -107,12 +107,12 @@ class ExactReference(Densities):
         return laws[0].joint_density(first, second, x, y)
 
     def covariance(self, first: str, second: str, quantity: str) -> float:
-        """Return ``E[q_first q_second]`` of two bodies whose motion is linear.
+        """Return ``E[q_first q_second]`` of two bodies, or points of structures, whose motion is linear.
 
         Parameters
         ----------
         first, second : str
-            Names of the bodies; the same one twice for its variance.
+            Names of the bodies or points; the same one twice for its variance.
         quantity : {"displacement", "velocity"}
             q, the mean of which is 0.
 
@@ -128,16 +128,17 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear.
         """
-        laws = [self._linear_law(name, quantity) for name in (first, second)]
-        return laws[0].covariance_of(first, second, quantity) if second in laws[0].bodies else 0.0
+        one, other = (self._linear_laws(name, quantity) for name in (first, second))
+        pairs = [(law, here, there) for law, here in one for same, there in other if law.bodies == same.bodies]
+        return sum((law.covariance_of(here, there, quantity) for law, here, there in pairs), 0.0)
 
     def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
-        """Return ``E[q(t) q(t + lag)]`` of a body whose motion is linear.
+        """Return ``E[q(t) q(t + lag)]`` of a body, or a point of a structure, whose motion is linear.
 
         Parameters
         ----------
         oscillator : str
-            Name of the body.
+            Name of the body or point.
         quantity : {"displacement", "velocity"}
             q, the mean of which is 0.
         lags : array_like
@@ -155,11 +156,12 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear.
         """
-        law, lags = self._linear_law(oscillator, quantity), finite_array("lags", lags)
-        return law.autocovariance(oscillator, quantity, lags.ravel()).reshape(lags.shape)
+        laws, lags = self._linear_laws(oscillator, quantity), finite_array("lags", lags)
+        parts = [law.autocovariance(weights, quantity, lags.ravel()) for law, weights in laws]
+        return np.asarray(sum(parts)).reshape(lags.shape)
 
     def spectrum(self, oscillator: str, quantity: str, frequencies: Any) -> np.ndarray:
-        """Return the spectral density of a body whose motion is linear.
+        """Return the spectral density of a body, or a point of a structure, whose motion is linear.
 
         It is two-sided over angular frequency, as that of `WhiteNoise`: its integral over all
         frequencies, negative ones too, is the mean square.
@@ -167,7 +169,7 @@ class ExactReference(Densities):
         Parameters
         ----------
         oscillator : str
-            Name of the body.
+            Name of the body or point.
         quantity : {"displacement", "velocity"}
             Of what.
         frequencies : array_like
@@ -185,8 +187,9 @@ class ExactReference(Densities):
         NoExactReference
             If the motion is not linear, or moved by cosines: then it has lines instead.
         """
-        law, frequencies = self._linear_law(oscillator, quantity), finite_array("frequencies", frequencies)
-        return law.spectrum(oscillator, quantity, frequencies.ravel()).reshape(frequencies.shape)
+        laws, frequencies = self._linear_laws(oscillator, quantity), finite_array("frequencies", frequencies)
+        parts = [law.spectrum(weights, quantity, frequencies.ravel()) for law, weights in laws]
+        return np.asarray(sum(parts)).reshape(frequencies.shape)
 
     def onset_velocity_density(self, contact: str, grid: Any) -> np.ndarray:
         """Return the probability density of the relative velocity with which a contact closes.
@@ -338,9 +341,14 @@ class ExactReference(Densities):
             return Curves(partial(law.density, oscillator), partial(law.probability, oscillator))
         return normal_curves(self._laws.speed(oscillator))
 
-    def _linear_law(self, oscillator: str, quantity: str) -> GaussianLaw:
-        law = self._laws.law(oscillator, quantity)
-        return law if isinstance(law, GaussianLaw) else linear_law_of(self.network, oscillator)
+    def _linear_laws(self, name: str, quantity: str) -> list[tuple[GaussianLaw, dict[str, float]]]:
+        """Return the independent laws of a body, or of those that move a point, with the weights of their bodies."""
+        found: dict[tuple[str, ...], tuple[GaussianLaw, dict[str, float]]] = {}
+        for body, weight in self.network.points.get(name, {name: 1.0}).items():
+            law = self._laws.law(body, quantity)
+            linear = law if isinstance(law, GaussianLaw) else linear_law_of(self.network, body)
+            found.setdefault(linear.bodies, (linear, {}))[1][body] = weight
+        return list(found.values())
 
     def _points(self) -> OfBodies | None:
         """Return the moments at points of structures, if there are any."""

@@ -201,7 +201,8 @@ def test_a_record_that_is_shorter_than_the_run():
             r"SampledForce.values must be finite, but 1 of 3 are not, the first at 1",
         ),
         (([0.0, np.inf], [1.0, 1.0]), r"SampledForce.times must be finite"),
-        (([0.0, 1.0], ["a", "b"]), r"SampledForce.values must be numbers"),
+        (([0.0, 1.0], ["a", "b"]), r"SampledForce.values must be real numbers"),
+        (([0.0, 1.0], [1.0, 1j]), r"SampledForce.values must be real numbers, not \[1.0, 1j\]"),
         (([[0.0, 1.0]], [1.0, 1.0]), r"SampledForce.times must be a row of numbers, not of shape \(1, 2\)"),
     ],
 )

@@ -248,6 +248,13 @@ def test_what_is_wrong_with_states_is_said_where_the_class_is_made(base, members
         type("Law", (base,), {**members, "__annotations__": {"worn": "float"} if "worn" in members else {}})
 
 
+def test_a_state_without_a_type_is_refused():
+    with pytest.raises(il.InvalidInput, match=r"^Law.worn has no type: write worn: float = il.state\(…\)\.$"):
+        type("Law", (il.ContactLaw,), {"force": force, "update": update, "worn": il.state(0.0)})
+    with pytest.raises(il.InvalidInput, match=r"Law.stiffness has no type: write stiffness: float = il.parameter"):
+        type("Law", (il.ContactLaw,), {"force": lambda indentation: 0.0, "stiffness": il.parameter(1.0)})
+
+
 def test_an_update_of_too_few_states_is_refused():
     class Two(il.CouplingLaw):
         one: float = il.state(0.0)

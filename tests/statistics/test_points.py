@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import deviations
-from scipy.linalg import eigh, solve_continuous_lyapunov
+from scipy.linalg import eigh, expm, solve_continuous_lyapunov
 from scipy.special import ndtr
 
 import impactlab as il
@@ -173,6 +173,69 @@ def test_exact_law_of_points():
     np.testing.assert_allclose(law.point_mean_square_velocity, covariance[5:], rtol=1e-9)
 
 
+def pushed(excitations):
+    """Modes of which some have noises of their own, and a body beside them that shares one."""
+    points = {"a": [2.0, -2.0, 1.0], "b": [1.0, 1.0, 0.0], "c": [0.0, 0.0, 3.0]}
+    beam = il.ModalStructure([4.0, 7.0, 9.0], [0.05, 0.1, 0.2], points=points)
+    return il.Network({"beam": beam, "x": il.LinearOscillator(damping=0.5, stiffness=20.0)}, {}, excitations)
+
+
+def test_correlations_of_points():
+    """Against the drift matrix of modes and a body; of the modes the third moves independently of the others."""
+    shared = {"both": il.Source(il.WhiteNoise(0.4), on={"beam.b": 1.0, "x": -2.0}), "beam.3": il.WhiteNoise(0.2)}
+    law, places = il.exact(pushed(shared)), np.diag([1.0, 1.0, 1.0, 1.0])
+    frequency, damping = np.array([4.0, 7.0, 9.0]), np.array([0.4, 1.4, 3.6, 0.5])
+    stiffness = np.append(frequency**2, 20.0)
+    drift = np.block([[np.zeros((4, 4)), np.eye(4)], [-np.diag(stiffness), -np.diag(damping)]])
+    noise = 0.4 * np.outer([1.0, 1.0, 0.0, -2.0], [1.0, 1.0, 0.0, -2.0]) + 0.2 * np.outer(places[2], places[2])
+    growth = np.zeros((8, 8))
+    growth[4:, 4:] = 2.0 * np.pi * noise
+    covariance = solve_continuous_lyapunov(drift, -growth)
+    weights = {"beam.a": [2.0, -2.0, 1.0, 0.0], "beam.b": [1.0, 1.0, 0.0, 0.0], "beam.c": [0.0, 0.0, 3.0, 0.0],
+               "beam.2": places[1], "x": places[3]}  # fmt: skip
+    for one, first in weights.items():
+        for other, second in weights.items():
+            for quantity, part in (("displacement", covariance[:4, :4]), ("velocity", covariance[4:, 4:])):
+                expected = np.array(first) @ part @ second
+                assert law.covariance(one, other, quantity) == pytest.approx(expected, rel=1e-9, abs=1e-13)
+    w, lags, frequencies = np.array(weights["beam.a"]), np.array([0.0, 0.3, -1.0]), np.array([0.5, 5.0, 8.0])
+    flows = expm(np.abs(lags)[:, None, None] * drift)
+    expected = [w @ (flow @ covariance)[4:, 4:] @ w for flow in flows]
+    np.testing.assert_allclose(law.autocovariance("beam.a", "velocity", lags), expected, rtol=1e-9)
+    responses = [w / (stiffness - f**2 + 1j * f * damping) for f in frequencies]
+    expected = [(response @ noise @ response.conj()).real for response in responses]
+    np.testing.assert_allclose(law.spectrum("beam.a", "displacement", frequencies), expected, rtol=1e-9)
+    with pytest.raises(il.InvalidInput, match=r"There is no body 'beam\.d'"):
+        law.spectrum("beam.d", "displacement", frequencies)
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [il.OrnsteinUhlenbeckNoise(0.3, correlation_time=0.2), il.ShinozukaNoise(0.3, band=(0.0, 20.0), components=60)],
+    ids=["coloured", "cosines"],
+)
+def test_correlations_of_points_under_other_noises(excitation):
+    """Of the point of one mode those of its body; the squared sum of two points gives what is between them."""
+    law = il.exact(pushed({"beam.a": excitation, "beam.2": excitation.replace(spectral_density=0.1), "x": excitation}))
+    lags = np.array([0.0, 0.4])
+    alone = law.autocovariance("beam.3", "displacement", lags)
+    np.testing.assert_allclose(law.autocovariance("beam.c", "displacement", lags), 9.0 * alone, rtol=1e-9)
+    for quantity in ("displacement", "velocity"):
+        now = law.autocovariance("beam.a", quantity, 0.0)
+        assert now == pytest.approx(law.covariance("beam.a", "beam.a", quantity), rel=1e-9)
+    modes = [law.covariance(f"beam.{one}", f"beam.{other}", "displacement") for one, other in ("11", "22", "12")]
+    expected = modes[0] + modes[1] + 2.0 * modes[2]
+    assert law.covariance("beam.b", "beam.b", "displacement") == pytest.approx(expected, rel=1e-9)
+    assert law.autocovariance("beam.b", "displacement", 0.0) == pytest.approx(expected, rel=1e-9)
+    if isinstance(excitation, il.ShinozukaNoise):
+        with pytest.raises(il.NoExactReference, match=r"The spectrum of 'beam\.1' and 'beam\.2' has no density"):
+            law.spectrum("beam.b", "displacement", 1.0)
+    else:
+        frequencies = np.linspace(-400.0, 400.0, 160_001)
+        whole = np.trapezoid(law.spectrum("beam.b", "displacement", frequencies), frequencies)
+        assert whole == pytest.approx(expected, rel=1e-5)
+
+
 def test_towers_of_modes_that_pound():
     """The law is that of the same towers as bodies, and the simulated one."""
     warm = {name: il.WhiteNoise(RATE * mass / np.pi) for name, mass in zip(FLOORS, MASS, strict=True)}
@@ -292,8 +355,17 @@ def test_the_law_of_a_point_without_contacts():
     edges, tip = found.joint_second_edges.values, law.point_variance_displacement.sel(point="beam.tip").item()
     exact = np.diff(ndtr(edges / np.sqrt(tip))) / np.diff(edges)
     np.testing.assert_allclose(marginal, exact, atol=0.02 * exact.max())
-    with pytest.raises(il.InvalidInput, match=r"there is no oscillator 'beam\.1'"):
-        il.simulate(network, 1.0, record=il.Density("point_velocity", oscillators=("beam.1",)))
+    for record, hint in (
+        (il.Density("point_velocity", oscillators=("beam.1",)), r"oscillator 'beam\.1'; the quantity of a body is 'v"),
+        (il.Density("velocity", oscillators=("beam.tip",)), r"oscillator 'beam\.tip'; .* of a point is 'point_veloc"),
+        (
+            il.Spectrum("displacement", labels=("beam.tip",)),
+            r"label 'beam\.tip'; .* of a point is 'point_displacement'",
+        ),
+        (il.Spectrum("contact_force", labels=("beam.tip",)), r"label 'beam\.tip'; none is allowed here"),
+    ):
+        with pytest.raises(il.InvalidInput, match=f"there is no {hint}"):
+            il.simulate(network, 1.0, record=record)
 
 
 def test_a_tolerance_at_points():
