@@ -80,7 +80,7 @@ _HOME = {
     "networks.compiled": ["CompiledNetwork"],
     "integrators.base": ["Integrator"],
     "integrators.exact_flow": ["ExactFlow"],
-    "integrators.explicit": ["EulerMaruyama", "RungeKutta4"],
+    "integrators.explicit": ["EulerMaruyama", "ExplicitIntegrator", "RungeKutta4"],
     "records.density": ["Density", "JointDensity"],
     "statistics.jackknife": ["effective_samples", "jackknife"],
     "records.final_state": ["FinalState"],

@@ -78,6 +78,7 @@ from impactlab.errors import NoExactReference as NoExactReference
 from impactlab.integrators.base import Integrator as Integrator
 from impactlab.integrators.exact_flow import ExactFlow as ExactFlow
 from impactlab.integrators.explicit import EulerMaruyama as EulerMaruyama
+from impactlab.integrators.explicit import ExplicitIntegrator as ExplicitIntegrator
 from impactlab.integrators.explicit import RungeKutta4 as RungeKutta4
 from impactlab.networks.check import NetworkCheck as NetworkCheck
 from impactlab.networks.compiled import CompiledNetwork as CompiledNetwork

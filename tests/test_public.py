@@ -23,7 +23,7 @@ def test_names_of_the_design():
         "HertzContact", "LinearContact", "Contact", "WALL", "Excitation", "WhiteNoise", "ShinozukaNoise", "Network",
         "chain", "simulate", "rerun", "exact", "compare", "save", "network_of", "run_study", "Study", "Integrator",
         "ExactFlow", "RungeKutta4", "EulerMaruyama", "Record", "Density", "JointDensity", "Trajectory",
-        "PerRealization", "ImpactLabError", "InvalidInput", "NoExactReference",
+        "ExplicitIntegrator", "PerRealization", "ImpactLabError", "InvalidInput", "NoExactReference",
     }  # fmt: skip
 
 

@@ -5,11 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import impactlab as il
-from impactlab.integrators.explicit import ExplicitIntegrator
 from impactlab.kernels.jit import compilations
 
 
-class Heun(ExplicitIntegrator):
+class Heun(il.ExplicitIntegrator):
     order = 2.0
     nodes = (0.0, 1.0)
     weights = (0.5, 0.5)
