@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 from impactlab.errors import InvalidInput
 
@@ -14,8 +16,10 @@ _WIDTH = 30
 
 def is_watched() -> bool:
     """Whether somebody sees standard error while something runs: on a terminal, or in a notebook."""
-    if sys.stderr.isatty():
-        return True
+    return sys.stderr.isatty() or _in_notebook()
+
+
+def _in_notebook() -> bool:
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     return getattr(shell, "kernel", None) is not None
 
@@ -32,33 +36,78 @@ def say(progress: bool | Callable[[float], None] | None, text: str) -> None:
         sys.stderr.flush()
 
 
-def reporter(progress: bool | Callable[[float], None] | None) -> Callable[[float], None]:
-    """Return what is called with the part that is done.
+def nothing() -> str:
+    """Tell that nothing is found yet."""
+    return ""
+
+
+class Report:
+    """Takes the part of a run that is done, and what tells what was found so far.
+
+    Parameters
+    ----------
+    show : callable
+        Is called with both; what tells what was found is called only if it is shown.
+    """
+
+    def __init__(self, show: Callable[[float, Callable[[], str]], None]) -> None:
+        self._show = show
+
+    def __call__(self, part: float, found: Callable[[], str] = nothing) -> None:
+        self._show(part, found)
+
+    @classmethod
+    def of(cls, function: Callable[[float], None]) -> Report:
+        """Return what hands a function the part that is done; a report is itself."""
+        return function if isinstance(function, Report) else cls(lambda part, _: function(part))
+
+
+def reporter(progress: bool | Callable[[float], None] | None) -> Report:
+    """Return what is called with the part that is done, and what tells what was found so far.
 
     With None it is a bar if somebody watches, on a terminal or in a notebook, and the run is long; True and False
     decide it; a callable is called itself.
     """
     if callable(progress):
-        return progress
+        return Report.of(progress)
     if not (progress is None or isinstance(progress, bool)):
         raise InvalidInput(
             f"progress must be True, False, None or a function of the completed fraction, not {progress!r}."
         )
-    if not is_shown(progress):
-        return lambda part: None
-    begin = time.monotonic()
-    shown = False
+    return Report(_Bar().show if is_shown(progress) else lambda part, found: None)
 
-    def show(part: float) -> None:
-        nonlocal shown
-        elapsed = time.monotonic() - begin
-        if elapsed < _PATIENCE and not shown:
+
+class _Bar:
+    """A bar with the time that is left and what was found so far, on a terminal or in a notebook."""
+
+    def __init__(self) -> None:
+        self.begin = 0.0  # when the first part was told: before that code may have been compiled
+        self.display: Any = None  # of a notebook
+        self.length = 0  # of the line that stands there
+
+    def show(self, part: float, found: Callable[[], str]) -> None:
+        """Show it, unless the run is too young."""
+        self.begin = self.begin or time.monotonic()
+        elapsed = time.monotonic() - self.begin
+        if elapsed < _PATIENCE and not self.length:
             return
-        shown = True
-        filled = round(_WIDTH * part)
-        left = f"{elapsed / part - elapsed:.0f} s left" if part > 0.0 else ""
-        end = "\n" if part >= 1.0 else ""
-        sys.stderr.write(f"\r[{'#' * filled}{'.' * (_WIDTH - filled)}] {100.0 * part:3.0f} % {left:<12}{end}")
-        sys.stderr.flush()
+        left = f"{elapsed / part - elapsed:.0f} s left" if 0.0 < part < 1.0 else ""
+        told = "   ".join(text for text in (f"{100.0 * part:3.0f} %", left, found() if part < 1.0 else "") if text)
+        if _in_notebook():
+            self._as_html(part, told)
+        else:
+            filled = round(_WIDTH * part)
+            line = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {told}"
+            end = "\n" if part >= 1.0 else ""
+            sys.stderr.write(f"\r{line:<{self.length}}{end}")
+            sys.stderr.flush()
+        self.length = max(self.length, len(told) + _WIDTH + 3)
 
-    return show
+    def _as_html(self, part: float, told: str) -> None:
+        from IPython.display import HTML, display
+
+        bar = HTML(f'<progress value="{part:.3f}" max="1"></progress> {html.escape(told)}')
+        if self.display is None:
+            self.display = display(bar, display_id=True)
+        else:
+            self.display.update(bar)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from impactlab.assembly import compiling
 from impactlab.assembly.compiling import announced
 from impactlab.progress import is_shown, is_watched, reporter
 from impactlab.results.measured import headline
@@ -36,12 +37,20 @@ def test_a_notebook_is_watched(notebook):
 
 
 def test_a_bar_in_a_notebook(notebook, capsys, monkeypatch):
+    shown = []
+    display = types.ModuleType("IPython.display")
+    display.HTML = str
+    display.display = lambda bar, display_id: shown.append(bar) or types.SimpleNamespace(update=shown.append)
     notebook(object())
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
     monkeypatch.setattr("impactlab.progress._PATIENCE", 0.0)
     show = reporter(None)
-    show(0.5)
+    show(0.5, lambda: "mean of <one> 2")
     show(1.0)
-    assert " 50 % " in capsys.readouterr().err
+    assert shown[0].startswith('<progress value="0.500" max="1"></progress>  50 %')
+    assert shown[0].endswith("left   mean of &lt;one&gt; 2")
+    assert shown[1] == '<progress value="1.000" max="1"></progress> 100 %'
+    assert capsys.readouterr().err == ""
 
 
 @pytest.fixture
@@ -63,6 +72,24 @@ def test_compilation_is_told_once(capsys, compiled):
         assert compiled("compiled_one")(2) == 8
         assert compiled("compiled_two")(2) == 8
     assert capsys.readouterr().err.count("Compiling, once") == 1
+
+
+def test_the_time_of_the_last_compilation_is_told(capsys, compiled, monkeypatch, tmp_path):
+    here = tmp_path / "digest-numba1-py3"
+    before = tmp_path / "other-numba1-py3"
+    for folder in (here, before):
+        folder.mkdir()
+    monkeypatch.setattr(compiling, "cache_folder", lambda: here)
+    monkeypatch.setattr(compiling, "_LONG", 0.0)
+    with announced(True):
+        compiled("compiled_three")(2)
+    assert "half a minute" in capsys.readouterr().err
+    assert 0 <= int((here / "seconds.txt").read_text()) < 60
+    (here / "seconds.txt").rename(before / "seconds.txt")
+    (before / "seconds.txt").write_text("17\n")
+    with announced(True):
+        compiled("compiled_four")(2)
+    assert "is kept. The last time this took 17 s of one core.\n" in capsys.readouterr().err
 
 
 def test_what_is_not_told(capsys, compiled):

@@ -41,6 +41,11 @@ def headline(result: xr.Dataset) -> str:
             error = result.get(f"{name}_standard_error")
             first = result[name][dict.fromkeys(result[name].dims, 0)]
             label = str(first[result[name].dims[-1]].item())
-            shown = measured_text(first.item(), math.nan if error is None else error.values.ravel()[0].item())
-            return f"{name.replace('_', ' ')} of {label} {shown}"
+            known = math.nan if error is None else error.values.ravel()[0].item()
+            return headline_text(name, label, first.item(), known)
     return "done"
+
+
+def headline_text(name: str, label: str, value: float, error: float) -> str:
+    """Return a statistic of a contact or body with its error as text."""
+    return f"{name.replace('_', ' ')} of {label} {measured_text(value, error)}"

@@ -13,9 +13,11 @@ from impactlab.errors import ImpactLabError, Interrupted
 from impactlab.machine import begin, cores, shares_memory, workers_of
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
+from impactlab.progress import Report
 from impactlab.results.schema import CONTACT
 from impactlab.results.snapshot import QUANTITIES
 from impactlab.simulation.block import Block, BlockResult, Tick, compiled
+from impactlab.simulation.live import Live
 
 
 def run(
@@ -23,11 +25,12 @@ def run(
 ) -> list[BlockResult]:
     """Run all blocks, on threads or an executor, and return their results in order.
 
-    `progress` is called now and then with the part that is done. An error tells of a realization that left the range of
-    finite numbers, and of a worker of the executor that died.
+    `progress` is called now and then with the part that is done; a `Report` also with what tells what is found so far.
+    An error tells of a realization that left the range of finite numbers, and of a worker of the executor that died.
     """
     total = plan.realizations.left * plan.clock.all_steps
     done, stop, lock = [0], threading.Event(), threading.Lock()
+    report, live = Report.of(progress), Live(plan)
 
     def tick(steps: int) -> None:
         if stop.is_set():
@@ -42,8 +45,8 @@ def run(
         if shared_memory:
             compiled(plan)  # in this thread, where Ctrl-C is answered at once
         threads = max(1, workers_of(executor) // plan.realizations.blocks)
-        report = (tick, threads) if shared_memory else ()  # a lock cannot go to another process
-        futures = [begin(pool, run_block, plan, k, *report) for k in range(plan.realizations.blocks)]
+        watched = (tick, threads, live) if shared_memory else ()  # a lock cannot go to another process
+        futures = [begin(pool, run_block, plan, k, *watched) for k in range(plan.realizations.blocks)]
         kept: list[dict[str, np.ndarray]] = [{} for _ in plan.observed.records]
         try:
             pending = set(futures)
@@ -51,7 +54,7 @@ def run(
                 finished, pending = concurrent.futures.wait(pending, 0.1, concurrent.futures.FIRST_EXCEPTION)
                 for future in finished:
                     add_sums(kept, future.result().records, plan)
-                progress(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures))
+                report(done[0] / total if shared_memory else 1.0 - len(pending) / len(futures), live.text)
         except BaseException as error:
             stop.set()
             for future in futures:
@@ -88,7 +91,9 @@ def continued(results: list[BlockResult], more: list[BlockResult], plan: Plan) -
     return [*results, *more]
 
 
-def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1) -> BlockResult:
+def run_block(
+    plan: Plan, index: int, tick: Tick = lambda steps: None, threads: int = 1, live: Live | None = None
+) -> BlockResult:
     """Run one block of realizations: a pure function of the plan and the index; tiles run on some threads."""
     with contextlib.ExitStack() as stack:
         if plan.subdomains.tiles:
@@ -96,8 +101,21 @@ def run_block(plan: Plan, index: int, tick: Tick = lambda steps: None, threads: 
             block: Block = _TiledBlock(plan, index, tick, pool)
         else:
             block = Block(plan, index, tick)
+        if live is not None:
+            block.tick = _telling(live, index, block)
         block.advance(plan.clock.spin_up_steps, None)
         return block.measure()
+
+
+def _telling(live: Live, index: int, block: Block) -> Tick:
+    """Return the tick of a block that also shows its sums."""
+    tick = block.tick
+
+    def both(steps: int) -> None:
+        tick(steps)
+        live.take(index, block)
+
+    return both
 
 
 class _TiledBlock(Block):

@@ -123,7 +123,8 @@ def simulate(
         Where blocks of realizations run; threads on all cores by default. Numbers never
         depend on it.
     progress : bool or callable, optional
-        Progress bar; by default on long runs in a terminal or a notebook.
+        Progress bar, with a statistic and its error so far; by default on long runs in a terminal or a notebook. A
+        function is called with the part that is done.
     out : str or path, optional
         File to write the dataset to (netCDF): it is whole, or not there; an existing one is
         replaced at the end. Trajectories are written while they arise, so that they take

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.progress import is_watched
+from impactlab.progress import Report, is_watched, nothing
 from impactlab.results.measured import headline
 from impactlab.studies.run_folder import plain
 from impactlab.studies.study import Item, SweepItem
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import xarray as xr
 
     from impactlab.studies.run_folder import Folder
@@ -84,9 +86,17 @@ def run_simulations(
     kept = {key: folder.load_item(item) for key, item in by_key.items()} if folder is not None else {}
     results = {key: result for key, result in kept.items() if result is not None}
     begun: set[str] = set()
+    latest: dict[str, Callable[[], str]] = {}
 
     def job(item: Item) -> Job:
-        return lambda pool, note: impactlab.simulate(item.network, **item.options, executor=pool, progress=note)
+        def run(pool: Executor, note: Callable[[float], None]) -> xr.Dataset:
+            def told(part: float, found: Callable[[], str]) -> None:
+                latest[item.key] = found
+                note(part)
+
+            return impactlab.simulate(item.network, **item.options, executor=pool, progress=Report(told))
+
+        return run
 
     def finished(key: str, outcome: xr.Dataset | ImpactLabError) -> None:
         if isinstance(outcome, ImpactLabError):
@@ -104,7 +114,8 @@ def run_simulations(
         if key not in begun and not is_watched():
             print(f"[{numbers[key]}/{len(items)}] {key}", file=sys.stderr, flush=True)
         begun.add(key)
-        _transient(f"[{numbers[key]}/{len(items)}] {key} {100.0 * parts[key]:.0f} %")
+        found = latest.get(key, nothing)()
+        _transient(f"[{numbers[key]}/{len(items)}] {key} {100.0 * parts[key]:.0f} %{found and f': {found}'}")
 
     jobs = {key: job(item) for key, item in by_key.items() if key not in results}
     alone = any("tolerance" in item.options for item in items)
