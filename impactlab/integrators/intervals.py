@@ -9,7 +9,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
-from impactlab.integrators.jumps import IntervalNoise, Jumps
+from impactlab.integrators.interval_arguments import IntervalNoise, Jumps
 from impactlab.kernels.random import addresses
 from impactlab.linear.transitions import transition
 

@@ -11,6 +11,7 @@ from numba import f4, i8, u4, u8, void
 from impactlab.integrators.approach import approach
 from impactlab.integrators.arguments import OF_LANES, State, array, named
 from impactlab.integrators.driver import with_functions
+from impactlab.integrators.interval_arguments import IntervalNoise, Jumps, JumpTables, Levels, Work
 from impactlab.integrators.kicks import KICK, LAG
 from impactlab.kernels.arrays import borrow, dense
 from impactlab.kernels.jit import kernel, loop
@@ -18,75 +19,6 @@ from impactlab.kernels.jump import Piece, add_samples, bound, draw, hold_wall, j
 from impactlab.kernels.kick import clear, copy, smooth_velocity
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.sums import write_snapshot
-
-Zeros = Callable[..., np.ndarray]
-"""Makes an array of a shape and a type, as `numpy.zeros` does."""
-
-
-class IntervalNoise(NamedTuple):
-    """Noise of intervals; `level` 0 is the shortest interval, a *leaf*."""
-
-    draw: np.ndarray  # (body, 3) factors of the longest interval's noise
-    gain: np.ndarray  # (level, body, 4) noise of the first half by that of the whole
-    rest: np.ndarray  # (level, body, 3) factors of what is left to chance
-    inverse: np.ndarray  # (body, 3) inverse covariance of a leaf's noise
-    terms: np.ndarray  # (step, body, 4) noise of a step by multipliers of the leaf's
-    rows: np.ndarray  # (body,) row of a body's noise, -1 without
-    draws: np.ndarray  # (3, row) streams of the longest intervals' noise
-    halves: np.ndarray  # (3, row) streams of halves
-
-
-class Jumps(NamedTuple):
-    """How intervals are covered in one transition, or halved."""
-
-    leaf: int  # steps of a leaf
-    levels: int  # how often the longest interval can be halved
-    transition: np.ndarray  # (level, body, 4) flow over an interval
-    noise: IntervalNoise
-    path: np.ndarray  # (row, body, 4) mean path, see `search`
-    limit: np.ndarray  # (row, contact) what the mean path may not exceed
-    reach: np.ndarray  # (body, 3), see `bound`
-    nearest: np.ndarray  # (contact,) what bounds may not exceed
-
-    @property
-    def steps(self) -> int:
-        """Steps of the longest interval."""
-        return int(self.leaf << self.levels)
-
-
-class JumpTables(NamedTuple):
-    """Numbers of the forces and of intervals."""
-
-    parameters: np.ndarray
-    indices: np.ndarray
-    coefficients: np.ndarray
-    jumps: Jumps
-
-
-class Levels(NamedTuple):
-    """The lanes that may touch, level by level."""
-
-    x: np.ndarray  # (level, 2, body, lane) state before and after half an interval
-    v: np.ndarray
-    w: np.ndarray  # (level, 4, body, lane) noise of both halves, first x, v, then those of the second
-    chosen: np.ndarray  # (level, lane) places in the level above
-    lanes: np.ndarray  # (level, lane) places in the block
-    realizations: np.ndarray  # (level, lane)
-
-
-class Work(NamedTuple):
-    """Work space of a block that jumps."""
-
-    after: np.ndarray  # (2, body, lane) state after an interval
-    noise: np.ndarray  # (2, body, lane) of the interval
-    size: np.ndarray  # [body, lane]
-    worst: np.ndarray  # (1, lane)
-    place: np.ndarray  # [body, lane] where kicks are read
-    smooth: np.ndarray  # [body, lane] velocities of the smooth path
-    normals: np.ndarray  # (4, row, lane) of two intervals, single precision
-    halves: np.ndarray  # (4, row, lane) of halves
-    steps: np.ndarray  # (2, 4, row, lane) of the steps of a leaf
-    levels: Levels
 
 
 class Interval(NamedTuple):
@@ -126,31 +58,6 @@ def jumping_loop() -> Callable[..., None]:
     function of its noise alone, whether it jumps or not: jumps change no path, only the work.
     """
     return with_functions(loop(_signature(), _advance), False)
-
-
-def work_space(jumps: Jumps, rows: int, bodies: int, lanes: int, zeros: Zeros = np.zeros) -> Work:
-    """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""
-    levels, noisy = jumps.levels + 1, jumps.noise.draws.shape[1]
-    single = np.float32
-    return Work(
-        after=zeros((2, bodies + 1, lanes)),
-        noise=zeros((2, bodies + 1, lanes)),
-        size=zeros((bodies + 1, lanes)),
-        worst=zeros((1, lanes)),
-        place=zeros((bodies + 1, lanes)),
-        smooth=zeros((bodies + 1, lanes)),
-        normals=zeros((4, noisy, lanes), single),
-        halves=zeros((4, noisy, lanes), single),
-        steps=zeros((2, 4, rows, lanes), single),
-        levels=Levels(
-            x=zeros((levels, 2, bodies + 1, lanes)),
-            v=zeros((levels, 2, bodies + 1, lanes)),
-            w=zeros((levels, 4, bodies + 1, lanes)),
-            chosen=zeros((levels, lanes), np.int64),
-            lanes=zeros((levels, lanes), np.int64),
-            realizations=zeros((levels, lanes), np.uint32),
-        ),
-    )
 
 
 def _advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput, warn
-from impactlab.integrators.arguments import Group
+from impactlab.integrators.arguments import Coloured, Filters, Group
 from impactlab.integrators.base import Integrator
+from impactlab.kernels.random import addresses, fill_normals, streams_of
+from impactlab.kernels.series import NEAR
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
-from impactlab.linear.laws import flowing_systems, lines_of, responses
+from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems, lines_of, responses
+from impactlab.plan.filter_tables import tables_of_forces, tables_of_responses
 
-if TYPE_CHECKING:
-    from impactlab.plan.coloured import ColouredNoises
+MOST_TOGETHER = 500
+"""Bodies that one noise may move together: it takes some seconds, and as the cube."""
+
+BLOCKS = 3
+"""Blocks of states that are kept, and of work space."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +96,114 @@ class Driving:
 def _samples(integrator: Integrator, step: float, steps: int) -> tuple[float, int]:
     """Return the time between the samples of some steps (s), and their number."""
     return step / integrator.samples_per_step, steps * integrator.samples_per_step + 1
+
+
+class FilterStart(NamedTuple):
+    """Where a filter, and what it moves, begin: a root of their covariance times normal numbers."""
+
+    streams: np.ndarray  # (3, stream) addresses
+    slots: np.ndarray  # (body,)
+    states: slice  # of the filter among those of all
+    root: np.ndarray  # (state and x and v, normal)
+
+    def draw(self, realizations: np.ndarray, attempt: int) -> np.ndarray:
+        """Return the states of the filter, displacements and velocities of some realizations, (row, lane)."""
+        normals = np.empty((4, self.streams.shape[1], len(realizations)), dtype=np.float32)
+        fill_normals(self.streams, realizations, np.uint64(attempt), normals)
+        rows = normals.transpose(1, 0, 2).reshape(-1, len(realizations))
+        # the same bits in any block, as a matrix product would not be
+        return np.asarray(sum(column[:, None] * row for column, row in zip(self.root.T, rows, strict=False)))
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredNoises:
+    """Filtered white noises on some bodies."""
+
+    slots: np.ndarray  # (response or force,) bodies
+    filters: Filters
+    starts: tuple[FilterStart, ...]
+    envelopes: int  # how many have one
+    states: int  # of all filters
+
+    @classmethod
+    def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> Self:
+        """Return those of a model as a method takes them at a step (s); see `WhiteNoises` for a coarse run."""
+        finer = 2 if coarse else 1
+        interval = step / (finer * integrator.samples_per_step)
+        motions = filtered_motions(model, flowing_systems(model))
+        for motion in motions:
+            if len(motion.slots) > MOST_TOGETHER:
+                raise InvalidInput(
+                    f"The coloured noise {motion.name!r} moves {len(motion.slots)} bodies at a time; {MOST_TOGETHER} "
+                    "is the most. Use several sources."
+                )
+        counts = [motion.states for motion in motions]
+        modulated = np.array([motion.modulated for motion in motions], dtype=bool)
+        envelope = np.where(modulated, np.cumsum(modulated) - 1, -1).tolist()
+        rows = tables_of_responses if integrator.takes_response else tables_of_forces
+        slots, tables, normals = rows(motions, envelope, interval)
+        names = [motion.name for motion, count in zip(motions, normals, strict=True) for _ in range(count)]
+        numbers = [number for count in normals for number in range(count)]
+        return cls(
+            slots,
+            tables._replace(streams=streams_of(seed, names, numbers), finer=finer),
+            _starts(model, counts, seed),
+            int(modulated.sum()),
+            sum(counts),
+        )
+
+    def __bool__(self) -> bool:
+        return bool(self.states)
+
+    @property
+    def time_varying(self) -> bool:
+        """Whether one of them has an envelope."""
+        return self.envelopes > 0
+
+    @property
+    def rows(self) -> int:
+        """Rows of samples."""
+        return max(len(self.filters.pairs), len(self.filters.envelopes))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that a realization takes."""
+        rows = (NEAR + 1) * self.rows + BLOCKS * (len(self.filters.motion.begin) - 1 + self.states)
+        return int(8 * rows + 16 * self.filters.streams.shape[1])
+
+    @property
+    def seconds(self) -> float:
+        """Time that a sample takes for a realization, roughly (s)."""
+        filters = self.filters
+        entries = sum(len(item.values) for item in (filters.motion, filters.noise, filters.flow, filters.output))
+        return float(1e-9 * filters.finer * (entries + 4 * filters.streams.shape[1]))
+
+    def arrays(self, function: int, realizations: np.ndarray) -> Coloured:
+        """Return what the loop takes for a block of some realizations; the states are to be set."""
+        lanes, filters = len(realizations), self.filters
+        rows = max(len(filters.motion.begin) - 1, self.states, self.rows)
+        return Coloured(
+            function=function,
+            filters=filters,
+            realizations=realizations,
+            factors=np.zeros((0, BLOCKS, self.envelopes)),
+            first=0,
+            place=np.zeros(2, dtype=np.int64),
+            kept=np.zeros((BLOCKS, self.states, lanes)),
+            work=np.zeros((BLOCKS, rows, lanes)),
+            normals=np.zeros((4, filters.streams.shape[1], lanes), dtype=np.float32),
+        )
+
+
+def _starts(model: Model, counts: Sequence[int], seed: tuple[int, int]) -> tuple[FilterStart, ...]:
+    """Return where filters of so many states begin."""
+    ends, result = np.cumsum(counts, dtype=int), []
+    for motion, end in zip(filtered_motions(model, coupled_systems(model)), ends, strict=True):
+        root = motion.start()
+        streams = [addresses(seed, [motion.name], f"begin {number}") for number in range(-(-len(root) // 4))]
+        states = slice(int(end) - motion.states, int(end))
+        result.append(FilterStart(np.concatenate(streams, axis=1), motion.slots, states, root))
+    return tuple(result)
 
 
 def check_periods(model: Model, total: float) -> float | None:

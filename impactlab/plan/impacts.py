@@ -12,7 +12,7 @@ from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Impacts, RigidContacts
-from impactlab.integrators.jumps import Zeros
+from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
 from impactlab.kernels.random import addresses
 

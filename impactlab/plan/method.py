@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.integrators.arguments import Cross, Flows, Group, Impacts, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
-from impactlab.integrators.jumps import Jumps, JumpTables, Work, Zeros, jumping_loop, work_space
+from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
 from impactlab.kernels.rows import KICK_ROWS, STATE_ROWS
 from impactlab.plan.subdomains import Tile
 
@@ -30,11 +30,10 @@ class Method:
     """How intervals in which nothing can touch are covered at once."""
 
     @classmethod
-    def of(cls, model: Model, integrator: Integrator, step: float, jumps: Jumps | None) -> Method:
+    def of(cls, model: Model, integrator: Integrator, step: float) -> Self:
         """Return a method for a model at a step (s)."""
         coefficients = np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1))
-        parts = integrator, coefficients, integrator.cross(model, step), integrator.flows(model, step)
-        return Method(*parts) if jumps is None else JumpingMethod(*parts, jumps)
+        return cls(integrator, coefficients, integrator.cross(model, step), integrator.flows(model, step))
 
     @property
     def interval(self) -> int:
@@ -79,23 +78,3 @@ class Method:
     def restricted(self, tile: Tile) -> Method:
         """Return the method for the bodies of a tile, which nothing but contacts connects."""
         return replace(self, coefficients=np.ascontiguousarray(self.coefficients[:, :, tile.bodies]))
-
-
-@dataclass(frozen=True, eq=False)
-class JumpingMethod(Method):
-    """A method that covers intervals in which nothing can touch at once."""
-
-    jumps: Jumps  # type: ignore[misc]
-
-    @property
-    def interval(self) -> int:
-        return self.jumps.steps
-
-    def loop(self, single: bool) -> Callable[..., None]:
-        return jumping_loop()
-
-    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> JumpTables:
-        return JumpTables(parameters, indices, self.coefficients, self.jumps)
-
-    def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:
-        return work_space(self.jumps, rows, self.coefficients.shape[-1], lanes, zeros)

@@ -17,7 +17,7 @@ import numpy as np
 from impactlab.assembly.links import Combinations
 from impactlab.assembly.model import Model
 from impactlab.integrators.arguments import Flows, Group, PointSums
-from impactlab.integrators.jumps import Zeros
+from impactlab.integrators.interval_arguments import Zeros
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.points import COLUMNS
 from impactlab.kernels.rows import POINT_ROWS

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from impactlab.integrators.arguments import Closings, Flux, History, Impacts, State, Sums, Turns
-from impactlab.integrators.jumps import Zeros
+from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS

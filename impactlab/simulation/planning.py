@@ -21,10 +21,10 @@ from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
 from impactlab.plan.clock import Clock, batch_count, enough_units
-from impactlab.plan.coloured import ColouredNoises
-from impactlab.plan.driving import Driving, warn_of_bands
+from impactlab.plan.driving import ColouredNoises, Driving, warn_of_bands
 from impactlab.plan.forces import Forces
 from impactlab.plan.impacts import RigidImpacts
+from impactlab.plan.jumping import with_jumps
 from impactlab.plan.method import Method
 from impactlab.plan.noise import WhiteNoises
 from impactlab.plan.observed import WINDOW, Observed
@@ -82,7 +82,7 @@ def make_plan(model: Model, request: Request) -> Plan:
     series_bytes = driving.nbytes(integrator, clock.step, clock.all_steps)
     realizations = _realizations(model, request, clock, steps.jumping, series_bytes, grid)
     single = realizations.lanes == 1 and not steps.jumping  # loops over the bodies of one realization
-    method = Method.of(model, integrator, steps.step, steps.jumps(model, start, window, request.seed))
+    method = with_jumps(Method.of(model, integrator, steps.step), steps.jumps(model, start, window, request.seed))
     return Plan(
         system=System.of(model),
         forces=Forces.of(

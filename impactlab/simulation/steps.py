@@ -10,8 +10,8 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
+from impactlab.integrators.interval_arguments import Jumps
 from impactlab.integrators.intervals import LEAF, foreseen_levels, jump_tables, may_jump, sampled_will_do
-from impactlab.integrators.jumps import Jumps
 from impactlab.linear.given_functions import kinds_of
 from impactlab.nonlinear.closings import counts_closings
 from impactlab.plan.clock import MOST_SAMPLES, MOST_STEPS, TRANSIENT, batch_count, fit_step

@@ -18,7 +18,7 @@ from impactlab.reference import conditions, reference
 from impactlab.results import schema
 from impactlab.simulation import block, simulate
 from impactlab.simulation.block import Block
-from impactlab.statistics import moments, regression, units
+from impactlab.statistics import estimate, moments, regression
 from impactlab.statistics.chain import Chain
 from impactlab.step_size import automatic
 from planted.plant import Bug, Plant, both, called, in_plan, instead, returned
@@ -50,7 +50,7 @@ def after_the_kick(monkeypatch: Any) -> None:
         s[:, FV] += half * sums[:, FF]
         return right(plan, s, *others)
 
-    monkeypatch.setattr(units, "moments_of", wrong)
+    monkeypatch.setattr(estimate, "moments_of", wrong)
 
 
 def closings(monkeypatch: Any) -> None:
@@ -109,7 +109,7 @@ def scaled_rate(factor: float) -> Plant:
     def change(found: Any, *_: Any) -> Any:
         return found._replace(others={**found.others, "contact_rate": factor * found.others["contact_rate"]})
 
-    return returned(units, "moments_of", change)
+    return returned(estimate, "moments_of", change)
 
 
 def bins(shift: float = 0.0, width: float = 1.0) -> Plant:

@@ -11,7 +11,7 @@ from impactlab.integrators.arguments import Series
 from impactlab.kernels.coloured import bring_coloured
 from impactlab.kernels.series import NEAR
 from impactlab.machine import tuned
-from impactlab.plan.coloured import ColouredNoises
+from impactlab.plan.driving import ColouredNoises
 
 BODY = il.LinearOscillator.from_frequency(2.0 * np.pi, 0.05)
 KANAI = il.KanaiTajimi(1.0, 15.0, 0.6)

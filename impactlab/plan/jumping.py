@@ -1,0 +1,40 @@
+"""A method that covers intervals in which nothing can touch at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from impactlab.integrators.arguments import Impacts
+from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros, work_space
+from impactlab.integrators.jumps import jumping_loop
+from impactlab.plan.method import Method
+
+
+@dataclass(frozen=True, eq=False)
+class JumpingMethod(Method):
+    """A method that covers intervals in which nothing can touch at once."""
+
+    jumps: Jumps  # type: ignore[misc]
+
+    @property
+    def interval(self) -> int:
+        return self.jumps.steps
+
+    def loop(self, single: bool) -> Callable[..., None]:
+        return jumping_loop()
+
+    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> JumpTables:
+        return JumpTables(parameters, indices, self.coefficients, self.jumps)
+
+    def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:
+        return work_space(self.jumps, rows, self.coefficients.shape[-1], lanes, zeros)
+
+
+def with_jumps(method: Method, jumps: Jumps | None) -> Method:
+    """Return a method that covers some intervals at once, or itself if there are none."""
+    if jumps is None:
+        return method
+    return JumpingMethod(method.integrator, method.coefficients, method.cross, method.flows, jumps)
