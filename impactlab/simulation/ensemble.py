@@ -113,7 +113,7 @@ def _telling(live: Live, index: int, block: Block) -> Tick:
 
     def both(steps: int) -> None:
         tick(steps)
-        live.take(index, block)
+        live.take(index, block.now, block.sums)
 
     return both
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from impactlab.integrators.arguments import Sums
 from impactlab.kernels.rows import FLUX, XX
 from impactlab.plan.plan import Plan
 from impactlab.results.measured import headline_text
 from impactlab.results.schema import CONTACT, sampled_of
-from impactlab.simulation.block import Block
 
 FEWEST = 8
 """Realizations from which on their scatter gives an error."""
@@ -29,15 +29,15 @@ class Live:
         self._sums: dict[int, dict[int, np.ndarray]] = {}  # by block and batch, those that are running included
         self._means: dict[int, np.ndarray] = {}  # of the realizations of each block
 
-    def take(self, index: int, block: Block) -> None:
-        """Take the sums of a block, whose steps have just been made by this thread."""
-        steps = block.now - self.plan.clock.spin_up_steps
+    def take(self, index: int, now: int, sums: Sums) -> None:
+        """Take the sums of a block after so many steps, which have just been made by this thread."""
+        steps = now - self.plan.clock.spin_up_steps
         if steps <= 0 or self.plan.subdomains.tiles:  # what tiles find is put together at the end of a batch
             return
         if self.contacts:
-            row = block.sums.contacts[self.row, 0].copy()
+            row = sums.contacts[self.row, 0].copy()
         else:
-            row = block.sums.bodies[:, XX, 0].sum(axis=0) * self.plan.method.interval
+            row = sums.bodies[:, XX, 0].sum(axis=0) * self.plan.method.interval
         batches = self._sums.setdefault(index, {})
         batches[int(np.searchsorted(self.plan.clock.boundaries, steps))] = row
         self._means[index] = np.sum(list(batches.values()), axis=0) / steps
