@@ -14,6 +14,7 @@ _HOME = {
     "components.component": ["Component"],
     "components.fields": ["parameter", "state"],
     "components.beams": ["beam"],
+    "components.structure": ["Structure"],
     "components.modal_structure": ["ModalStructure"],
     "components.linear_structure": ["LinearStructure"],
     "components.oscillator": [

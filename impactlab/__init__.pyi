@@ -69,6 +69,7 @@ from impactlab.components.sides import Combination as Combination
 from impactlab.components.springs import BilinearCoupling as BilinearCoupling
 from impactlab.components.springs import CubicCoupling as CubicCoupling
 from impactlab.components.springs import PowerLawCoupling as PowerLawCoupling
+from impactlab.components.structure import Structure as Structure
 from impactlab.errors import AccuracyWarning as AccuracyWarning
 from impactlab.errors import Diverged as Diverged
 from impactlab.errors import ImpactLabError as ImpactLabError

@@ -12,7 +12,10 @@ class ImpactLabError(Exception):
 
 
 class InvalidInput(ImpactLabError, ValueError):
-    """What was given cannot be used; the message says what is allowed and what to do."""
+    """What was given cannot be used; the message says what is allowed and what to do, in one line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))  # arrays are printed over several
 
 
 class NoExactReference(ImpactLabError):

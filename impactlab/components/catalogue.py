@@ -28,7 +28,7 @@ FAMILIES: dict[str, Any] = {
 }
 """Base classes of each family, or classes."""
 
-ABSTRACT = Oscillator, ContactLaw, CouplingLaw, Excitation, FilteredNoise
+ABSTRACT = Oscillator, Structure, ContactLaw, CouplingLaw, Excitation, FilteredNoise
 
 
 class Entry(NamedTuple):

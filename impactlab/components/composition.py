@@ -10,12 +10,10 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from impactlab.components.component import Component, suggestion
+from impactlab.components.component import Component, classes_named, suggestion
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
-from impactlab.components.linear_structure import LinearStructure
-from impactlab.components.modal_structure import ModalStructure
 from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
@@ -34,7 +32,7 @@ _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
 FAMILIES: dict[str, tuple[type[Component], ...]] = {
-    "oscillators": (Oscillator, LinearStructure, ModalStructure),
+    "oscillators": (Oscillator, Structure),
     "contacts": (Contact,),
     "excitations": (Excitation, Source, BaseMotion),
     "couplings": (Coupling,),
@@ -65,7 +63,7 @@ class Composition:
 
     def __init__(
         self,
-        oscillators: Family[Oscillator] | Family[Oscillator | LinearStructure | ModalStructure],
+        oscillators: Family[Oscillator] | Family[Oscillator | Structure],
         contacts: Family[Contact] | None = None,
         excitations: Family[Excitation | Source | BaseMotion] | None = None,
         couplings: Family[Coupling] | None = None,
@@ -242,10 +240,8 @@ class Composition:
         """Say what may be meant by a name that is that of no body or point."""
         if name in self.structures:
             structure = self.structures[name]
-            kind, first = "coordinate", next(iter({**structure.weights(), **structure.bodies()}))
-            if isinstance(structure, ModalStructure):
-                kind = "point" if structure.points else "mode"
-            return f"name a {kind} of the structure, such as {f'{name}.{first}'!r}."
+            first = next(iter({**structure.weights(), **structure.bodies()}))
+            return f"name a coordinate or a point of the structure, such as {f'{name}.{first}'!r}."
         if name.lower() == "wall":
             return "the wall is il.WALL, in a file {wall = true}."
         return suggestion(name, places)
@@ -253,7 +249,7 @@ class Composition:
     def replace(
         self,
         *,
-        oscillators: Mapping[str, Oscillator | LinearStructure | ModalStructure | None] | None = None,
+        oscillators: Mapping[str, Oscillator | Structure | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
         excitations: Mapping[str, Excitation | Source | BaseMotion | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
@@ -426,8 +422,9 @@ def _at_bodies(name: str, item: Excitation | Source, points: Mapping[str, Shares
 
 def kind_of(item: Any, kinds: tuple[type[Component], ...]) -> type[Component]:
     """Return the kind of a stored member by the name of its class; the first one if none of the kinds has it."""
-    name = item.get("type", "") if isinstance(item, Mapping) else ""
-    return next((kind for kind in kinds if str(name).rpartition(".")[2] == kind.__name__), kinds[0])
+    name = str(item.get("type", "")) if isinstance(item, Mapping) else ""
+    classes = classes_named(name.rpartition(".")[2]).values()
+    return next((kind for kind in kinds if any(issubclass(cls, kind) for cls in classes)), kinds[0])
 
 
 def _changed(kind: str, old: Mapping[str, Any], changes: Mapping[str, Any] | None) -> dict[str, Any]:

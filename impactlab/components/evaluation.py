@@ -132,7 +132,11 @@ def _at_new_states_of(cls: Any, name: str) -> Found:
 
     def at_new_states(*values: Any) -> float:
         known = {**dict(zip((*kinematic, *used), values, strict=True)), ELAPSED: 0.0}
-        new = update(*(known[item] for item in (*of_update, *of_states)))
+        try:
+            new = update(*(known[item] for item in (*of_update, *of_states)))
+        except Exception as error:
+            error.args = (f"in {UPDATE}: {error}",)
+            raise
         known.update(zip(states, (new,) if len(states) == 1 else new, strict=True))
         return kernel(*(known[item] for item in (*own, *fields)))  # type: ignore[no-any-return]
 

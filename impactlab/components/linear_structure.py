@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from impactlab.components.component import Component
 from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import (
@@ -29,7 +28,7 @@ from impactlab.components.structure import SHOWN, Structure, Term, moved
 from impactlab.errors import InvalidInput
 
 
-class LinearStructure(Component, Structure):
+class LinearStructure(Structure):
     """A linear structure ``M x'' + C x' + K x = forces`` of several coordinates.
 
     With a mass for each coordinate these are bodies of a network, with the name of the structure, a dot, and their own

@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.components.component import Component
 from impactlab.components.evaluation import real_array
 from impactlab.components.fields import parameter
 from impactlab.components.matrices import Vector, mass_matrix, modes_of, positive_matrix
@@ -18,7 +17,7 @@ from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
 
-class ModalStructure(Component, Structure):
+class ModalStructure(Structure):
     """A linear structure given by its modes: frequencies, damping ratios, and displacements at named points.
 
     In a network each mode is a body, ``beam.1``, ``beam.2``, …, whose displacement is the modal coordinate q. The

@@ -9,7 +9,7 @@ import pytest
 import impactlab as il
 
 ROOT = Path(__file__).parent.parent.parent
-ABSTRACT = {"Oscillator", "ContactLaw", "CouplingLaw", "Excitation", "FilteredNoise"}
+ABSTRACT = {"Oscillator", "ContactLaw", "CouplingLaw", "Excitation", "FilteredNoise", "Structure"}
 
 
 @pytest.fixture(scope="module")

@@ -329,3 +329,9 @@ def test_files_and_drawings(tmp_path):
     assert il.network_of(tmp_path / "result.nc") == network
     assert il.rerun(tmp_path / "result.nc").contact_rate.equals(result.contact_rate)
     assert any("a − 0.5 b with c" in text.get_text() for text in draw_network(network).axes[0].texts)
+
+
+def test_arrays_in_the_place_of_names_are_refused_in_one_line():
+    with pytest.raises(il.InvalidInput) as caught:
+        il.Contact(np.eye(3), "a", il.HertzContact(1.0))
+    assert "\n" not in str(caught.value)

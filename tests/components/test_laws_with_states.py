@@ -191,3 +191,18 @@ def test_a_contact_that_is_closed_at_the_start_is_elastic_until_it_opens():
     options = {"integrator": ONE_STEP, "initial": {"displacement": {"a": 0.01}}, "record": il.Trajectory(0.05)}
     result = il.simulate(network, 0.05, step=1e-5, **options)
     assert float(result.velocity.isel(time=-1).squeeze()) == pytest.approx(-1.0, abs=1e-4)
+
+
+def test_an_error_in_update_is_told_as_such():
+    class Remembers(il.CouplingLaw):
+        stiffness: float = il.parameter()
+        largest: float = il.state(0.0)
+
+        def force(extension, stiffness, largest):
+            return stiffness * (extension - largest)
+
+        def update(extension, elapsed, largest):
+            return largest / (extension - extension)
+
+    with pytest.raises(il.InvalidInput, match=r"ZeroDivisionError: in update: "):
+        Remembers(1.0).call("force", 0.1, 0.0)

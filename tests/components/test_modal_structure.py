@@ -130,7 +130,7 @@ BODY, SAME = il.LinearOscillator(), il.ModalStructure([1.0], 0.1, points={"a": [
     [
         (
             ({"beam": BEAM}, {"c": il.Contact("beam", il.WALL, LAW)}),
-            r"names a body 'beam' .*; name a point .*'beam.tip'",
+            r"names a body 'beam' .*; name a coordinate or a point .*'beam.tip'",
         ),
         (({"beam": BEAM}, {"c": il.Contact("beam.top", il.WALL, LAW)}), r"'beam.top' .*; did you mean 'beam.tip'"),
         (({"beam": BEAM, "beam.tip": BODY},), r"'beam.tip' is the name of a body, and of a point of a structure"),

@@ -114,7 +114,7 @@ def test_bad_structure(arguments, message):
 
 def test_bad_names_in_a_network():
     body, law = il.LinearOscillator(), il.HertzContact(1e4)
-    with pytest.raises(il.InvalidInput, match=r"names a body 'tower' .*; name a coordinate of the structure, such as"):
+    with pytest.raises(il.InvalidInput, match=r"names a body 'tower' .*; name a coordinate or a point of the structure, such as"):
         il.Network({"tower": TOWER, "b": body}, {"gap": il.Contact("tower", "b", law)})
     with pytest.raises(il.InvalidInput, match=r"excitation for 'tower', .* such as 'tower.1'"):
         il.Network({"tower": TOWER}, {}, {"tower": il.WhiteNoise(1.0)})
@@ -239,3 +239,39 @@ def test_towers_that_pound():
     result = il.simulate(network, duration=300.0, realizations=128, rng=4)
     off = deviations(result, statistics, [*expected, "mean_square_displacement"], relative=2e-3)
     assert max(off.values()) < 3.5, off
+
+
+class Shaft(il.Structure):
+    """Equal discs on a shaft that is clamped at one end."""
+
+    discs: int = il.parameter(minimum=1)
+    mass: float = il.parameter(units="kg")
+    stiffness: float = il.parameter(units="N m-1")
+
+    def bodies(self):
+        springs = [self.stiffness] + [0.0] * (self.discs - 1)
+        return {f"{disc + 1}": {"mass": self.mass, "damping": 0.4, "stiffness": k} for disc, k in enumerate(springs)}
+
+    def terms(self):
+        for disc in range(1, self.discs):
+            yield f"{disc}", {f"{disc}": 1.0, f"{disc + 1}": -1.0}, self.stiffness, 0.0
+
+    def weights(self):
+        return {"middle": {f"{disc + 1}": 1.0 / self.discs for disc in range(self.discs)}}
+
+
+def test_structures_of_ones_own():
+    """What a class says in a few lines of its own is a structure as any other."""
+    stop = il.Contact("shaft.middle", il.WALL, il.HertzContact(1e3), clearance=0.1)
+    shaft = Shaft(3, mass=2.0, stiffness=50.0)
+    own = il.Network({"shaft": shaft}, {"stop": stop}, {"ground": il.BaseMotion(il.WhiteNoise(1.0))})
+    assert il.Network.from_dict(own.to_dict()) == own
+    assert il.Network.from_toml(own.to_toml()) == own
+    bodies = il.LinearStructure([2.0] * 3, 0.4 * np.eye(3), shear(np.full(3, 50.0)))
+    sides = il.Combination({f"shaft.{disc + 1}": 1.0 / 3.0 for disc in range(3)})
+    same = own.replace(oscillators={"shaft": bodies}, contacts={"stop": stop.replace(first=sides)})
+    one, other = (il.simulate(network, 5.0, realizations=64, step=0.01, spin_up=1.0, rng=1) for network in (own, same))
+    for name in ("mean_square_displacement", "contact_ratio"):
+        np.testing.assert_allclose(one[name], other[name], rtol=1e-10)
+    with pytest.raises(TypeError, match="abstract"):
+        type("Unfinished", (il.Structure,), {})()
