@@ -114,7 +114,9 @@ def test_bad_structure(arguments, message):
 
 def test_bad_names_in_a_network():
     body, law = il.LinearOscillator(), il.HertzContact(1e4)
-    with pytest.raises(il.InvalidInput, match=r"names a body 'tower' .*; name a coordinate or a point of the structure, such as"):
+    with pytest.raises(
+        il.InvalidInput, match=r"names a body 'tower' .*; name a coordinate or a point of the structure, such as"
+    ):
         il.Network({"tower": TOWER, "b": body}, {"gap": il.Contact("tower", "b", law)})
     with pytest.raises(il.InvalidInput, match=r"excitation for 'tower', .* such as 'tower.1'"):
         il.Network({"tower": TOWER}, {}, {"tower": il.WhiteNoise(1.0)})
