@@ -15,7 +15,7 @@ from impactlab.components.contact import ContactLaw
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import declared_by
-from impactlab.components.literature import in_one_line
+from impactlab.components.literature import in_one_line, parts
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
@@ -96,8 +96,7 @@ def _entries(family: str) -> Iterator[Entry]:
         cls = getattr(impactlab, name) if name[0].isupper() else None
         if inspect.isclass(cls) and issubclass(cls, FAMILIES[family]) and cls not in ABSTRACT:
             summary = str(inspect.getdoc(cls)).split("\n\n")[0].replace("\n", " ").replace("``", "").replace("`", "")
-            citation = getattr(cls, "citation", "")
-            source = in_one_line([citation]) if citation else ""
+            source = in_one_line(parts(getattr(cls, "citation", "")))
             yield Entry(family, name, summary, tuple(_parameters(cls)), source)
 
 

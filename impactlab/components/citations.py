@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from impactlab.components.component import classes_named
-from impactlab.components.literature import software
+from impactlab.components.literature import parts, software
 
 
 def entries(data: Any) -> list[str]:
@@ -20,7 +20,8 @@ def _named_in(data: Any) -> Iterator[str]:
         if isinstance(name, str):
             module, _, last = name.rpartition(".")
             found = [item for place, item in classes_named(last).items() if module in ("", place)]
-            yield from (item.citation for item in found[:1] if item.citation)
+            for item in found[:1]:
+                yield from parts(item.citation)
         for value in data.values():
             yield from _named_in(value)
     elif isinstance(data, list | tuple):

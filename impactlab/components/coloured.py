@@ -12,7 +12,20 @@ from impactlab.components.component import finite, take_part
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
+from impactlab.components.literature import article, entry, together
 from impactlab.components.loads import SAMPLES_SHOWN, between, shown_samples, take_samples
+
+_KANAI_TAJIMI = together(
+    article(
+        "Kanai, K.",
+        "Semi-empirical formula for the seismic characteristics of the ground",
+        "Bull. Earthq. Res. Inst.", 35, 1957, "309",
+    ),
+    entry(
+        "inproceedings", "Tajimi, H.", 1960, volume=2, pages="781", booktitle="Proc. 2nd World Conf. Earthquake Eng.",
+        title="A standard method of determining the maximum response of a building structure during an earthquake",
+    ),
+)  # fmt: skip
 
 
 class FilteredNoise(Excitation):
@@ -52,6 +65,12 @@ class OrnsteinUhlenbeckNoise(FilteredNoise):
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
     """
+
+    citation = article(
+        "Uhlenbeck, G. E. and Ornstein, L. S.",
+        "On the theory of the Brownian motion",
+        "Phys. Rev.", 36, 1930, "823", "10.1103/PhysRev.36.823",
+    )  # fmt: skip
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
     correlation_time: float = parameter(units="s", above=0.0)
@@ -119,6 +138,8 @@ class KanaiTajimi(FilteredNoise):
         Whether the filter is at rest where a run begins, which is before the spin-up.
     """
 
+    citation = _KANAI_TAJIMI
+
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0, kw_only=False)
     ground_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)
     ground_damping: float = parameter(above=0.0, kw_only=False)
@@ -152,6 +173,11 @@ class CloughPenzien(FilteredNoise):
     at_rest : bool
         Whether the filter is at rest where a run begins, which is before the spin-up.
     """
+
+    citation = together(
+        _KANAI_TAJIMI,
+        entry("book", "Clough, R. W. and Penzien, J.", 1993, title="Dynamics of Structures", edition="2nd"),
+    )
 
     spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0, kw_only=False)
     ground_frequency: float = parameter(units="rad s-1", above=0.0, kw_only=False)

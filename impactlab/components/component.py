@@ -67,7 +67,7 @@ class Component:
     """Kernels of the family: name to kinematic arguments, in order."""
 
     citation: ClassVar[str] = ""
-    """What to cite where the class is used, an entry of BibTeX; not inherited."""
+    """What to cite where the class is used, entries of BibTeX with empty lines between them; not inherited."""
 
     required: ClassVar[tuple[str, ...]] = ()
     """Names of what a class must define; one without is abstract."""

@@ -6,6 +6,7 @@ import math
 
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article, entry
 
 
 class QuadraticDampingCoupling(CouplingLaw):
@@ -19,6 +20,12 @@ class QuadraticDampingCoupling(CouplingLaw):
     damping : float
         Coefficient of the force (N s2 m-2).
     """
+
+    citation = article(
+        "Morison, J. R. and O'Brien, M. P. and Johnson, J. W. and Schaaf, S. A.",
+        "The force exerted by surface waves on piles",
+        "Trans. AIME", 189, 1950, "149",
+    )  # fmt: skip
 
     damping: float = parameter(units="N s2 m-2", minimum=0.0)
 
@@ -42,6 +49,8 @@ class PowerLawDampingCoupling(CouplingLaw):
         Exponent p, more than 0 and at most 20.
     """
 
+    citation = entry("techreport", "Constantinou, M. C. and Symans, M. D.", 1992, number="NCEER-92-0032")
+
     damping: float = parameter(units="N", minimum=0.0)
     exponent: float = parameter(above=0.0, maximum=20.0)
 
@@ -64,6 +73,8 @@ class FrictionCoupling(CouplingLaw):
     velocity : float
         Velocity at which the force is 0.76 of that (m s-1); the smaller, the shorter the steps.
     """
+
+    citation = article("Andersson, S. and Söderberg, A. and Björklund, S.", "", "Tribol. Int.", 40, 2007, "580")
 
     friction: float = parameter(units="N", minimum=0.0)
     velocity: float = parameter(units="m s-1", above=0.0)

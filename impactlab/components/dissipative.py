@@ -66,7 +66,7 @@ class KelvinVoigtContact(_DashpotContact):
 
     citation = article(
         "Anagnostopoulos, S. A.",
-        "Pounding of buildings in series during earthquakes",
+        "",
         "Earthq. Eng. Struct. Dyn.", 16, 1988, "443",
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ class TsujiContact(_DashpotContact):
     citation = article(
         "Tsuji, Y. and Tanaka, T. and Ishida, T.",
         "Lagrangian numerical simulation of plug flow of cohesionless particles in a horizontal pipe",
-        "Powder Technol.", 71, 1992, "239",
+        "Powder Technol.", 71, 1992, "239", "10.1016/0032-5910(92)88030-L",
     )  # fmt: skip
 
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
@@ -130,7 +130,7 @@ class JankowskiContact(_DashpotContact):
     citation = article(
         "Jankowski, R.",
         "Non-linear viscoelastic modelling of earthquake-induced structural pounding",
-        "Earthq. Eng. Struct. Dyn.", 34, 2005, "595",
+        "Earthq. Eng. Struct. Dyn.", 34, 2005, "595", "10.1002/eqe.434",
     )  # fmt: skip
 
     stiffness: float = parameter(units="N m-3/2", minimum=0.0)
@@ -162,7 +162,7 @@ class HuntCrossleyContact(ContactLaw):
     citation = article(
         "Hunt, K. H. and Crossley, F. R. E.",
         "Coefficient of restitution interpreted as damping in vibroimpact",
-        "J. Appl. Mech.", 42, 1975, "440",
+        "J. Appl. Mech.", 42, 1975, "440", "10.1115/1.3423596",
     )  # fmt: skip
 
     stiffness: float = parameter(units="N", minimum=0.0)
@@ -228,7 +228,7 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
     citation = article(
         "Lankarani, H. M. and Nikravesh, P. E.",
         "A contact force model with hysteresis damping for impact analysis of multibody systems",
-        "J. Mech. Des.", 112, 1990, "369",
+        "J. Mech. Des.", 112, 1990, "369", "10.1115/1.2912617",
     )  # fmt: skip
 
     @property
@@ -248,7 +248,7 @@ class HertzdampContact(LankaraniNikraveshContact):
     citation = article(
         "Muthukumar, S. and DesRoches, R.",
         "A Hertz contact model with non-linear damping for pounding simulation",
-        "Earthq. Eng. Struct. Dyn.", 35, 2006, "811",
+        "Earthq. Eng. Struct. Dyn.", 35, 2006, "811", "10.1002/eqe.557",
     )  # fmt: skip
 
 
@@ -273,7 +273,7 @@ class FloresContact(_ClosingVelocityContact):
     citation = article(
         "Flores, P. and Machado, M. and Silva, M. T. and Martins, J. M.",
         "On the continuous contact force models for soft materials in multibody dynamics",
-        "Multibody Syst. Dyn.", 25, 2011, "357",
+        "Multibody Syst. Dyn.", 25, 2011, "357", "10.1007/s11044-010-9237-4",
     )  # fmt: skip
 
     restitution: float = parameter(above=0.0, maximum=1.0)
@@ -308,7 +308,7 @@ class GonthierContact(_ClosingVelocityContact):
     citation = article(
         "Gonthier, Y. and McPhee, J. and Lange, C. and Piedboeuf, J.-C.",
         "A regularized contact model with asymmetric damping and dwell-time dependent friction",
-        "Multibody Syst. Dyn.", 11, 2004, "209",
+        "Multibody Syst. Dyn.", 11, 2004, "209", "10.1023/B:MUBO.0000029392.21648.bc",
     )  # fmt: skip
 
     restitution: float = parameter(above=0.0, maximum=1.0)
@@ -343,7 +343,7 @@ class CarvalhoMartinsContact(_ClosingVelocityContact):
     citation = article(
         "Carvalho, A. S. and Martins, J. M.",
         "Exact restitution and generalizations for the Hunt-Crossley contact model",
-        "Mech. Mach. Theory", 139, 2019, "174",
+        "Mech. Mach. Theory", 139, 2019, "174", "10.1016/j.mechmachtheory.2019.04.018",
     )  # fmt: skip
 
     @property

@@ -6,7 +6,7 @@ import math
 
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.fields import parameter, state
-from impactlab.components.literature import article
+from impactlab.components.literature import article, entry, together
 
 
 class MaxwellCoupling(CouplingLaw):
@@ -25,6 +25,11 @@ class MaxwellCoupling(CouplingLaw):
     last : float
         State: the extension (m); the start value is that at which the force is `pull` at the start.
     """
+
+    citation = article(
+        "Maxwell, J. C.", "On the dynamical theory of gases", "Philos. Trans. R. Soc.", 157, 1867, "49",
+        "10.1098/rstl.1867.0004",
+    )  # fmt: skip
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     damping: float = parameter(units="N s m-1", above=0.0)
@@ -67,6 +72,8 @@ class ZenerCoupling(CouplingLaw):
         State: the extension (m); the start value is that at which the force is `pull` at the start.
     """
 
+    citation = entry("book", "Zener, C.", 1948, title="Elasticity and Anelasticity of Metals")
+
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     relaxing_stiffness: float = parameter(units="N m-1", minimum=0.0)
     damping: float = parameter(units="N s m-1", above=0.0)
@@ -105,6 +112,12 @@ class PiezoelectricCoupling(CouplingLaw):
         State: the extension (m); the start value is that at which the voltage is `voltage` at the start.
     """
 
+    citation = article(
+        "Erturk, A. and Inman, D. J.",
+        "A distributed parameter electromechanical model for cantilevered piezoelectric energy harvesters",
+        "J. Vib. Acoust.", 130, 2008, "041002",
+    )  # fmt: skip
+
     transduction: float = parameter(units="N V-1", minimum=0.0)
     capacitance: float = parameter(units="F", above=0.0)
     resistance: float = parameter(units="ohm", above=0.0)
@@ -139,6 +152,8 @@ class JenkinsCoupling(CouplingLaw):
     last : float
         State: the extension (m); the start value is that at which the force is `pull` at the start.
     """
+
+    citation = article("Jenkins, G. M.", "", "Br. J. Appl. Phys.", 13, 1962, "30")
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     slip_force: float = parameter(units="N", minimum=0.0)
@@ -179,9 +194,16 @@ class BoucWenCoupling(CouplingLaw):
         State: the extension (m); the start value is that at which z is `hysteretic` at the start.
     """
 
-    citation = article(
-        "Wen, Y.-K.", "Method for random vibration of hysteretic systems", "J. Eng. Mech. Div.", 102, 1976, "249"
-    )
+    citation = together(
+        entry(
+            "inproceedings", "Bouc, R.", 1967, title="Forced vibration of mechanical systems with hysteresis",
+            booktitle="Proc. 4th Conf. on Nonlinear Oscillations, Prague",
+        ),
+        article(
+            "Wen, Y.-K.", "Method for random vibration of hysteretic systems",
+            "J. Eng. Mech. Div.", 102, 1976, "249", "10.1061/JMCEA3.0002106",
+        ),
+    )  # fmt: skip
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     yield_displacement: float = parameter(units="m", above=0.0)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 
 from impactlab.components.component import Component, finite
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
 
 
@@ -137,6 +138,8 @@ class InvertedOscillator(Oscillator):
         Negative stiffness (N m-1).
     """
 
+    citation = article("Shaw, S. W. and Rand, R. H.", "", "Int. J. Non-Linear Mech.", 24, 1989, "41")
+
     repulsion: float = parameter(units="N m-1", minimum=0.0)
 
     @staticmethod
@@ -162,6 +165,11 @@ class DoubleWellOscillator(Oscillator):
     repulsion : float
         Negative stiffness (N m-1).
     """
+
+    citation = article(
+        "Holmes, P.", "A nonlinear oscillator with a strange attractor", "Philos. Trans. R. Soc. A", 292, 1979, "419",
+        "10.1098/rsta.1979.0068",
+    )  # fmt: skip
 
     cubic: float = parameter(units="N m-3", above=0.0)
     repulsion: float = parameter(units="N m-1", minimum=0.0)

@@ -48,7 +48,7 @@ class WaltonBraunContact(_DentedContact):
         "Walton, O. R. and Braun, R. L.",
         "Viscosity, granular-temperature, and stress calculations for shearing assemblies of inelastic, "
         "frictional disks",
-        "J. Rheol.", 30, 1986, "949",
+        "J. Rheol.", 30, 1986, "949", "10.1122/1.549893",
     )  # fmt: skip
 
     loading: float = parameter(units="N m-1", minimum=0.0, kw_only=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.components.oscillator import Oscillator
 
 
@@ -19,6 +20,8 @@ class VanDerPolOscillator(Oscillator):
     width : float
         Displacement beyond which it damps (m).
     """
+
+    citation = article("van der Pol, B.", "On relaxation-oscillations", "Philos. Mag.", 2, 1926, "978")
 
     growth: float = parameter(units="N s m-1", minimum=0.0)
     width: float = parameter(1.0, units="m", above=0.0)
@@ -43,6 +46,8 @@ class RayleighOscillator(Oscillator):
     speed : float
         Velocity beyond which it damps (m s-1).
     """
+
+    citation = article("Rayleigh, Lord", "On maintained vibrations", "Philos. Mag.", 15, 1883, "229")
 
     growth: float = parameter(units="N s m-1", minimum=0.0)
     speed: float = parameter(1.0, units="m s-1", above=0.0)

@@ -6,6 +6,7 @@ import math
 
 from impactlab.components.coupling import CouplingLaw
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 
 
 class CubicCoupling(CouplingLaw):
@@ -19,6 +20,10 @@ class CubicCoupling(CouplingLaw):
     cubic : float
         Coefficient of the force (N m-3).
     """
+
+    citation = article(
+        "Gendelman, O. and Manevitch, L. I. and Vakakis, A. F. and M'Closkey, R.", "", "J. Appl. Mech.", 68, 2001, "34"
+    )
 
     cubic: float = parameter(units="N m-3", minimum=0.0)
 
@@ -75,6 +80,8 @@ class BilinearCoupling(CouplingLaw):
     break_extension : float
         Extension d at which the slope changes (m).
     """
+
+    citation = article("Shaw, S. W. and Holmes, P. J.", "", "J. Sound Vib.", 90, 1983, "129")
 
     stiffness: float = parameter(units="N m-1", minimum=0.0)
     outer_stiffness: float = parameter(units="N m-1", minimum=0.0)

@@ -132,7 +132,7 @@ class ExactFlow(Integrator):
 
     citation = article(
         "Takahashi, M. and Imada, M.",
-        "Monte Carlo calculation of quantum systems. II. Higher order correction",
+        "Monte Carlo calculation of quantum systems",
         "J. Phys. Soc. Jpn.", 53, 1984, "3765",
     )  # fmt: skip
 

@@ -61,7 +61,7 @@ class Spectrum(Record):
         "Welch, P. D.",
         "The use of fast Fourier transform for the estimation of power spectra: a method based on time averaging "
         "over short, modified periodograms",
-        "IEEE Trans. Audio Electroacoust.", 15, 1967, "70",
+        "IEEE Trans. Audio Electroacoust.", 15, 1967, "70", "10.1109/TAU.1967.1161901",
     )  # fmt: skip
 
     quantity: str = parameter("displacement")
