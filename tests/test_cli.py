@@ -90,6 +90,7 @@ def test_show_tells_settings_and_files(capsys):
     assert re.search(r"^  realizations +128$", shown, re.MULTILINE)
     assert re.search(r"^  figures/contact_ratio\.svg  the part of the time", shown, re.MULTILINE)
     assert "claims and checks" in shown
+    assert re.search(r"^claims, by section\n  1  the wall stops the body$", shown, re.MULTILINE)
     assert main(["show", "exampel"]) == USAGE
     assert "did you mean 'example'?" in capsys.readouterr().err
 

@@ -162,6 +162,7 @@ class $class(il.Study):
         "contact_ratio": "Part of the time in contact against the clearance: simulated, with a band of two standard "
         "errors, and exact.",
     }
+    sections: ClassVar[Mapping[str, str]] = {"contact": "the part of the time in contact is as expected"}
 
     clearances: tuple[float, ...] = il.parameter((0.0, 0.5, 1.0, 1.5, 2.0), units="m", minimum=0.0)
     spectral_density: float = il.parameter(0.1, units="N2 s rad-1", above=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +46,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def described(study: type[Study]) -> str:
-    """Return a page on a study: its settings and files. Only its class is read: an instance may need much more."""
+    """Return a page on a study: its settings, claims and files. Only its class is read, not an instance."""
     import inspect
 
     text = inspect.cleandoc(study.__doc__ or "")
@@ -55,6 +56,8 @@ def described(study: type[Study]) -> str:
     parts = [f"{study.name}: {study.title}", *paragraphs, "settings\n" + _settings(study)]
     if "quick" in vars(study):
         parts.append(textwrap.fill(f"--quick  {' '.join((inspect.getdoc(study.quick) or '').split())}", _WIDTH))
+    if study.sections:
+        parts.append(f"claims, by section\n{_wrapped(study.sections.items())}")
     parts.append(f"makes, in {Path('results', study.name)} or --out FOLDER\n{_files(study)}")
     parts.append(f"run it  impactlab run {study.name}")
     return "\n\n".join(parts)
@@ -85,9 +88,14 @@ def _files(study: type[Study]) -> str:
     ]
     figures = list(study.captions.items()) or ([("*", "")] if study.makes("figures") else [])
     rows += [(f"figures/{name}.svg", caption) for name, caption in figures]
+    last = f"  and says how its {' and '.join(judged)} came out" if judged else "  no claims and no checks"
+    return f"{_wrapped(rows)}\n{last}"
+
+
+def _wrapped(rows: Iterable[tuple[str, str]]) -> str:
+    """Return names with what is said of them, in two columns."""
+    rows = list(rows)
     width = max(len(name) for name, _ in rows) + 4
-    lines = [
+    return "\n".join(
         textwrap.fill(f"  {name:{width - 2}}{text}", _WIDTH + 10, subsequent_indent=" " * width) for name, text in rows
-    ]
-    lines.append(f"  and says how its {' and '.join(judged)} came out" if judged else "  no claims and no checks")
-    return "\n".join(lines)
+    )

@@ -59,6 +59,9 @@ class Study(Component):
     captions: ClassVar[Mapping[str, str]] = {}
     """What is seen in each figure, by its name; a name may end in ``*``."""
 
+    sections: ClassVar[Mapping[str, str]] = {}
+    """What is claimed in each section of the claims, by its name; known before a run, as claims are not."""
+
     required: ClassVar[tuple[str, ...]] = ("name", "title", "items", "collect")
 
     if TYPE_CHECKING:

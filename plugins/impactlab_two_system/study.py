@@ -64,6 +64,13 @@ class TwoSystemStudy(FolderStudy):
         ),
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "3.1": "the simulation is long and accurate enough, and agrees with the analysis in the base case",
+        "3.2": "at which frequency ratios the densities of both methods agree",
+        "3.3": "mean squares, their ratios, time in contact and largest force over frequency ratio and clearance",
+        "4": "the conclusions",
+    }
+
     frequency_ratios: tuple[float, ...] = il.parameter(
         (1.0, 2.0, 3.0, 4.0, 8.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0), above=0.0
     )

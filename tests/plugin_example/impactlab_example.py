@@ -23,6 +23,7 @@ class ExampleStudy(Study):
         "system": "the body and its wall",
         "contact_ratio": "the part of the time that the contact is closed, against the clearance",
     }
+    sections: ClassVar[Mapping[str, str]] = {"1": "the wall stops the body"}
 
     clearances: tuple[float, ...] = il.parameter((0.5, 1.0), units="m", minimum=0.0)
     realizations: int = il.parameter(128, minimum=1)

@@ -13,12 +13,13 @@ def run(request):
 
 @pytest.fixture(scope="session")
 def explained():
-    """Check that every figure has a caption, and that claims name figures that there are."""
+    """Check that figures have captions, that claims name figures that there are, and that their sections are known."""
 
     def check(study, figures, claims):
         named = {str(name) for name in claims["figure"].values} - {""}
         assert named
         assert named <= set(figures)
+        assert set(map(str, claims["section"].values)) <= set(study.sections)
         for name in figures:
             assert study.caption(name) != name.replace("_", " ")
 

@@ -201,6 +201,7 @@ def test_one_variant_alone_is_enough():
     tree = study.collect(results)
     assert "accurate" not in tree.children
     assert study.claims(tree).sizes["claim"] == len(STATEMENTS)
+    assert list(study.sections) == list(dict.fromkeys(statement.section for statement in STATEMENTS))
     figures = dict(study.figures(tree))
     assert set(figures) == {"figure_1", "figure_2", "figure_5", "figure_6", "figure_7"}
     squares = [line for line in figures["figure_7"].axes[0].get_lines() if line.get_marker() == "s"]

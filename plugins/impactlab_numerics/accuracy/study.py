@@ -43,6 +43,14 @@ class AccuracyStudy(FolderStudy):
         ),
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "random networks, equal temperatures": "default statistics agree with exact laws",
+        "random networks, unequal temperatures": "default statistics agree with runs at a quarter of the step",
+        "random networks, short runs": "intervals hold the exact value as often as they should",
+        "base case, many runs": "so they do in many runs of one network",
+        "base case, a tolerance": "a tolerance that is asked for is kept",
+    }
+
     networks: int = il.parameter(20, minimum=0)
     first_network: int = il.parameter(0, minimum=0)
     standard_error: float = il.parameter(3e-4, above=0.0)

@@ -52,6 +52,13 @@ class ConservationStudy(FolderStudy):
         "order": "Largest error of paths against the step for each integrator, with smooth forces and with contacts.",
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "energy": "energy stays while no contact opens or closes, and wanders slowly where they do",
+        "time reversal": "with all velocities reversed the motion comes back to its start",
+        "momentum": "a free chain keeps its momentum",
+        "order": "errors fall with the step by the order of each integrator",
+    }
+
     contacts: float = il.parameter(1e6, minimum=100.0)
     copies: int = il.parameter(4, minimum=2)
     halvings: int = il.parameter(2, minimum=1)

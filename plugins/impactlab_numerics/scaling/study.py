@@ -46,6 +46,14 @@ class ScalingStudy(FolderStudy):
         ),
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "size": "cost, memory and time of construction against the number of bodies",
+        "clearance": "how much time contact-free intervals save",
+        "exactness": "contact-free intervals leave no bias",
+        "bounded noise": "the default method against Runge–Kutta under sums of cosines",
+        "sweep": "points of a sweep compile nothing new",
+    }
+
     sizes: tuple[int, ...] = il.parameter((2, 10, 100, 1000, 10000, 100000), minimum=2)
     graph_sizes: tuple[int, ...] = il.parameter((100, 10000), minimum=4)
     clearances: tuple[float, ...] = il.parameter((0.2, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), minimum=0.0)

@@ -37,6 +37,13 @@ class StabilityStudy(FolderStudy):
         ),
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "automatic step": "the default method is accurate in every cell, or refused with the reason",
+        "largest step": "no step that a method accepts makes it unstable",
+        "paper": "whether Runge–Kutta at the paper's step is accurate",
+        "wild scenes": "none ends without a result and without a word",
+    }
+
     hertz_stiffness: tuple[float, ...] = il.parameter((1e2, 1e4, 1e6, 1e8, 1e10, 1e12), units="N m-3/2", above=0.0)
     linear_stiffness: tuple[float, ...] = il.parameter((1e2, 1e4, 1e6, 1e8, 1e10, 1e12), units="N m-1", above=0.0)
     frequency_ratios: tuple[float, ...] = il.parameter((1.0, 4.0, 16.0, 64.0, 1e3, 1e4, 1e5), above=0.0)

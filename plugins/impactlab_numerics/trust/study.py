@@ -32,6 +32,10 @@ class TrustStudy(FolderStudy):
         "coverage": "How many 95 % intervals hold what is right, by class, with bars of two standard errors.",
     }
 
+    sections: ClassVar[Mapping[str, str]] = {
+        "random networks of all classes": "no silent errors, few needless refusals, intervals that cover",
+    }
+
     networks: int = il.parameter(400, minimum=1)
     first_network: int = il.parameter(0, minimum=0)
     share: float = il.parameter(1.0, above=0.0, maximum=1.0)
