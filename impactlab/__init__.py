@@ -67,7 +67,12 @@ _HOME = {
     ],
     "components.plastic": ["AdhesiveContact", "ThorntonContact", "WaltonBraunContact"],
     "components.coupling": ["Coupling", "CouplingLaw", "LinearCoupling"],
-    "components.dampers": ["FrictionCoupling", "PowerLawDampingCoupling", "QuadraticDampingCoupling"],
+    "components.dampers": [
+        "CoulombFrictionCoupling",
+        "FrictionCoupling",
+        "PowerLawDampingCoupling",
+        "QuadraticDampingCoupling",
+    ],
     "components.hysteresis": [
         "BoucWenCoupling",
         "JenkinsCoupling",

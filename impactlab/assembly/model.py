@@ -17,6 +17,7 @@ from impactlab.assembly.members import LEADING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
 from impactlab.components.contact import Contact, ContactLaw, RigidContact
 from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
+from impactlab.components.dampers import CoulombFrictionCoupling
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator
@@ -178,10 +179,29 @@ class Model:
         result[self.ends.chosen(self.rigid).slots] = True
         return result[:-1]
 
+    @cached_property
+    def rubbing(self) -> np.ndarray:
+        """Whether each coupling is dry friction that sticks, (coupling,) of bool."""
+        return np.array([isinstance(law, CoulombFrictionCoupling) for law in self.coupling_laws], dtype=bool)
+
+    @cached_property
+    def rubbed(self) -> np.ndarray:
+        """Whether each body has dry friction that sticks, (body,) of bool."""
+        result = np.zeros(len(self.bodies) + 1, dtype=bool)
+        result[self.coupled.chosen(self.rubbing).slots] = True
+        return result[:-1]
+
+    @property
+    def interrupted(self) -> np.ndarray:
+        """Whether impacts, or slip and stick of dry friction, are located in the motion of each body between kicks,
+        (body,) of bool.
+        """
+        return np.asarray(self.impacted | self.rubbed)
+
     @property
     def kicking(self) -> np.ndarray:
-        """Whether each link is a force of its own, not a part of the linear motion, (link,) of bool."""
-        return np.concatenate([np.ones(len(self.ends), dtype=bool), ~self.flowing])
+        """Whether each link is a force of its own, not a part of the motion between kicks, (link,) of bool."""
+        return np.concatenate([np.ones(len(self.ends), dtype=bool), ~(self.flowing | self.rubbing)])
 
     @property
     def matrix_terms(self) -> np.ndarray:
@@ -272,12 +292,17 @@ class Model:
         return any(kind.kinematic for kind in self.members.of_role("intensity"))
 
     @property
-    def nonlinear_bodies(self) -> np.ndarray:
+    def kicked(self) -> np.ndarray:
         """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
         result[self.links.chosen(self.kicking).slots] = True
         result[:-1] |= self.residual
         return result[:-1]
+
+    @property
+    def nonlinear_bodies(self) -> np.ndarray:
+        """Whether each body is kicked, or has dry friction that sticks, (body,) of bool."""
+        return np.asarray(self.kicked | self.rubbed)
 
     @property
     def residual(self) -> np.ndarray:
@@ -403,7 +428,7 @@ _IN_TIME = (
 def _members(
     network: Described, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources[Excitation]]
 ) -> dict[Kind, Rows]:
-    """Return what acts by its kernels, kind by kind, without the couplings that flow."""
+    """Return what acts by its kernels, kind by kind, without the couplings that flow, or stick."""
     result: dict[Kind, Rows] = {}
 
     def add(role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray) -> None:
@@ -419,11 +444,12 @@ def _members(
     clearance = np.array([contact.clearance for contact in contacts])
     add("force", [item.law for item in contacts], "force", np.arange(len(contacts)), clearance, ends.squares(mobility))
     role = "coupling" if ends.plain else "combination"
-    kicking = [item for name, item in network.couplings.items() if name not in flowing]
+    acting = {name: not isinstance(item.law, CoulombFrictionCoupling) for name, item in network.couplings.items()}
+    kicking = [item for name, item in network.couplings.items() if acting[name] and name not in flowing]
     slots = {name: slot for slot, name in enumerate(network.oscillators)}
-    numbers = np.flatnonzero([name not in flowing for name in network.couplings])
+    numbers = np.flatnonzero([acts and name not in flowing for name, acts in acting.items()])
     add(role, [item.law for item in kicking], "force", _pairs(slots, kicking) if ends.plain else len(ends) + numbers)
-    for kind in by_kind(role, [item.law for item in network.couplings.values()], "force"):
+    for kind in by_kind(role, [item.law for name, item in network.couplings.items() if acting[name]], "force"):
         # also without a row: the text does not depend on what flows
         result.setdefault(kind, Rows([], np.zeros((0, len(LEADING[role])), np.int64), np.zeros((0, 0))))
     bent = [slot for slot, body in enumerate(bodies) if body.has_kernel("residual")]

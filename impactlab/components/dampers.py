@@ -39,7 +39,7 @@ class PowerLawDampingCoupling(CouplingLaw):
 
     M. C. Constantinou and M. D. Symans, Technical Report NCEER-92-0032 (1992), for fluid dampers of buildings, of which
     p is 0.3 to 2. Exponent 2 is `QuadraticDampingCoupling`, which is faster; dry friction, the limit 0, is
-    `FrictionCoupling` or, with sticking, `JenkinsCoupling`.
+    `CoulombFrictionCoupling` or `FrictionCoupling`.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class FrictionCoupling(CouplingLaw):
 
     S. Andersson, A. Söderberg and S. Björklund, Tribol. Int. 40 (2007) 580. Coulomb's law is the limit of a vanishing
     velocity scale. Nothing sticks: under a steady force f below the friction F a body creeps at
-    ``velocity artanh(f/F)``. `JenkinsCoupling` sticks.
+    ``velocity artanh(f/F)``. `CoulombFrictionCoupling` sticks, and so does `JenkinsCoupling` on its spring.
 
     Parameters
     ----------
@@ -82,3 +82,32 @@ class FrictionCoupling(CouplingLaw):
     @staticmethod
     def force(rate, friction, velocity):  # type: ignore[no-untyped-def]
         return friction * math.tanh(rate / velocity)
+
+
+class CoulombFrictionCoupling(CouplingLaw):
+    """Dry friction that sticks: force ``friction sign(e' + velocity)``, or what holds the sides together at 0.
+
+    C. A. de Coulomb, Théorie des machines simples (1785). While it slips the force is constant. It sticks as soon as
+    the rate e' + velocity is 0 and the force that this takes is not more than ``static_ratio friction``, and slips when
+    it is. Both are located within the steps of `ExactFlow`, in the linear motion of the bodies between the kicks of
+    contacts and couplings. With `WALL` it is a body on the ground, or on a belt. A body has one such
+    friction, and no white noise, under which nothing sticks; `FrictionCoupling` acts there.
+
+    Parameters
+    ----------
+    friction : float
+        Force of sliding (N).
+    static_ratio : float
+        Force up to which it sticks over that of sliding, the ratio of the coefficients of static and sliding friction.
+    velocity : float
+        Velocity of the surface of the second side, a belt, beyond that of the side itself (m s-1).
+    """
+
+    friction: float = parameter(units="N", minimum=0.0)
+    static_ratio: float = parameter(1.0, minimum=1.0)
+    velocity: float = parameter(0.0, units="m s-1")
+
+    @staticmethod
+    def force(rate, friction, velocity):  # type: ignore[no-untyped-def]
+        slip = rate + velocity
+        return math.copysign(friction, slip) if slip != 0.0 else 0.0

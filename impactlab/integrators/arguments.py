@@ -139,6 +139,46 @@ class Flight(NamedTuple):
     row: int  # of the spread
 
 
+class Rubs(NamedTuple):
+    """Links of dry friction that sticks, and how they act; see `impactlab.kernels.dry_friction`."""
+
+    begin: np.ndarray  # (link + 1,) where the entries of each begin
+    bodies: np.ndarray  # (entry,) slots
+    weights: np.ndarray  # (entry,) weights of their displacements in the coordinate that slips
+    shares: np.ndarray  # (entry,) velocity that a body gains where that of the coordinate grows by one unit
+    numbers: np.ndarray  # (4, link) force of sliding, breakaway force, velocity of the surface, inertia
+    motion: np.ndarray  # (14, body)
+
+
+class Rubbing(NamedTuple):
+    """What dry friction takes, and what is known of it at the end of a step."""
+
+    function: int  # address of `impactlab.kernels.dry_friction.rub`; 0 where there is none
+    links: Rubs
+    before: np.ndarray  # [body, lane] velocities before the flow
+    work: np.ndarray  # (6, entry) of one lane
+    series: np.ndarray  # (entry + 1, order) of one lane
+    seen: np.ndarray  # [2, link, lane]
+
+
+class Slide(NamedTuple):
+    """The flow of a step in which bodies may slip and stick."""
+
+    begin: np.ndarray  # displacements before it [body, lane]
+    x: np.ndarray  # displacements after it, which are changed
+    v: np.ndarray  # velocities after it, which are changed
+    pushed: np.ndarray  # force of the kick before it [body, lane]
+    rubbing: Rubbing
+    step: float  # (s)
+
+
+class Events(NamedTuple):
+    """What happens between kicks."""
+
+    impacts: Impacts
+    rubbing: Rubbing
+
+
 class Tables(NamedTuple):
     """Numbers of the forces and of the method."""
 
@@ -148,6 +188,7 @@ class Tables(NamedTuple):
     cross: Cross
     tableau: np.ndarray  # (2, stage) nodes and weights of an explicit method
     impacts: Impacts  # of rigid contacts
+    rubbing: Rubbing  # of dry friction that sticks
 
 
 class State(NamedTuple):
@@ -287,7 +328,10 @@ class _Types:
         rigid = named(RigidContacts, slots, slots, slots, numbers, numbers, table, table, slots, slots, numbers)
         self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks, block)
         self.flight = named(Flight, block, block, block, block, self.impacts, f8, i8)
-        self.tables = named(Tables, numbers, slots, cube, cross, table, self.impacts)
+        rubs = named(Rubs, slots, slots, numbers, numbers, table, table)
+        self.rubbing = named(Rubbing, i8, rubs, block, table, table, blocks)
+        self.slide = named(Slide, block, block, block, block, self.rubbing, f8)
+        self.tables = named(Tables, numbers, slots, cube, cross, table, self.impacts, self.rubbing)
         self.noise = named(
             Noise, slots, pairs, i8, cube, array(2, u8), array(1, u4), table, b1, normals, slots, normals
         )

@@ -144,6 +144,8 @@ class Integrator(Component):
         if model.rigid.any() and not self.collides:
             name = model.contacts[int(model.rigid.argmax())]
             raise InvalidInput(f"{type(self).__name__} knows no rigid contacts such as {name!r}; use il.ExactFlow().")
+        if model.rubbing.any():
+            self._check_friction(model)
         for kind, sources in model.sources.items():
             if kind not in self.handles and sources.names:
                 name, excitation = sources.named()[0]
@@ -152,6 +154,29 @@ class Integrator(Component):
                     f"({type(excitation).__name__}, defined by {excitation.kind}); "
                     f"it handles {', '.join(self.handles)}."
                 )
+
+    def _check_friction(self, model: Model) -> None:
+        """Refuse dry friction that cannot be followed within steps."""
+        name = model.couplings[int(model.rubbing.argmax())]
+        if not self.collides:
+            raise InvalidInput(f"{type(self).__name__} knows no sticking, as in {name!r}; use il.ExactFlow().")
+        if model.rigid.any():
+            contact = model.contacts[int(model.rigid.argmax())]
+            raise InvalidInput(
+                f"{name!r} sticks and {contact!r} is rigid: a network has one or the other. Use il.FrictionCoupling, or "
+                "a contact with a stiffness."
+            )
+        for slot in model.white:
+            if model.rubbed[slot]:
+                raise InvalidInput(
+                    f"White noise acts on {model.bodies[slot]!r}, which has dry friction that sticks: it has no value at "
+                    "a moment that a breakaway force could be compared to. Use il.FrictionCoupling there."
+                )
+        links = model.coupled.chosen(np.flatnonzero(model.rubbing))
+        for slot in np.flatnonzero(links.numbers() > 1).tolist():
+            raise InvalidInput(
+                f"{model.bodies[slot]!r} has two dry frictions that stick; use il.FrictionCoupling for all but one."
+            )
 
 
 def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:

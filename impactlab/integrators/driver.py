@@ -14,6 +14,7 @@ from numba import i8, void
 from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
 from impactlab.kernels.coloured import bring_coloured
+from impactlab.kernels.dry_friction import rub
 from impactlab.kernels.impacts import collisions
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
@@ -160,6 +161,13 @@ def colliding(single: bool) -> Any:
     """Return the address of what lets rigid contacts collide, for blocks or for blocks of one lane."""
     types = OF_ONE if single else OF_LANES
     return part(void(pointer_to(types.flight), i8), _text(collisions, single))[1]
+
+
+@cache
+def sliding(single: bool) -> Any:
+    """Return the address of what lets bodies slip and stick, for blocks or for blocks of one lane."""
+    types = OF_ONE if single else OF_LANES
+    return part(void(pointer_to(types.slide), i8), _text(rub, single))[1]
 
 
 @cache

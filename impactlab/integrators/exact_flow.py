@@ -11,12 +11,13 @@ from impactlab.assembly.model import Model, kept
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
-from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows
+from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows, Slide
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
 from impactlab.integrators.kicks import KICK, LAG, PUSH, SPLIT_FRICTION, kick, kick_lag, slot_of
 from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.arrays import address_of, call
+from impactlab.kernels.dry_friction import hold
 from impactlab.kernels.flow import flow, flow_between, push_between
 from impactlab.kernels.impacts import show_impacts
 from impactlab.kernels.jit import inlined
@@ -116,7 +117,8 @@ class ExactFlow(Integrator):
     right temperature. Bodies without contacts, and those with friction over a step of more
     than 1/8, have the exact Gaussian transition. So have groups of up to 6 bodies on linear
     couplings of which one is stiff or strongly damped; other couplings kick. Bodies with rigid
-    contacts have it, too: impacts are located within the flow of a step, and their couplings kick.
+    contacts, or dry friction that sticks, have it, too: impacts, slip and stick are located within the flow of a step,
+    and their couplings kick.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ class ExactFlow(Integrator):
             for slots, _ in coupled_systems(model)
             if len(slots) <= (MOST_OF_STRUCTURE if of_structures[slots].any() else MOST_COUPLED)
             and not model.time_varying
-            and not model.impacted[slots].any()
+            and not model.interrupted[slots].any()
         ]
 
         def flowing(chosen: list[np.ndarray]) -> Model:
@@ -239,11 +241,11 @@ class ExactFlow(Integrator):
         for slots, _ in flowing_systems(model):
             alone[slots] = False
         little = model.damping * step <= SPLIT_FRICTION * model.mass
-        split: np.ndarray = alone & model.nonlinear_bodies & ~model.impacted & little
+        split: np.ndarray = alone & model.nonlinear_bodies & ~model.interrupted & little
         return split
 
     def largest_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
-        return self._step(model, tangent, residual, 1.6, 3.0, 1.0)
+        return min(self._step(model, tangent, residual, 1.6, 3.0, 1.0), followed_step(model))
 
     def recommended_step(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> float:
         if not model.nonlinear_bodies.any():  # every step is exact: a few samples per period
@@ -288,6 +290,12 @@ def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
             alone[:, group.slots] = _own(joint)
     a, q, middle_a, middle_q = joined
     return Flows(a, q, middle_a, middle_q, groups)
+
+
+def followed_step(model: Model) -> float:
+    """Return the largest step in which slip and stick of bodies can be followed as a power series (s)."""
+    rates = np.append(model.natural_frequencies[model.rubbed], (model.damping / model.mass)[model.rubbed])
+    return _over(1.0, rates.max(initial=0.0))
 
 
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -353,6 +361,29 @@ class RigidFlow(ExactFlow):
         super().check(model)
         if not model.rigid.any():
             raise InvalidInput("RigidFlow is for networks with rigid contacts; use il.ExactFlow().")
+
+
+class FrictionFlow(ExactFlow):
+    """The exact flow in which dry friction lets bodies slip and stick within steps.
+
+    `ExactFlow` turns into it where there is some, so that other networks pay nothing for it.
+    """
+
+    @staticmethod
+    def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+        rubbing, now = tables.rubbing, steps.first + index
+        begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
+        copy(state.v, rubbing.before)
+        slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+        call(rubbing.function, address_of(Slide(begin, slot.x, state.v, last_force, rubbing, steps.step)), now)
+        kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+        hold(rubbing, slot, last_force, state.reading, state.v)
+        _end_step(tables, state, slot, last_force, steps, index)
+
+    def check(self, model: Model) -> None:
+        super().check(model)
+        if not model.rubbing.any():
+            raise InvalidInput("FrictionFlow is for networks with dry friction that sticks; use il.ExactFlow().")
 
 
 class WholeFlow(ExactFlow):

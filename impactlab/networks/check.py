@@ -89,7 +89,7 @@ class NetworkCheck:
         growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped
         energy = np.where(growing, np.inf, energy)
         stiffening = stiffening_of(model, energy, end=until)
-        known = np.isfinite(energy) | ~model.nonlinear_bodies
+        known = np.isfinite(energy) | ~model.kicked
         methods = {**{type(item).__name__: item for item in _bundled()}, type(method).__name__: method}
         rows = {name: _steps(model, item, stiffening, until) for name, item in sorted(methods.items())}
         if step is None:

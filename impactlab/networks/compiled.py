@@ -31,7 +31,7 @@ class CompiledNetwork:
     Raises
     ------
     InvalidInput
-        If a law has states, or a contact is rigid.
+        If a law has states, a contact is rigid, or dry friction sticks.
     """
 
     def __init__(self, network: Composition) -> None:
@@ -47,6 +47,9 @@ class CompiledNetwork:
             raise InvalidInput(
                 f"A right-hand side knows no impacts of rigid contacts such as {name!r}; use il.simulate."
             )
+        if self.model.rubbing.any():
+            name = self.model.couplings[int(self.model.rubbing.argmax())]
+            raise InvalidInput(f"A right-hand side knows no sticking, as in {name!r}; use il.simulate.")
         self._module = build(generate(self.model))
         members = self.model.members
         self._parameters = with_states(members.parameters, members.states, 1, np.zeros)

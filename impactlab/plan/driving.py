@@ -38,17 +38,17 @@ class Driving:
     forces: np.ndarray  # (row,) which given force it is
     weights: np.ndarray  # (row,) factor of it
     coloured: ColouredNoises
-    impacted: np.ndarray  # (body,) whether rigid contacts act between kicks
+    interrupted: np.ndarray  # (body,) whether rigid contacts or dry friction act between kicks
 
     @classmethod
     def of(cls, model: Model, coloured: ColouredNoises) -> Driving:
         """Return those of a model, with its coloured noises."""
         moved = responses(model, flowing_systems(model))
         number, body, weight = model.sources["force"].drives
-        return cls(lines_of(model), moved, body, number, weight, coloured, model.impacted)
+        return cls(lines_of(model), moved, body, number, weight, coloured, model.interrupted)
 
     def __bool__(self) -> bool:
-        return bool(self.series or len(self.forced) or self.impacted.any())
+        return bool(self.series or len(self.forced) or self.interrupted.any())
 
     @property
     def series(self) -> bool:
@@ -57,7 +57,7 @@ class Driving:
 
     def closed(self, groups: tuple[Group, ...]) -> np.ndarray:
         """Whether nothing but white noise acts between kicks on each body, nor on the others of its group, (body,)."""
-        result = ~self.impacted
+        result = ~self.interrupted
         result[[body for lines in self.lines for body in lines.bodies]] = False
         result[[*self.coloured.slots, *self.forced]] = False
         for group in groups:

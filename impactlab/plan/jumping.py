@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.integrators.arguments import Impacts
+from impactlab.integrators.arguments import Events
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros, work_space
 from impactlab.integrators.jumps import jumping_loop
 from impactlab.plan.method import Method
@@ -26,7 +26,7 @@ class JumpingMethod(Method):
     def loop(self, single: bool) -> Callable[..., None]:
         return jumping_loop()
 
-    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> JumpTables:
+    def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> JumpTables:
         return JumpTables(parameters, indices, self.coefficients, self.jumps)
 
     def work(self, rows: int, lanes: int, zeros: Zeros) -> Work:

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.integrators.arguments import Cross, Flows, Group, Impacts, Tables
+from impactlab.integrators.arguments import Cross, Events, Flows, Group, Tables
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.driver import stepping
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros
@@ -44,9 +44,9 @@ class Method:
         """Return the compiled loop, for blocks or for those of one lane."""
         return stepping(self.integrator.step, self.integrator.accepted, single)
 
-    def tables(self, parameters: np.ndarray, indices: np.ndarray, impacts: Impacts) -> Tables | JumpTables:
+    def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> Tables | JumpTables:
         """Return the numbers that the loop takes, with those of the forces."""
-        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau(), impacts)
+        return Tables(parameters, indices, self.coefficients, self.cross, self.integrator.tableau(), *events)
 
     def work(self, rows: int, lanes: int, zeros: Zeros) -> np.ndarray | Work:
         """Return the work space of a block; `rows` are those of the noise of a step, `zeros` makes an array."""

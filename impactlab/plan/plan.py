@@ -11,6 +11,7 @@ from impactlab.assembly.links import connected_parts
 from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
+from impactlab.plan.dry_friction import DryFriction
 from impactlab.plan.forces import Forces
 from impactlab.plan.impacts import RigidImpacts
 from impactlab.plan.method import Method
@@ -34,6 +35,7 @@ class Plan:
     noise: WhiteNoises
     driving: Driving
     impacts: RigidImpacts
+    friction: DryFriction
     points: Points
     start: Start
     clock: Clock

@@ -44,6 +44,7 @@ def obstacle(planned: Planned) -> str:
         "sums of cosines": bool(plan.driving.lines),
         "coloured noise": bool(plan.driving.coloured),
         "rigid contacts": bool(model.rigid.any()),
+        "dry friction that sticks": bool(model.rubbing.any()),
         "laws with states": model.remembering,
         "links with weights": not model.ends.plain or not model.coupled.plain,
         "fields that are rows of numbers": bool(model.members.samples.size),
@@ -219,7 +220,7 @@ def _driving(drivings: Sequence[Driving], bodies: int, given: np.ndarray) -> Dri
         forced=_places(first.forced, number),
         forces=given[first.forces].ravel(),
         weights=together([item.weights for item in drivings]),
-        impacted=np.zeros(bodies * number, dtype=bool),
+        interrupted=np.zeros(bodies * number, dtype=bool),
     )
 
 

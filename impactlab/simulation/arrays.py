@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
-from impactlab.integrators.arguments import Closings, Flux, History, Impacts, State, Sums, Turns
+from impactlab.integrators.arguments import Closings, Events, Flux, History, State, Sums, Turns
 from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
@@ -30,7 +30,7 @@ class Arrays(NamedTuple):
     normals: np.ndarray  # (4, row, lane) of the noise, single precision
     distinct: np.ndarray  # (4, stream, lane) the same of streams, where rows share some
     parameters: np.ndarray  # of the forces, with the states of laws at their start
-    impacts: Impacts  # of rigid contacts
+    events: Events  # of rigid contacts and dry friction
 
 
 class Counted:
@@ -109,7 +109,8 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, sums.contacts[FLUX], zeros)
-    return Arrays(state, history, sums, normals, of_streams, parameters, impacts)
+    events = Events(impacts, plan.friction.arrays(lanes, zeros))
+    return Arrays(state, history, sums, normals, of_streams, parameters, events)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:

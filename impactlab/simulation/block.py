@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.build import build
 from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
-from impactlab.integrators.driver import colliding, filtering
+from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
@@ -87,11 +87,15 @@ class Block:
         # of each phase, by that of the plan
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
         arrays = allocate(plan, lanes)
-        self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, impacts = arrays
+        self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, events = arrays
         self.sums.closings.before[:] = np.nan
         if len(plan.impacts.rigid.contacts):
-            impacts = impacts._replace(function=colliding(plan.single), realizations=self.realizations)
-        self.tables = plan.method.tables(self.parameters, plan.forces.indices, impacts)
+            impacts = events.impacts._replace(function=colliding(plan.single), realizations=self.realizations)
+            events = events._replace(impacts=impacts)
+        if plan.friction.names:
+            events = events._replace(rubbing=events.rubbing._replace(function=sliding(plan.single)))
+        self.events = events
+        self.tables = plan.method.tables(self.parameters, plan.forces.indices, events)
         self.scale = np.ones((1, len(plan.noise.rows)))
         self.seconds = len(np.unique(plan.noise.rows))  # rows of bodies that have two come last
         noise = plan.driving.coloured
@@ -536,6 +540,7 @@ class Block:
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""
         self.state.x[:-1], self.state.v[:-1], self.now = x, v, now
+        self.events.rubbing.seen[:] = 0.0
         self._half_kick(False)
         self.note_gaps(self.state.reading, self.state.velocity)
 

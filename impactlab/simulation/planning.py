@@ -13,7 +13,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.exact_flow import RigidFlow, WholeFlow
+from impactlab.integrators.exact_flow import FrictionFlow, RigidFlow, WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
 from impactlab.linear.given_functions import jumping_laws
 from impactlab.machine import uncollected
@@ -22,6 +22,7 @@ from impactlab.nonlinear.relaxation import closing_rates
 from impactlab.nonlinear.tangent_stiffness import Stiffening, gap_scale
 from impactlab.plan.clock import Clock, batch_count, enough_units
 from impactlab.plan.driving import ColouredNoises, Driving, warn_of_bands
+from impactlab.plan.dry_friction import DryFriction
 from impactlab.plan.forces import Forces
 from impactlab.plan.impacts import RigidImpacts
 from impactlab.plan.jumping import with_jumps
@@ -70,6 +71,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     integrator = WholeFlow() if steps.jumping else request.integrator
     if model.rigid.any():
         integrator = RigidFlow(jumps=False)
+    if model.rubbing.any():
+        integrator = FrictionFlow(jumps=False)
     impacts = RigidImpacts.of(model, steps.step, request.seed)
     if isinstance(start.state, np.ndarray):
         impacts.check(model, start.state[0])
@@ -92,6 +95,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         noise=WhiteNoises.of(model, integrator, steps.step, request.seed, request.coarse),
         driving=driving,
         impacts=impacts,
+        friction=DryFriction.of(model, steps.step),
         # sums of bodies at named places of structures; `closed` says between whose kicks nothing but white noise acts
         points=Points.of(model, method.flows, integrator.phases, driving.closed(method.groups), steps.step),
         start=start,

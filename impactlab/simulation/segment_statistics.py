@@ -94,7 +94,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    seen = 1.0 - finer ** -(OF_STATES if model.remembering or model.rigid.any() else ORDER)  # part of the bias
+    seen = 1.0 - finer ** -(OF_STATES if model.remembering or model.interrupted.any() else ORDER)  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)

@@ -96,7 +96,9 @@ def _damped_couplings(plan: Plan) -> bool:
 def _conservative(plan: Plan) -> bool:
     """Whether kicks are conservative and white noise alone drives a run that is stationary and long enough."""
     stationary = plan.steady and plan.clock.settled and plan.realizations.trusted
-    conservative = not (plan.forces.passes or len(plan.forces.states) or plan.impacts.dissipative)
+    conservative = not (
+        plan.forces.passes or len(plan.forces.states) or plan.impacts.dissipative or len(plan.friction.names)
+    )
     return stationary and conservative and not plan.driving.series
 
 

@@ -34,7 +34,7 @@ def choose_step(
 
     A step that is too large for the scene is refused (the largest safe one is named), and where no rule leads to one.
     """
-    unknown = model.nonlinear_bodies & ~np.isfinite(stiffening.energy)
+    unknown = model.kicked & ~np.isfinite(stiffening.energy)
     if given is None and unknown.any():
         raise InvalidInput(
             f"No step can be chosen: the energy that {model.bodies[int(unknown.argmax())]!r} brings into collisions "
@@ -92,8 +92,10 @@ def highest_step(
 
 
 def impact_step(model: Model) -> float:
-    """Return the step at which the path of bodies of rigid contacts between its ends is nearly a cubic (s)."""
-    bodies = model.impacted
+    """Return the step in which bodies of rigid contacts, of which a path between its ends is then nearly a cubic, and
+    those of dry friction that sticks turn little (s).
+    """
+    bodies = model.interrupted
     rates = np.append(model.natural_frequencies[bodies], model.damping[bodies] / model.mass[bodies])
     return FLIGHT / float(rates.max()) if rates.any() else math.inf
 

@@ -34,7 +34,7 @@ def damping_step(model: Model, stiffening: Stiffening) -> float:
     contacts, couplings, bodies = damping_rates(model, stiffening)
     fastest = max(
         contacts.max(initial=0.0) / OF_CONTACTS,
-        couplings[~model.flowing].max(initial=0.0) / OF_BODIES,
+        couplings[~(model.flowing | model.rubbing)].max(initial=0.0) / OF_BODIES,
         bodies.max(initial=0.0) / OF_BODIES,
     )
     return 1.0 / float(fastest) if fastest > 0.0 else math.inf
