@@ -156,6 +156,7 @@ class Rubbing(NamedTuple):
     function: int  # address of `impactlab.kernels.dry_friction.rub`; 0 where there is none
     links: Rubs
     before: np.ndarray  # [body, lane] velocities before the flow
+    earlier: np.ndarray  # [entry, lane] force of the kick before the last one
     work: np.ndarray  # (6, entry) of one lane
     series: np.ndarray  # (entry + 1, order) of one lane
     seen: np.ndarray  # [2, link, lane]
@@ -329,7 +330,7 @@ class _Types:
         self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks, block)
         self.flight = named(Flight, block, block, block, block, self.impacts, f8, i8)
         rubs = named(Rubs, slots, slots, numbers, numbers, table, table)
-        self.rubbing = named(Rubbing, i8, rubs, block, table, table, blocks)
+        self.rubbing = named(Rubbing, i8, rubs, block, block, table, table, blocks)
         self.slide = named(Slide, block, block, block, block, self.rubbing, f8)
         self.tables = named(Tables, numbers, slots, cube, cross, table, self.impacts, self.rubbing)
         self.noise = named(

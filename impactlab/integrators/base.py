@@ -163,14 +163,14 @@ class Integrator(Component):
         if model.rigid.any():
             contact = model.contacts[int(model.rigid.argmax())]
             raise InvalidInput(
-                f"{name!r} sticks and {contact!r} is rigid: a network has one or the other. Use il.FrictionCoupling, or "
-                "a contact with a stiffness."
+                f"{name!r} sticks and {contact!r} is rigid: a network has one or the other. Use il.FrictionCoupling, "
+                "or a contact with a stiffness."
             )
         for slot in model.white:
             if model.rubbed[slot]:
                 raise InvalidInput(
-                    f"White noise acts on {model.bodies[slot]!r}, which has dry friction that sticks: it has no value at "
-                    "a moment that a breakaway force could be compared to. Use il.FrictionCoupling there."
+                    f"White noise acts on {model.bodies[slot]!r}, which has dry friction that sticks: it has no value "
+                    "at a moment that a breakaway force could be compared to. Use il.FrictionCoupling there."
                 )
         links = model.coupled.chosen(np.flatnonzero(model.rubbing))
         for slot in np.flatnonzero(links.numbers() > 1).tolist():

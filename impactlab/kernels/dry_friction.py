@@ -1,9 +1,9 @@
 """Dry friction that sticks: slip and stick of bodies within the flow of a step.
 
-Forces of kicks are taken to be constant over a step and given ones to change evenly, so that while bodies slip, under a
-friction of one size, their motion is a power series of the time. It is followed from one event to the next: slip ends
-where the rate of the coordinate reaches the velocity of the surface, stick where the force that it takes exceeds the
-breakaway force. What friction has changed by the end of the step is added to the flow, which is linear.
+Forces of kicks are taken to change as they did in the step before, and given ones evenly, so that while bodies slip,
+under a friction of one size, their motion is a power series of the time. It is followed from one event to the next:
+slip ends where the rate of the coordinate reaches the velocity of the surface, stick where the force that it takes
+exceeds the breakaway force. What friction has changed by the end of the step is added to the flow, which is linear.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ ROUNDING = 1e-14
 @kernel
 def _open(slide, link, lane):  # type: ignore[no-untyped-def]
     """Write state and forces of the bodies of a link at the beginning of a step; return the size of its velocities."""
+    known = slide.rubbing.seen[STATE, link, lane] != UNKNOWN
     links, motion, work, step = slide.rubbing.links, slide.rubbing.links.motion, slide.rubbing.work, slide.step
     size = abs(links.numbers[VELOCITY, link])
     for entry in range(links.begin[link], links.begin[link + 1]):
@@ -65,8 +66,11 @@ def _open(slide, link, lane):  # type: ignore[no-untyped-def]
         )
         both = x_mean * v_slope - x_slope * v_mean
         mean, slope = (off_x * v_slope - off_v * x_slope) / both, (off_v * x_mean - off_x * v_mean) / both
-        work[PLACE, entry], work[SPEED, entry] = x + motion[SHIFT, body] * kick, v - motion[HALF_KICK, body] * kick
-        work[FORCE, entry], work[GROWTH, entry] = mean - slope + kick, 2.0 * slope / step
+        change = kick - slide.rubbing.earlier[entry, lane] if known else 0.0
+        slide.rubbing.earlier[entry, lane] = kick
+        beyond = motion[HALF_KICK, body] * (kick + change / 6.0) + motion[LAG, body] * kick
+        work[PLACE, entry], work[SPEED, entry] = x + motion[SHIFT, body] * kick, v - beyond
+        work[FORCE, entry], work[GROWTH, entry] = mean - slope + kick, (2.0 * slope + change) / step
         held = motion[STIFFNESS, body] * abs(x) + motion[DAMPING, body] * abs(v)
         pulled = abs(mean) + abs(slope) + abs(kick) + held
         size += abs(links.weights[entry]) * (abs(work[SPEED, entry]) + step * pulled / motion[MASS, body])

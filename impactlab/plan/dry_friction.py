@@ -49,6 +49,7 @@ class DryFriction:
             function=0,
             links=self.links,
             before=zeros(((self.links.motion.shape[1] + 1) * bool(count), lanes)),
+            earlier=zeros((entries, lanes)),
             work=zeros((WORK, entries)),
             series=zeros((entries + 1, DEGREE + 1)),
             seen=zeros((SEEN, count, lanes)),
