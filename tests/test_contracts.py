@@ -165,8 +165,8 @@ def test_numbers_have_units_and_refuse_what_is_not_finite(cls):
 def test_physical_constants_of_a_force_are_not_negative(cls):
     """Masses, stiffnesses and damping have a lower limit; a negative one is refused."""
     for field in dataclasses.fields(cls):
-        if field.name in cls.state_names():
-            continue
+        if field.name in cls.state_names() or (cls, field.name) == (il.CoulombFrictionCoupling, "velocity"):
+            continue  # a belt runs either way
         with pytest.raises(il.InvalidInput, match=r"not -1.0"):
             sample(cls).replace(**{field.name: -1.0})
 
@@ -247,7 +247,8 @@ def test_compiled_and_plain_force_agree(cls):
 
 def test_compiled_and_plain_couplings_agree():
     """On both bodies, to one unit in the last place; nothing pulls at no extension and no rate."""
-    laws = {cls.__name__: sample(cls) for cls in COUPLING_LAWS}
+    acting = [cls for cls in COUPLING_LAWS if cls is not il.CoulombFrictionCoupling]  # which acts between kicks
+    laws = {cls.__name__: sample(cls) for cls in acting}
     bodies = dict.fromkeys((f"{name} {end}" for name in laws for end in "ab"), il.LinearOscillator())
     couplings = {name: il.Coupling(f"{name} a", f"{name} b", law) for name, law in laws.items()}
     y = np.random.default_rng(3).normal(size=(4 * len(laws), 100))

@@ -44,6 +44,7 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
     "couplings": {
         "BilinearCoupling": il.BilinearCoupling(1.0, outer_stiffness=3.0, break_extension=0.5),
         "BoucWenCoupling": il.BoucWenCoupling(1.0, yield_displacement=0.3, ratio=0.1),
+        "CoulombFrictionCoupling": il.CoulombFrictionCoupling(1.0),
         "CubicCoupling": il.CubicCoupling(1.0),
         "FrictionCoupling": il.FrictionCoupling(1.0, velocity=0.1),
         "JenkinsCoupling": il.JenkinsCoupling(2.0, slip_force=1.0),
