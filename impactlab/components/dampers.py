@@ -87,10 +87,10 @@ class FrictionCoupling(CouplingLaw):
 class CoulombFrictionCoupling(CouplingLaw):
     """Dry friction that sticks: force ``friction sign(e' + velocity)``, or what holds the sides together at 0.
 
-    C. A. de Coulomb, Mém. Math. Phys. Acad. R. Sci. 10 (1785) 161. While it slips the force is constant. It sticks as soon as
-    the rate e' + velocity is 0 and the force that this takes is not more than ``static_ratio friction``, and slips when
-    it is. Both are located within the steps of `ExactFlow`, in the linear motion of the bodies between the kicks of
-    contacts and couplings. With `WALL` it is a body on the ground, or on a belt. A body has one such
+    C. A. de Coulomb, Mém. Math. Phys. Acad. R. Sci. 10 (1785) 161. While it slips the force is constant. It sticks as
+    soon as the rate e' + velocity is 0 and the force that this takes is not more than ``static_ratio friction``, and
+    slips when it is. Both are located within the steps of `ExactFlow`, in the linear motion of the bodies between the
+    kicks of contacts and couplings. With `WALL` it is a body on the ground, or on a belt. A body has one such
     friction, and no white noise, under which nothing sticks; `FrictionCoupling` acts there.
 
     Parameters
