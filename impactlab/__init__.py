@@ -66,9 +66,8 @@ _HOME = {
         "TsujiContact",
     ],
     "components.plastic": ["AdhesiveContact", "ThorntonContact", "WaltonBraunContact"],
-    "components.coupling": ["Coupling", "CouplingLaw", "LinearCoupling"],
+    "components.coupling": ["CoulombFrictionCoupling", "Coupling", "CouplingLaw", "LinearCoupling"],
     "components.dampers": [
-        "CoulombFrictionCoupling",
         "FrictionCoupling",
         "PowerLawDampingCoupling",
         "QuadraticDampingCoupling",

@@ -18,10 +18,10 @@ from impactlab.components.contact import PowerLawContact as PowerLawContact
 from impactlab.components.contact import RigidContact as RigidContact
 from impactlab.components.contact import backlash as backlash
 from impactlab.components.correlated import correlated as correlated
+from impactlab.components.coupling import CoulombFrictionCoupling as CoulombFrictionCoupling
 from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
 from impactlab.components.coupling import LinearCoupling as LinearCoupling
-from impactlab.components.dampers import CoulombFrictionCoupling as CoulombFrictionCoupling
 from impactlab.components.dampers import FrictionCoupling as FrictionCoupling
 from impactlab.components.dampers import PowerLawDampingCoupling as PowerLawDampingCoupling
 from impactlab.components.dampers import QuadraticDampingCoupling as QuadraticDampingCoupling

@@ -16,8 +16,7 @@ from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts
 from impactlab.assembly.members import LEADING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
 from impactlab.components.contact import Contact, ContactLaw, RigidContact
-from impactlab.components.coupling import Coupling, CouplingLaw, MatrixTerm
-from impactlab.components.dampers import CoulombFrictionCoupling
+from impactlab.components.coupling import CoulombFrictionCoupling, Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from impactlab.components.component import Component, take_part
 from impactlab.components.fields import parameter
+from impactlab.components.literature import article
 from impactlab.components.sides import Side, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
@@ -80,6 +82,39 @@ class LinearCoupling(CouplingLaw):
 
 class MatrixTerm(LinearCoupling):
     """Spring and damper that is a term of the matrices of an `impactlab.LinearStructure`."""
+
+
+class CoulombFrictionCoupling(CouplingLaw):
+    """Dry friction that sticks: force ``friction sign(e' + velocity)``, or what holds the sides together at 0.
+
+    C. A. de Coulomb, Mém. Math. Phys. Acad. R. Sci. 10 (1785) 161. While it slips the force is constant. It sticks as
+    soon as the rate e' + velocity is 0 and the force that this takes is not more than ``static_ratio friction``, and
+    slips when it is. Both are located within the steps of `ExactFlow`, in the linear motion of the bodies between the
+    kicks of contacts and couplings. With `WALL` it is a body on the ground, or on a belt. A body has one such
+    friction, and no white noise, under which nothing sticks; `FrictionCoupling` acts there.
+
+    Parameters
+    ----------
+    friction : float
+        Force of sliding (N).
+    static_ratio : float
+        Force up to which it sticks over that of sliding, the ratio of the coefficients of static and sliding friction.
+    velocity : float
+        Velocity of the surface of the second side, a belt, beyond that of the side itself (m s-1).
+    """
+
+    citation = article(
+        "de Coulomb, C. A.", "Théorie des machines simples", "Mém. Math. Phys. Acad. R. Sci.", 10, 1785, "161"
+    )
+
+    friction: float = parameter(units="N", minimum=0.0)
+    static_ratio: float = parameter(1.0, minimum=1.0)
+    velocity: float = parameter(0.0, units="m s-1")
+
+    @staticmethod
+    def force(rate, friction, velocity):  # type: ignore[no-untyped-def]
+        slip = rate + velocity
+        return math.copysign(friction, slip) if slip != 0.0 else 0.0
 
 
 class Coupling(Component):

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.dampers import CoulombFrictionCoupling
+from impactlab.components.coupling import CoulombFrictionCoupling
 from impactlab.integrators.arguments import Rubbing, Rubs
 from impactlab.integrators.interval_arguments import Zeros
 from impactlab.integrators.kicks import kick_lag
