@@ -69,6 +69,17 @@ def test_figures_are_made_by_their_script(tmp_path: Path) -> None:
     assert {file.name for file in folder.iterdir()} == {file.name for file in kept}
 
 
+def test_all_figures_are_on_one_page(tmp_path: Path) -> None:
+    (tmp_path / "more").mkdir()
+    for name in ("figure_1.svg", "film.html"):
+        (tmp_path / "more" / name).touch()
+    script = ROOT / "docs" / "figures" / "page.py"
+    python(str(script), "page.html", "more", folder=tmp_path)
+    shown = re.findall(r'<(?:img|iframe) src="file://([^"]+)"', text_of(tmp_path / "page.html"))
+    own = [file for kind in ("*.png", "*.gif") for file in script.parent.rglob(kind)]
+    assert sorted(shown) == sorted(map(str, [*own, *(tmp_path / "more").iterdir()]))
+
+
 def test_links_between_pages_lead_somewhere() -> None:
     for page in PAGES:
         prose = BLOCK.sub("", text_of(page))

@@ -18,7 +18,10 @@ import xarray as xr
 
 import impactlab
 from impactlab.errors import ImpactLabError, InvalidInput
+from impactlab.results.accessor import Accessor
 from impactlab.results.uninterrupted import UninterruptedLock
+
+xr.register_dataset_accessor("impactlab")(Accessor)  # type: ignore[no-untyped-call]
 
 CONFIGURATION = "impactlab_configuration"
 

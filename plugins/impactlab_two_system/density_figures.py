@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from impactlab.plotting.style import band
+from impactlab.plotting.style import band, label_text, units_text
 from impactlab_two_system.results import Missing, Results
-from impactlab_two_system.style import AXIS, BLUE, DENSITY_UNITS, GREEN, GREY, ORANGE, SKY, letter
+from impactlab_two_system.style import AXIS, BLUE, GREEN, GREY, ORANGE, SKY, letter
 
 COORDINATES = tuple(AXIS)
 BAND = 2.0  # standard errors
@@ -55,6 +55,7 @@ def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity
     axes.set_xlim(shown[0], shown[-1])
     axes.locator_params(axis="x", nbins=4)
     axes.set_ylim(bottom=0.0)
+    axes.set_ylabel(label_text("density", density[f"density_{quantity}"].attrs["units"]))
 
 
 def base_densities(results: Results) -> Figure:
@@ -68,13 +69,11 @@ def base_densities(results: Results) -> Figure:
         above = figure.add_subplot(grid[row, index % 2])
         below = figure.add_subplot(grid[row + 1, index % 2], sharex=above)
         _densities(results, above, ratio, system, quantity)
-        above.set_ylabel(f"density ({DENSITY_UNITS[quantity]})")
         letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
         if results.study.reference != "none":
             _absolute_errors(results, below, ratio, system, quantity)
             above.tick_params(labelbottom=False)
             below.set_xlabel(AXIS[system, quantity][0])
-            below.set_ylabel(f"$|\\Delta p|$\n({DENSITY_UNITS[quantity]})")
         else:
             below.remove()
             above.set_xlabel(AXIS[system, quantity][0])
@@ -98,6 +97,7 @@ def _absolute_errors(results: Results, axes: Axes, ratio: float, system: str, qu
         if variant == "accurate":
             level = BAND * density[f"{name}_standard_error"].values
             axes.fill_between(center, 1e-9, level, color=SKY, alpha=0.4, lw=0)
+    axes.set_ylabel(f"$|\\Delta p|$\n({units_text(density[name].attrs['units'])})")
     axes.set_yscale("log")
     axes.set_ylim(3e-5 * analytic.max(), 0.5 * analytic.max())
 
@@ -114,7 +114,6 @@ def density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
         for column, ((system, quantity), axes) in enumerate(zip(COORDINATES, line, strict=True)):
             _densities(results, axes, ratio, system, quantity)
             axes.set_xlabel(AXIS[system, quantity][0])
-            axes.set_ylabel(f"density ({DENSITY_UNITS[quantity]})")
             if column == 0:
                 letter(axes, row, rf"$\bar\omega={ratio:g}$, $C_{{DV}}={condition:.3g}$")
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)

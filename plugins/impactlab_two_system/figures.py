@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from impactlab.plotting.drawing import draw_network
-from impactlab.plotting.style import COLORS, points, style
+from impactlab.plotting.style import COLORS, label_text, points, style
 from impactlab_two_system.density_figures import base_densities, density_grid
 from impactlab_two_system.results import Measured, Missing, Results, mean
 from impactlab_two_system.style import (
@@ -140,12 +140,12 @@ def _mean_squares(results: Results) -> Figure:
     figure = Figure(figsize=(9.0, 7.4))
     grid = figure.add_gridspec(5, 3, height_ratios=[2.2, 1.3, 0.1, 2.2, 1.3])
     columns = (
-        (X2, "mean square\ndisplacement", "m$^2$"),
-        ("variance_displacement", "variance of\ndisplacement", "m$^2$"),
-        (V2, "mean square\nvelocity", "m$^2$ s$^{-2}$"),
+        (X2, label_text("mean square\ndisplacement", "m2")),
+        ("variance_displacement", label_text("variance of\ndisplacement", "m2")),
+        (V2, label_text("mean square\nvelocity", "m2 s-2")),
     )
     for row, system in enumerate(("one", "two")):
-        for column, (name, text, units) in enumerate(columns):
+        for column, (name, text) in enumerate(columns):
             above = figure.add_subplot(grid[3 * row, column])
             below = figure.add_subplot(grid[3 * row + 1, column])
             _curves(results, above, name, system, sources)
@@ -160,7 +160,7 @@ def _mean_squares(results: Results) -> Figure:
             ratio_axis(below, results.ratios(0.0))
             above.set_xlabel("")
             above.tick_params(labelbottom=False)
-            above.set_ylabel(f"{text} ({units})")
+            above.set_ylabel(text)
             below.set_ylabel("over linear")
             letter(above, 3 * row + column, f"System {row + 1}")
     _legend(figure, results, sources)

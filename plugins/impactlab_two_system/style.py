@@ -7,17 +7,16 @@ from collections.abc import Iterable
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from impactlab.plotting.style import COLORS
+from impactlab.plotting.style import COLORS, label_text
 
 BLUE, ORANGE, GREEN, SKY, GREY = COLORS[0], COLORS[1], COLORS[2], COLORS[5], "#767676"
 
 AXIS = {
-    ("one", "displacement"): ("$x_1$ (m)", "System 1"),
-    ("one", "velocity"): ("$v_1$ (m s$^{-1}$)", "System 1"),
-    ("two", "displacement"): ("$x_2$ (m)", "System 2"),
-    ("two", "velocity"): ("$v_2$ (m s$^{-1}$)", "System 2"),
+    ("one", "displacement"): (label_text("$x_1$", "m"), "System 1"),
+    ("one", "velocity"): (label_text("$v_1$", "m s-1"), "System 1"),
+    ("two", "displacement"): (label_text("$x_2$", "m"), "System 2"),
+    ("two", "velocity"): (label_text("$v_2$", "m s-1"), "System 2"),
 }
-DENSITY_UNITS = {"displacement": "m$^{-1}$", "velocity": "s m$^{-1}$"}
 
 
 def ratio_axis(axes: Axes, ratios: Iterable[float]) -> None:
