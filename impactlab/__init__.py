@@ -45,6 +45,7 @@ _HOME = {
         "OrnsteinUhlenbeckNoise",
     ],
     "components.correlated": ["correlated"],
+    "components.impulses": ["PoissonImpulses"],
     "components.loads": [
         "Chirp",
         "ConstantForce",

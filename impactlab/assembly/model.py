@@ -64,7 +64,8 @@ class Model:
     coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
     flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
     sources: dict[str, Sources[Excitation]]
-    """White noises ("intensity"), given forces ("force"), sums of cosines ("lines") and filtered noises ("filter")."""
+    """White noises ("intensity"), given forces ("force"), sums of cosines ("lines"), filtered noises ("filter") and
+    impulses."""
     members: Members  # contacts, other couplings, residual forces and functions of time, as generated loops take them
 
     @classmethod
@@ -131,8 +132,8 @@ class Model:
 
     @cached_property
     def coloured(self) -> tuple[int, ...]:
-        """Slots of the bodies under filtered white noise."""
-        return self.sources["filter"].bodies
+        """Slots of the bodies under filtered white noise or impulses."""
+        return tuple(sorted({*self.sources["filter"].bodies, *self.sources["impulses"].bodies}))
 
     @property
     def modulated(self) -> bool:

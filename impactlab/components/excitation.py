@@ -15,12 +15,12 @@ from impactlab.components.literature import article
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
-KINDS = ("intensity", "force", "lines", "filter")
-"""What an excitation may define: one of white noise, a given force, a sum of cosines and filtered white noise."""
+KINDS = ("intensity", "force", "lines", "filter", "impulses")
+"""What an excitation may define: one of white noise, given force, sum of cosines, filtered white noise and impulses."""
 
 
 class Excitation(Component):
-    """A force on a body, defined by exactly one of four things.
+    """A force on a body, defined by exactly one of five things.
 
     - the kernel ``intensity(time, ...)``: white noise, its two-sided spectral density
       over angular frequency (N2 s rad-1), which may vary in time;
@@ -30,7 +30,9 @@ class Excitation(Component):
     - the method ``filter(self)``: what a linear filter makes of white noise, returned as
       the matrix A and the vectors b and c of ``z' = A z + b w``, ``f = c z`` (N), with
       white noise w of the two-sided spectral density 1 over angular frequency, times
-      what the kernel ``modulation(time, ...)`` returns where there is one.
+      what the kernel ``modulation(time, ...)`` returns where there is one;
+    - the method ``impulses(self)``: independent impulses at the times of a Poisson process, returned as
+      their rate (s-1), and mean and standard deviation of their normal sizes (N s).
 
     The noises of two bodies are independent, also when they share one object; one noise on several bodies is a
     `Source`.
@@ -42,7 +44,7 @@ class Excitation(Component):
         "modulation": ("time",),
     }
     kind: ClassVar[str | None] = None
-    """Which of the four defines this class; None for an abstract one."""
+    """Which of the five defines this class; None for an abstract one."""
 
     required: ClassVar[tuple[str, ...]] = ("kind",)
 

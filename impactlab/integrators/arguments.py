@@ -37,7 +37,7 @@ class Sparse(NamedTuple):
 
 
 class Filters(NamedTuple):
-    """Filters of noise and what they move; see `impactlab.linear.coloured.FilteredSteps`."""
+    """Filters of noise and what they move; see `impactlab.linear.transitions.FilteredSteps`."""
 
     motion: Sparse  # states, then responses, by states
     noise: Sparse  # the same by normal numbers
@@ -49,8 +49,17 @@ class Filters(NamedTuple):
     finer: int  # how many samples of the noise there are in one that is taken
 
 
+class Shots(NamedTuple):
+    """Impulses at random times and what they move, by moments: sums of sizes times Chebyshev polynomials of times."""
+
+    response: Sparse  # states, then responses, by moments
+    begin: np.ndarray  # (source + 1,) where the moments of each begin
+    numbers: np.ndarray  # (3, source) expected number in a sample, mean and standard deviation of the sizes
+    streams: np.ndarray  # (3, 2 source) addresses of the numbers of impulses, then of their times and sizes
+
+
 class Coloured(NamedTuple):
-    """Filtered white noises on some bodies, which go from sample to sample as the loop does."""
+    """Filtered white noises and impulses on some bodies, which go from sample to sample as the loop does."""
 
     function: int  # address of `impactlab.kernels.coloured.bring_coloured`; 0 where there are none
     filters: Filters
@@ -61,6 +70,8 @@ class Coloured(NamedTuple):
     kept: np.ndarray  # [3, state, lane] states at the start, and where the last samples that were taken begin and end
     work: np.ndarray  # [3, row, lane]
     normals: np.ndarray  # (4, normal, lane) single precision
+    shots: Shots
+    moments: np.ndarray  # (moment, lane)
 
 
 class Series(NamedTuple):
@@ -338,7 +349,10 @@ class _Types:
         )
         sparse = named(Sparse, slots, slots, numbers)
         filters = named(Filters, *[sparse] * 4, pairs, slots, array(2, u8), i8)
-        self.coloured = named(Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals)
+        shots = named(Shots, sparse, slots, table, array(2, u8))
+        self.coloured = named(
+            Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals, shots, block
+        )
         self.series = named(Series, slots, cube, blocks, self.coloured)
         self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
         self.state = named(State, *[block] * 8, blocks)

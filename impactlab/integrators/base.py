@@ -23,7 +23,7 @@ class Integrator(Component):
     """Order of convergence of paths under smooth forces."""
 
     handles: ClassVar[tuple[str, ...]] = ()
-    """Kinds of excitation: "intensity" (white noise), "lines", "filter", "force"."""
+    """Kinds of excitation: "intensity" (white noise), "lines", "filter", "impulses", "force"."""
 
     kicks: ClassVar[bool] = False
     """Whether forces act as kicks, which the processed statistics and the balances need."""

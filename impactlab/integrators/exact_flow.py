@@ -142,7 +142,7 @@ class ExactFlow(Integrator):
     measured: bool = parameter(True)
 
     order: ClassVar[float] = 3.0
-    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "filter", "force")
+    handles: ClassVar[tuple[str, ...]] = ("intensity", "lines", "filter", "impulses", "force")
     kicks: ClassVar[bool] = True
     phases: ClassVar[int] = 2
     reach: ClassVar[int] = 2

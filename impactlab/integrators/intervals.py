@@ -52,7 +52,8 @@ def in_one_piece(model: Model) -> list[str]:
         "points of structures": len(model.points),
         "sources of noise": model.sources["intensity"].beyond_own,
         "sums of cosines": model.lines,
-        "coloured noises": model.coloured,
+        "coloured noises": model.sources["filter"].bodies,
+        "impulses": model.sources["impulses"].bodies,
         "given forces": model.forced,
         "noise that varies in time": model.time_varying,
     }

@@ -1,11 +1,12 @@
-"""Filtered white noises: the states of filters and what they move, from sample to sample."""
+"""Filtered white noises and impulses: the states of filters and what they move, from sample to sample."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from impactlab.kernels.jit import kernel
-from impactlab.kernels.random import fill_normals
+from impactlab.kernels.random import fill_normals, normal_pair, philox
+from impactlab.kernels.scalars import scalar
 
 START, BEGIN, END = 0, 1, 2
 """Rows of `Coloured.kept`: states at the start of the run, and where the samples that were last taken begin and end."""
@@ -15,6 +16,12 @@ VALUE, MEAN, SLOPE = 0, 1, 2
 
 STATES, MOVED, NEXT = 0, 1, 2
 """Blocks of `Coloured.work`: states of the filters, what a sample makes of them, and responses."""
+
+
+MOST_IMPULSES = 1 << 16
+"""Impulses of a sample that have random numbers of their own."""
+
+_LOW, _32, _UNIT, _TINY = np.uint64(0xFFFFFFFF), np.uint64(32), 2.0**-32, 1e-18
 
 
 @kernel
@@ -43,6 +50,57 @@ def clear_rows(result):  # type: ignore[no-untyped-def]
             result[row, lane] = 0.0
 
 
+@scalar
+def poisson_number(expected, high, low):  # type: ignore[no-untyped-def]
+    """Return a number of Poisson's distribution from two words of 32 bits."""
+    chance = (float(high) + (float(low) + 0.5) * _UNIT) * _UNIT
+    part = np.exp(-expected)
+    below, number = part, 0
+    while chance > below and (number < expected or part > _TINY):
+        number += 1
+        part *= expected / number
+        below += part
+    return number
+
+
+@kernel
+def fill_moments(shots, realizations, number, moments):  # type: ignore[no-untyped-def]
+    """Write sums of the sizes of all impulses of a sample, of some number, times Chebyshev polynomials of their times.
+
+    Times go from -1 to 1 in a sample. Two words tell how many impulses there are, by the inverse of Poisson's
+    distribution; each has a block of words of its own, of which one is the time and two are the size.
+    """
+    sources = shots.begin.shape[0] - 1
+    streams, numbers = shots.streams, shots.numbers
+    c0, c1 = np.uint32(np.uint64(number) & _LOW), np.uint32(np.uint64(number) >> _32)
+    for source in range(sources):
+        begin, end, own = shots.begin[source], shots.begin[source + 1], sources + source
+        k0, k1, c3 = streams[0, source], streams[1, source], np.uint32(streams[2, source])
+        for row in range(begin, end):
+            for lane in range(moments.shape[1]):
+                moments[row, lane] = 0.0
+        for lane in range(moments.shape[1]):
+            w0, w1, _, _ = philox(c0, c1, realizations[lane], c3, k0, k1)
+            for impulse in range(poisson_number(numbers[0, source], np.uint32(w0), np.uint32(w1))):
+                block = np.uint64(number) * np.uint64(MOST_IMPULSES) + np.uint64(impulse)
+                a, _, b, c = philox(
+                    np.uint32(block & _LOW),
+                    np.uint32(block >> _32),
+                    realizations[lane],
+                    np.uint32(streams[2, own]),
+                    streams[0, own],
+                    streams[1, own],
+                )
+                place = 2.0 * (float(np.uint32(a)) + 0.5) * _UNIT - 1.0
+                normal, _ = normal_pair(np.uint32(b), np.uint32(c))
+                last, value = 0.0, numbers[1, source] + numbers[2, source] * np.float64(normal)
+                factor = place
+                for row in range(begin, end):
+                    moments[row, lane] += value
+                    last, value = value, factor * value - last
+                    factor = 2.0 * place
+
+
 @kernel
 def next_states(coloured, number, fresh, states, moved):  # type: ignore[no-untyped-def]
     """Carry the states of the filters over one sample of the noise, of some number; `moved` has all rows of it.
@@ -55,6 +113,9 @@ def next_states(coloured, number, fresh, states, moved):  # type: ignore[no-unty
     clear_rows(moved)
     add_product(filters.motion, states, moved)
     add_product(filters.noise, coloured.normals[number % 4], moved)
+    if coloured.shots.streams.shape[1]:
+        fill_moments(coloured.shots, coloured.realizations, number, coloured.moments)
+        add_product(coloured.shots.response, coloured.moments, moved)
     set_rows(moved, coloured.kept.shape[1], states)
 
 

@@ -5,27 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from impactlab.components.excitation import Excitation
 from impactlab.components.filters import Filter
 from impactlab.linear.systems import LinearSystem
-from impactlab.linear.transitions import drift_matrix, gaussian_transition, lower_root, noise_root
-
-
-class FilteredSteps(NamedTuple):
-    """What filter and bodies do in a step: the filter by ``z → M z + N ξ``, bodies by ``u → F u + R``.
-
-    The rows of M and N are the states of the filter, then the response R of the bodies that begin the step at rest, and
-    then, if there is an envelope, R to the force times what grows from -1 to 1 in the step. Displacement and velocity
-    of a body follow each other; ξ are independent normal numbers.
-    """
-
-    motion: np.ndarray  # (row, state) M
-    noise: np.ndarray  # (row, normal) N
-    flow: np.ndarray  # (2 body, 2 body) F
+from impactlab.linear.transitions import FilteredSteps, drift_matrix, gaussian_transition, lower_root, noise_root
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +34,16 @@ class FilteredMotion:
     def modulated(self) -> bool:
         """Whether there is an envelope."""
         return self.excitation.has_kernel("modulation")
+
+    @property
+    def largest(self) -> float:
+        """Largest size of the envelope."""
+        return self.excitation.largest_modulation
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean displacements and velocities, (2, body)."""
+        return np.zeros((2, len(self.slots)))
 
     @property
     def _push(self) -> np.ndarray:
@@ -135,7 +131,7 @@ class FilteredMotion:
         covariance = read @ q[0] @ read.T
         root = lower_root(covariance, np.diag(covariance))
         flow = a[0, count : count + bodies, count : count + bodies][np.ix_(by_body, by_body)]
-        return FilteredSteps(read @ a[0, :, :count], root[:, root.any(axis=0)], flow)
+        return FilteredSteps(read @ a[0, :, :count], root[:, root.any(axis=0)], flow, np.zeros((len(read), 0)))
 
     def own_steps(self, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Return M and N of the states of the filter alone."""

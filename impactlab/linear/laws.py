@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.assembly.model import Model, kept
-from impactlab.components.filters import filter_of
+from impactlab.components.excitation import Excitation
+from impactlab.components.filters import filter_of, impulses_of
 from impactlab.errors import InvalidInput
 from impactlab.linear.coloured import FilteredMotion
 from impactlab.linear.cosines import Lines, receptance_of
+from impactlab.linear.impulses import ImpulsiveMotion
 from impactlab.linear.systems import LinearSystem
 
 
@@ -60,17 +63,43 @@ def line_variances(model: Model) -> np.ndarray:
 
 @kept
 def coloured_variances(model: Model) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that coloured noises make, where their envelopes are largest."""
+    """Return the part of :func:`linear_variances` that impulses and coloured noises, at most, make, (2, body)."""
     result = np.zeros((2, len(model.bodies)))
-    for motion in filtered_motions(model, coupled_systems(model)):
-        largest = motion.excitation.largest_modulation
-        result[:, motion.slots] += largest**2 * motion.variances() if largest else 0.0
+    for motion in responding(model, coupled_systems(model)):
+        result[:, motion.slots] += motion.largest**2 * motion.variances() if motion.largest else 0.0
     return result
 
 
 def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]) -> tuple[FilteredMotion, ...]:
     """Return what each filtered white noise moves, alone or in some systems of bodies."""
-    sources, result, joint = model.sources["filter"], [], {slot: pair for pair in systems for slot in pair[0].tolist()}
+    return tuple(
+        FilteredMotion(name, excitation, filter_of(excitation), *moved)
+        for name, excitation, moved in _moved(model, "filter", systems)
+    )
+
+
+def impulsive_motions(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[ImpulsiveMotion, ...]:
+    """Return what the impulses of each excitation move, alone or in some systems of bodies."""
+    return tuple(
+        ImpulsiveMotion(name, impulses_of(excitation), *moved)
+        for name, excitation, moved in _moved(model, "impulses", systems)
+    )
+
+
+def responding(
+    model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> tuple[FilteredMotion | ImpulsiveMotion, ...]:
+    """Return what filtered white noises move, and then what impulses do."""
+    return *filtered_motions(model, systems), *impulsive_motions(model, systems)
+
+
+def _moved(
+    model: Model, kind: str, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
+) -> Iterator[tuple[str, Excitation, tuple[np.ndarray, LinearSystem, np.ndarray]]]:
+    """Yield excitations of a kind with their names, slots and system of the bodies that move, and weights on these."""
+    sources, joint = model.sources[kind], {slot: pair for pair in systems for slot in pair[0].tolist()}
     for number, (name, excitation) in enumerate(sources.named()):
         driven, weights = sources.driven(number)
         slots, system = joint.get(int(driven[0]), (driven[:1], None))
@@ -80,8 +109,16 @@ def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem
             system = system_of(model, slots, *np.zeros((2, 1, 1)))
         forces = np.zeros(len(slots))
         forces[np.searchsorted(slots, driven)] = weights
-        result.append(FilteredMotion(name, excitation, filter_of(excitation), slots, system, forces))
-    return tuple(result)
+        yield name, excitation, (slots, system, forces)
+
+
+def impulse_energies(model: Model) -> np.ndarray:
+    """Return ``m v²`` of each body after an impulse that few exceed, (body,) (J)."""
+    sources, result = model.sources["impulses"], np.zeros(len(model.bodies))
+    number, body, weight = sources.drives
+    large = np.array([impulses_of(item).large for item in sources.excitations], dtype=float)
+    np.maximum.at(result, body, (weight * large[number]) ** 2 / model.mass[body])
+    return result
 
 
 def relaxation_time(model: Model) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,20 @@ GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 
 _NOTHING = 1e-12
 """Part of a variance below which rounding makes what is left of it."""
+
+
+class FilteredSteps(NamedTuple):
+    """What filter and bodies do in a step: the filter by ``z → M z + N ξ``, bodies by ``u → F u + R``.
+
+    The rows of M and N are the states of the filter, then the response R of the bodies that begin the step at rest, and
+    then, if there is an envelope, R to the force times what grows from -1 to 1 in the step. Displacement and velocity
+    of a body follow each other; ξ are independent normal numbers.
+    """
+
+    motion: np.ndarray  # (row, state) M
+    noise: np.ndarray  # (row, normal) N
+    flow: np.ndarray  # (2 body, 2 body) F
+    impulses: np.ndarray  # (row, coefficient) what an impulse adds to R, by Chebyshev polynomials of its time
 
 
 def transition(

@@ -6,7 +6,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.contact import contact_forces
-from impactlab.components.filters import filter_of
+from impactlab.components.filters import filter_of, impulses_of
 from impactlab.integrators.base import Integrator
 from impactlab.linear.laws import correlated_systems, flexibility, hottest, linear_variances, lines_of
 from impactlab.nonlinear.tangent_stiffness import Stiffening
@@ -107,4 +107,7 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     half = np.array([np.pi / step])
     own_densities = [float(filter_of(item).density(half)[0]) for item in filtered.excitations]
     density += filtered.added(np.array(own_densities), len(density))
+    impulses = model.sources["impulses"]
+    own_densities = [impulses_of(item).density for item in impulses.excitations]
+    density += impulses.added(np.array(own_densities), len(density))
     return np.asarray(np.sqrt(model.ends.squares(2.0 * np.pi * step * density / model.mass**2)))

@@ -15,7 +15,7 @@ from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
 from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look, span_of
-from impactlab.linear.laws import flexibility, hottest, other_variances, spread, white_variances
+from impactlab.linear.laws import flexibility, hottest, impulse_energies, other_variances, spread, white_variances
 from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
 
 PLAIN = (LinearContact, HertzContact, PowerLawContact, DuffingOscillator)
@@ -37,7 +37,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     """Return the energy that each body may bring into a collision (J), (body,).
 
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
-    energy of the start or of the response to a given force, whichever is largest.
+    energy of the start, of a large impulse or of the response to a given force, whichever is largest.
     """
     noises, densities, of_time = model.sources["intensity"], model.initial_densities.copy(), kinds_of(model)
     for number, excitation in enumerate(noises.excitations):
@@ -48,6 +48,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * other_variances(model)[1]
+    heat = np.maximum(heat, impulse_energies(model))
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, energy_of(model, start))
     for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()}):

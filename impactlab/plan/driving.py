@@ -11,14 +11,14 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput, warn
-from impactlab.integrators.arguments import Coloured, Filters, Group
+from impactlab.integrators.arguments import Coloured, Filters, Group, Shots
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import addresses, fill_normals, streams_of
 from impactlab.kernels.series import NEAR
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
-from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems, lines_of, responses
-from impactlab.plan.filter_tables import tables_of_forces, tables_of_responses
+from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems, lines_of, responding, responses
+from impactlab.plan.filter_tables import tables_of_forces, tables_of_responses, tables_of_shots
 
 MOST_TOGETHER = 500
 """Bodies that one noise may move together: it takes some seconds, and as the cube."""
@@ -105,6 +105,7 @@ class FilterStart(NamedTuple):
     slots: np.ndarray  # (body,)
     states: slice  # of the filter among those of all
     root: np.ndarray  # (state and x and v, normal)
+    mean: np.ndarray  # (x and v,) of the bodies
 
     def draw(self, realizations: np.ndarray, attempt: int) -> np.ndarray:
         """Return the states of the filter, displacements and velocities of some realizations, (row, lane)."""
@@ -112,15 +113,19 @@ class FilterStart(NamedTuple):
         fill_normals(self.streams, realizations, np.uint64(attempt), normals)
         rows = normals.transpose(1, 0, 2).reshape(-1, len(realizations))
         # the same bits in any block, as a matrix product would not be
-        return np.asarray(sum(column[:, None] * row for column, row in zip(self.root.T, rows, strict=False)))
+        result = np.asarray(sum(column[:, None] * row for column, row in zip(self.root.T, rows, strict=False)))
+        if self.mean.any():
+            result[-len(self.mean) :] += self.mean[:, None]
+        return result
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredNoises:
-    """Filtered white noises on some bodies."""
+    """Filtered white noises and impulses on some bodies."""
 
     slots: np.ndarray  # (response or force,) bodies
     filters: Filters
+    shots: Shots
     starts: tuple[FilterStart, ...]
     envelopes: int  # how many have one
     states: int  # of all filters
@@ -130,30 +135,36 @@ class ColouredNoises:
         """Return those of a model as a method takes them at a step (s); see `WhiteNoises` for a coarse run."""
         finer = 2 if coarse else 1
         interval = step / (finer * integrator.samples_per_step)
-        motions = filtered_motions(model, flowing_systems(model))
+        motions = responding(model, flowing_systems(model))
         for motion in motions:
             if len(motion.slots) > MOST_TOGETHER:
+                what = "The coloured noise" if motion.states else "The source of impulses"
                 raise InvalidInput(
-                    f"The coloured noise {motion.name!r} moves {len(motion.slots)} bodies at a time; {MOST_TOGETHER} "
+                    f"{what} {motion.name!r} moves {len(motion.slots)} bodies at a time; {MOST_TOGETHER} "
                     "is the most. Use several sources."
                 )
         counts = [motion.states for motion in motions]
         modulated = np.array([motion.modulated for motion in motions], dtype=bool)
         envelope = np.where(modulated, np.cumsum(modulated) - 1, -1).tolist()
-        rows = tables_of_responses if integrator.takes_response else tables_of_forces
-        slots, tables, normals = rows(motions, envelope, interval)
+        if integrator.takes_response:
+            slots, tables, normals = tables_of_responses(motions, envelope, interval)
+        else:
+            slots, tables, normals = tables_of_forces(
+                filtered_motions(model, flowing_systems(model)), envelope, interval
+            )
         names = [motion.name for motion, count in zip(motions, normals, strict=True) for _ in range(count)]
         numbers = [number for count in normals for number in range(count)]
         return cls(
             slots,
             tables._replace(streams=streams_of(seed, names, numbers), finer=finer),
+            tables_of_shots(motions, interval, seed),
             _starts(model, counts, seed),
             int(modulated.sum()),
             sum(counts),
         )
 
     def __bool__(self) -> bool:
-        return bool(self.states)
+        return bool(self.states or len(self.shots.begin) > 1)
 
     @property
     def time_varying(self) -> bool:
@@ -169,14 +180,15 @@ class ColouredNoises:
     def nbytes(self) -> int:
         """Bytes that a realization takes."""
         rows = (NEAR + 1) * self.rows + BLOCKS * (len(self.filters.motion.begin) - 1 + self.states)
-        return int(8 * rows + 16 * self.filters.streams.shape[1])
+        return int(8 * (rows + self.shots.begin[-1]) + 16 * self.filters.streams.shape[1])
 
     @property
     def seconds(self) -> float:
         """Time that a sample takes for a realization, roughly (s)."""
-        filters = self.filters
-        entries = sum(len(item.values) for item in (filters.motion, filters.noise, filters.flow, filters.output))
-        return float(1e-9 * filters.finer * (entries + 4 * filters.streams.shape[1]))
+        filters, shots = self.filters, self.shots
+        matrices = filters.motion, filters.noise, filters.flow, filters.output, shots.response
+        entries = sum(len(item.values) for item in matrices)
+        return float(1e-9 * filters.finer * (entries + 4 * (filters.streams.shape[1] + shots.streams.shape[1])))
 
     def arrays(self, function: int, realizations: np.ndarray) -> Coloured:
         """Return what the loop takes for a block of some realizations; the states are to be set."""
@@ -192,17 +204,19 @@ class ColouredNoises:
             kept=np.zeros((BLOCKS, self.states, lanes)),
             work=np.zeros((BLOCKS, rows, lanes)),
             normals=np.zeros((4, filters.streams.shape[1], lanes), dtype=np.float32),
+            shots=self.shots,
+            moments=np.zeros((self.shots.begin[-1], lanes)),
         )
 
 
 def _starts(model: Model, counts: Sequence[int], seed: tuple[int, int]) -> tuple[FilterStart, ...]:
-    """Return where filters of so many states begin."""
+    """Return where filters of so many states begin, and bodies that impulses move."""
     ends, result = np.cumsum(counts, dtype=int), []
-    for motion, end in zip(filtered_motions(model, coupled_systems(model)), ends, strict=True):
+    for motion, end in zip(responding(model, coupled_systems(model)), ends, strict=True):
         root = motion.start()
         streams = [addresses(seed, [motion.name], f"begin {number}") for number in range(-(-len(root) // 4))]
         states = slice(int(end) - motion.states, int(end))
-        result.append(FilterStart(np.concatenate(streams, axis=1), motion.slots, states, root))
+        result.append(FilterStart(np.concatenate(streams, axis=1), motion.slots, states, root, motion.mean.ravel()))
     return tuple(result)
 
 

@@ -1,4 +1,4 @@
-"""Filters of noise, and what they move in a step, as tables that loops take."""
+"""Filters of noise and impulses, and what they move in a step, as tables that loops take."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impactlab.integrators.arguments import Filters, Sparse
+from impactlab.integrators.arguments import Filters, Shots, Sparse
+from impactlab.kernels.random import addresses
 from impactlab.linear.coloured import FilteredMotion
+from impactlab.linear.impulses import ImpulsiveMotion
 
 
 def tables_of_responses(
-    motions: Sequence[FilteredMotion], envelope: Sequence[int], interval: float
+    motions: Sequence[FilteredMotion | ImpulsiveMotion], envelope: Sequence[int], interval: float
 ) -> tuple[np.ndarray, Filters, list[int]]:
     """Return the bodies that respond, tables without the addresses of their normals, and the numbers of these."""
     steps = [motion.steps(interval) for motion in motions]
@@ -34,6 +36,30 @@ def tables_of_responses(
     )
     slots = np.concatenate([np.zeros(0, dtype=np.int64), *(motion.slots for motion in motions)])
     return slots, tables, [item.noise.shape[1] for item in steps]
+
+
+def tables_of_shots(
+    motions: Sequence[FilteredMotion | ImpulsiveMotion], interval: float, seed: tuple[int, int]
+) -> Shots:
+    """Return the impulses among what moves bodies, and what they do in the time of a sample (s)."""
+    impulsive = [motion for motion in motions if isinstance(motion, ImpulsiveMotion)]
+    if not impulsive:
+        return Shots(_sparse([]), np.zeros(1, dtype=np.int64), np.zeros((3, 0)), np.zeros((3, 0), dtype=np.uint64))
+    blocks = [
+        motion.steps(interval).impulses
+        if isinstance(motion, ImpulsiveMotion)
+        else np.zeros((motion.states + 2 * len(motion.slots) * (1 + motion.modulated), 0))
+        for motion in motions
+    ]
+    names = [motion.name for motion in impulsive]
+    streams = [addresses(seed, names, purpose) for purpose in ("impulses", "impulse sizes")]
+    numbers = [(item.rate * interval, item.mean, item.deviation) for item in (motion.impulses for motion in impulsive)]
+    return Shots(
+        response=_states_first(blocks, [motion.states for motion in motions]),
+        begin=np.cumsum([0, *(block.shape[1] for block in blocks if block.shape[1])]),
+        numbers=np.array(numbers).T.copy(),
+        streams=np.concatenate(streams, axis=1),
+    )
 
 
 def tables_of_forces(

@@ -14,6 +14,7 @@ from scipy.special import j0, ndtr
 
 from impactlab.errors import NoExactReference
 from impactlab.linear.coloured import FilteredMotion
+from impactlab.linear.impulses import ImpulsiveMotion
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import drift_matrix
 from impactlab.reference.marginal import Marginal
@@ -39,7 +40,8 @@ class GaussianLaw:
 
     Under white noise the state (x, v) is Gaussian, with mean 0 and the covariance Σ that
     solves ``L Σ + Σ Lᵀ + N = 0``, L the drift and N the noise; under coloured noise the states of
-    its filter are states of the same equation. Each cosine adds
+    its filter are states of the same equation. Of impulses at random times mean and covariance are known
+    (Campbell's theorem). Each cosine adds
     ``½ |A H(ω)|²`` and is independent of all others, H being the receptance; the sum is
     not Gaussian, but its characteristic function is known, ``exp(−σ² t²/2) Π J₀(|A H| t)``,
     and gives the density of a displacement or a velocity by one sum.
@@ -50,7 +52,22 @@ class GaussianLaw:
     """Their motion and the white noise on them; every motion is damped, and springs hold all bodies."""
     temperature: float | None = None  # temperature of all bodies, if it is one and no coupling has damping (J)
     cosines: Sequence[CosineResponse] = ()  # the sums of cosines
-    coloured: Sequence[FilteredMotion] = ()  # what filtered noises do to all of the bodies
+    coloured: Sequence[
+        FilteredMotion | ImpulsiveMotion
+    ] = ()  # what filtered noises, and impulses, do to all of the bodies
+
+    @property
+    def shot(self) -> bool:
+        """Whether impulses move the bodies, so that only mean and covariance are known."""
+        return any(isinstance(item, ImpulsiveMotion) for item in self.coloured)
+
+    def refuse_density(self, body: str) -> None:
+        """Refuse what depends on more than mean and covariance where these are all that is known."""
+        if self.shot:
+            raise NoExactReference(
+                f"The density of {body!r} is not known, because impulses at random times drive it: mean and covariance "
+                "are; under il.WhiteNoise it is Gaussian."
+            )
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -101,7 +118,8 @@ class GaussianLaw:
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
-        return 0.0, self.variance(body, "displacement")
+        mean = sum(float(item.mean[0, self.bodies.index(body)]) for item in self.coloured)
+        return mean, self.variance(body, "displacement")
 
     def variance(self, body: str, quantity: str) -> float:
         """Return the variance of a displacement (m2) or a velocity (m2 s-2)."""
@@ -120,6 +138,7 @@ class GaussianLaw:
 
     def density_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
         """Return the density of a displacement (m-1) or a velocity (s m-1)."""
+        self.refuse_density(body)
         deviation = math.sqrt(self.variance(body, quantity))
         z = values / deviation
         if not self.cosines:
@@ -130,6 +149,7 @@ class GaussianLaw:
 
     def probability_of(self, body: str, quantity: str, values: np.ndarray) -> np.ndarray:
         """Return the probability that a displacement or a velocity is smaller."""
+        self.refuse_density(body)
         z = values / math.sqrt(self.variance(body, quantity))
         if not self.cosines:
             return np.asarray(ndtr(z))
@@ -138,6 +158,7 @@ class GaussianLaw:
 
     def marginal(self, body: str, speed: float) -> Marginal:
         """Return the law of a body's displacement, its velocity having some standard deviation (m s-1)."""
+        self.refuse_density(body)
         if self.cosines:
             raise NoExactReference(
                 f"The rate at which {body!r} crosses levels is not known, because it is driven by sums of cosines; "
@@ -153,6 +174,7 @@ class GaussianLaw:
 
     def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the joint density of the displacements of two bodies (m-2)."""
+        self.refuse_density(first)
         if self.cosines:
             raise NoExactReference(
                 f"The joint density of {first!r} and {second!r} is not known, because they are driven by sums of "
@@ -207,6 +229,8 @@ class GaussianLaw:
     def __str__(self) -> str:
         if self.cosines:
             return "linear motion under sums of cosines"
+        if self.shot:
+            return "impulses at random times, mean and covariance"
         if self.coloured:
             return "coloured noise, Gaussian"
         one = self.temperature is not None

@@ -98,6 +98,9 @@ class Laws:
         known_name("quantity", quantity, QUANTITIES)
         weights = self.network.points[point]
         laws = list({id(law): law for law in (self.of_body[name] for name in weights)}.values())
+        for law in laws:
+            if isinstance(law, GaussianLaw):
+                law.refuse_density(point)
         if not any(isinstance(law, GaussianLaw) and law.cosines for law in laws):
             _, place, speed = self.at_point(weights)
             if quantity == "velocity":

@@ -11,10 +11,10 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
-from impactlab.components.filters import filter_of
+from impactlab.components.filters import filter_of, impulses_of
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
-from impactlab.linear.laws import filtered_motions, lines_of, responses, system_of
+from impactlab.linear.laws import lines_of, responding, responses, system_of
 from impactlab.linear.systems import LinearSystem
 from impactlab.reference.gaussian import CosineResponse, GaussianLaw
 from impactlab.reference.subsystems import (
@@ -86,7 +86,7 @@ class LinearPart:
         temperatures = list(self.subsystem.temperatures.values())
         balanced = ((model.initial_intensities > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
         balanced = balanced and not (self.subsystem.common_noises or model.coloured)
-        coloured = filtered_motions(model, together)
+        coloured = responding(model, together)
         thermal = temperatures and balanced and not differ(*temperatures)
         return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines, coloured)
 
@@ -109,6 +109,7 @@ class LinearPart:
         system, model, names = self.system, self._model, self.subsystem.bodies
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         driven = driven or any(filter_of(item).input.any() for item in model.sources["filter"].excitations)
+        driven = driven or any(impulses_of(item).density for item in model.sources["impulses"].excitations)
         one = len(names) == 1
         if not driven and not system.damping.any():
             yield f"{named(names)}: {UNHEATED}"
@@ -144,8 +145,8 @@ class Apart:
         if not all(item.is_linear for item in left):
             return None
         parts = list(map(LinearPart, left))
-        if any(part.reasons for part in parts):
-            return None
+        if any(part.reasons for part in parts) or any(part.law.shot for part in parts):
+            return None  # the bounds of tails are those of normal numbers and cosines
         part_of = {name: part for part in parts for name in part.subsystem.bodies}
         slowest = max(part.slowest for part in parts)
         mattering = {}

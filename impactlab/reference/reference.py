@@ -107,14 +107,14 @@ class ExactReference(Densities):
         return laws[0].joint_density(first, second, x, y)
 
     def covariance(self, first: str, second: str, quantity: str) -> float:
-        """Return ``E[q_first q_second]`` of two bodies, or points of structures, whose motion is linear.
+        """Return the covariance of q of two bodies, or points of structures, whose motion is linear.
 
         Parameters
         ----------
         first, second : str
             Names of the bodies or points; the same one twice for its variance.
         quantity : {"displacement", "velocity"}
-            q, the mean of which is 0.
+            q, the mean of which is 0 but for impulses.
 
         Returns
         -------
@@ -133,14 +133,14 @@ class ExactReference(Densities):
         return sum((law.covariance_of(here, there, quantity) for law, here, there in pairs), 0.0)
 
     def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
-        """Return ``E[q(t) q(t + lag)]`` of a body, or a point of a structure, whose motion is linear.
+        """Return the covariance of q(t) and q(t + lag) of a body, or a point of a structure, whose motion is linear.
 
         Parameters
         ----------
         oscillator : str
             Name of the body or point.
         quantity : {"displacement", "velocity"}
-            q, the mean of which is 0.
+            q, the mean of which is 0 but for impulses.
         lags : array_like
             Lags (s), of either sign.
 
@@ -406,8 +406,9 @@ def exact(network: Composition) -> ExactReference:
       combination of displacements, as between two towers that are given by their modes, if the
       matrices of spectral densities and of damping are in proportion, ``π S = T C``;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
-      any temperatures, also one on several bodies, coloured noise without an envelope, and sums of
-      cosines. Contacts are allowed if the law without them closes them so rarely that they cannot
+      any temperatures, also one on several bodies, coloured noise without an envelope, sums of
+      cosines, and impulses at random times, of which mean and covariance are known. Contacts are
+      allowed, but beside impulses, if the law without them closes them so rarely that they cannot
       matter: a bound of the probability, and of the contacts in a relaxation time, is 10⁻¹².
 
     Parameters

@@ -205,7 +205,7 @@ def is_stationary(excitation: Excitation) -> bool:
     """Whether an excitation is a stationary process."""
     if excitation.kind == "filter":
         return not excitation.has_kernel("modulation")
-    return excitation.kind == "lines" or is_steady_noise(excitation)
+    return excitation.kind in ("lines", "impulses") or is_steady_noise(excitation)
 
 
 def is_steady_noise(excitation: Excitation) -> bool:

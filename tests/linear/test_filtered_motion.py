@@ -69,7 +69,7 @@ def test_bodies_that_no_spring_holds_have_the_law_of_their_velocities():
 def test_steps_of_any_length_keep_the_stationary_law(step):
     """Of filter and bodies together: they forget nothing of what they have in common."""
     motion = motion_of(CLOUGH)
-    rows, noise, flow = motion.steps(step)
+    rows, noise, flow, _ = motion.steps(step)
     states, order = motion.states, [0, 1, 2, 3, 4, 6, 5, 7]  # x and v of a body follow each other
     before = motion.covariance[np.ix_(order, order)]
     whole = np.zeros((8, 8))
@@ -85,7 +85,7 @@ def test_a_growing_envelope_is_exact_within_a_step():
     noise, step, parts, mean, slope = il.Modulated(CLOUGH, [0.0, 1.0], [1.0, 2.0]), 0.4, 800, 1.3, 0.6
     motion = motion_of(noise)
     states = motion.states
-    rows, by_noise, _ = motion.steps(step)
+    rows, by_noise, *_ = motion.steps(step)
     whole = np.concatenate([rows, by_noise], axis=1)
     response = mean * whole[states : states + 4] + slope * whole[states + 4 :]
     drift, growth = drift_of(noise)
