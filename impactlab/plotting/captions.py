@@ -20,9 +20,22 @@ FIELDS = 3
 _WIDE = 22
 
 
+_PERSONS = {
+    "Bouc", "Wen", "Braun", "Walton", "Carvalho", "Martins", "Clough", "Penzien", "Coulomb", "Crossley", "Hunt",
+    "Kanai", "Tajimi", "Kelvin", "Voigt", "Lankarani", "Nikravesh", "Ornstein", "Uhlenbeck",
+}  # fmt: skip
+"""Persons in names of classes, of whom two stand side by side or who do not come first."""
+
+
 def words(component: Component) -> str:
-    """Return the name of a class as words."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(component).__name__).capitalize()
+    """Return the name of a class as words, such as ``Bouc–Wen coupling``."""
+    first, *others = re.split(r"(?<=[a-z0-9])(?=[A-Z])", type(component).__name__)
+    text, before = first.capitalize(), first
+    for word in others:
+        persons = word in _PERSONS and before in _PERSONS
+        text += f"\N{EN DASH}{word}" if persons else f" {word if word in _PERSONS else word.lower()}"
+        before = word
+    return text
 
 
 def numbers(component: Component, without: Iterable[str] = ()) -> list[str]:

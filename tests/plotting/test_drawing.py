@@ -10,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import impactlab as il
+from impactlab.plotting.captions import words
 from impactlab.plotting.drawing import draw_network
 from impactlab.plotting.layout import BODIES
 from impactlab.plotting.style import COLORS, band, number_text, points, style, units_text
@@ -34,6 +35,20 @@ def drawn(figure):
             assert box.y0 <= extent.y0, text
             assert extent.y1 <= box.y1, text
     return figure
+
+
+@pytest.mark.parametrize(
+    ("component", "text"),
+    [
+        (LAW, "Hertz contact"),
+        (il.HuntCrossleyContact(1.0, dissipation=0.1), "Hunt–Crossley contact"),
+        (il.BoucWenCoupling(1.0, yield_displacement=1.0), "Bouc–Wen coupling"),
+        (il.PowerLawDampingCoupling(1.0, exponent=0.5), "Power law damping coupling"),
+        (il.WhiteNoise(1.0), "White noise"),
+    ],
+)
+def test_names_of_classes_are_words(component, text):
+    assert words(component) == text
 
 
 def test_a_pair_shows_all_its_parts():
