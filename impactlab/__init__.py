@@ -44,6 +44,7 @@ _HOME = {
         "Modulated",
         "OrnsteinUhlenbeckNoise",
     ],
+    "components.coherent": ["SharedCosines", "coherent", "davenport", "harichandran_vanmarcke"],
     "components.correlated": ["correlated"],
     "components.impulses": ["PoissonImpulses"],
     "components.loads": [

@@ -3,6 +3,10 @@
 from impactlab import plot as plot
 from impactlab.components.beams import beam as beam
 from impactlab.components.catalogue import catalogue as catalogue
+from impactlab.components.coherent import SharedCosines as SharedCosines
+from impactlab.components.coherent import coherent as coherent
+from impactlab.components.coherent import davenport as davenport
+from impactlab.components.coherent import harichandran_vanmarcke as harichandran_vanmarcke
 from impactlab.components.coloured import BandPassNoise as BandPassNoise
 from impactlab.components.coloured import CloughPenzien as CloughPenzien
 from impactlab.components.coloured import FilteredNoise as FilteredNoise

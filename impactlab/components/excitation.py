@@ -64,6 +64,14 @@ class Excitation(Component):
         return math.inf
 
     @property
+    def phases_of(self) -> str | None:
+        """Name of the random phases that a sum of cosines shares with others; None if they are its own.
+
+        Amplitudes that `lines` returns may be complex then, for phases in relation to the others.
+        """
+        return None
+
+    @property
     def known_until(self) -> float:
         """Time up to which the force is known; a longer run is refused (s)."""
         return math.inf

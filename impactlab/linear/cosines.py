@@ -16,7 +16,14 @@ class Lines:
     name: str  # of the body or the source, which names the stream of the phases
     frequencies: np.ndarray  # (line,) angular (rad s-1)
     amplitudes: np.ndarray  # (line,) of the force (N)
-    weights: tuple[float, ...] = (1.0,)  # factor of the force on each body
+    weights: tuple[float, ...] | tuple[np.ndarray, ...] = (1.0,)
+    """Factor of the force on each body, or complex ones of all lines."""
+
+    @property
+    def gains(self) -> np.ndarray:
+        """The same as an array, (body, 1 or line)."""
+        weights = np.array(self.weights)
+        return weights if weights.ndim > 1 else weights[:, None]
 
 
 def receptance_of(mass: float, damping: float, stiffness: float, frequencies: np.ndarray) -> np.ndarray:

@@ -196,7 +196,10 @@ def responses(
                 response = receptance_of(model.mass[slot], model.damping[slot], model.stiffness[slot], item.frequencies)
                 response = response[:, None]
             for reached, column in zip(slots.tolist(), response.T, strict=True):
-                own = (np.ascontiguousarray(column).view(float) * weight).view(complex)  # infinite at a resonance
+                if isinstance(weight, float):
+                    own = (np.ascontiguousarray(column).view(float) * weight).view(complex)  # infinite at a resonance
+                else:
+                    own = column * weight
                 with np.errstate(invalid="ignore"):
                     of_slots[reached] = of_slots[reached] + own if reached in of_slots else own
         moved = sorted(of_slots)
@@ -208,9 +211,12 @@ def responses(
 def lines_of(model: Model) -> tuple[Lines, ...]:
     """Return the sums of cosines of a network."""
     result, sums = [], model.sources["lines"]
+    shared: dict[str, list[Lines]] = {}
     for number, (name, excitation) in enumerate(sums.named()):
-        parts = excitation.lines()  # type: ignore[attr-defined]
-        frequencies, amplitudes = (np.atleast_1d(np.asarray(part, dtype=float)) for part in parts)
+        phases = excitation.phases_of
+        first, second = excitation.lines()  # type: ignore[attr-defined]
+        frequencies = np.atleast_1d(np.asarray(first, dtype=float))
+        amplitudes = np.atleast_1d(np.asarray(second, dtype=float if phases is None else complex))
         same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
         if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
@@ -218,8 +224,31 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
                 f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
             )
         bodies, weights = sums.driven(number)
-        result.append(Lines(tuple(bodies.tolist()), name, frequencies, amplitudes, tuple(weights.tolist())))
-    return tuple(result)
+        own = Lines(tuple(bodies.tolist()), phases or name, frequencies, amplitudes, tuple(weights.tolist()))
+        if phases is None:
+            result.append(own)
+        else:
+            shared.setdefault(phases, []).append(own)
+    return *result, *map(_together, shared.values())
+
+
+def _together(parts: list[Lines]) -> Lines:
+    """Return sums of cosines that share their random phases as one."""
+    first = parts[0]
+    gains: dict[int, np.ndarray] = {}
+    for item in parts:
+        if not np.array_equal(item.frequencies, first.frequencies):
+            raise InvalidInput(f"Sums of cosines that share the phases {first.name!r} must have the same frequencies.")
+        for slot, weight in zip(item.bodies, item.weights, strict=True):
+            gains[slot] = gains.get(slot, np.zeros(len(first.frequencies))) + weight * item.amplitudes
+    slots = sorted(gains)
+    return Lines(
+        tuple(slots),
+        first.name,
+        first.frequencies,
+        np.ones(len(first.frequencies)),
+        tuple(gains[slot] for slot in slots),
+    )
 
 
 @kept

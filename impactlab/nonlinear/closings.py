@@ -102,7 +102,8 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     for item in lines_of(model):
         near = np.abs(np.log2(item.frequencies * step / np.pi)) < 1.0
         own = 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
-        np.add.at(density, [*item.bodies], np.square(item.weights) * own)
+        gains = item.gains if item.gains.shape[1] == 1 else item.gains[:, near]
+        np.add.at(density, [*item.bodies], (np.abs(gains) ** 2).mean(axis=1) * own)
     filtered = model.sources["filter"]
     half = np.array([np.pi / step])
     own_densities = [float(filter_of(item).density(half)[0]) for item in filtered.excitations]

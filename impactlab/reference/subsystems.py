@@ -146,7 +146,7 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     acting = {name: item for name, item in network.couplings.items() if not is_linear(item) or any(item.law.linear)}
     slots = {name: slot for slot, name in enumerate(network.oscillators)}
     links: list[Contact | Coupling] = [*network.contacts.values(), *acting.values()]
-    together = [*map(sides, links), *(tuple(source.on) for source in network.sources.values())]
+    together = [*map(sides, links), *(tuple(source.on) for source in network.sources.values()), *_sharing(network)]
     pairs = np.array([[slots[name] for name in pair] for names in together for pair in pairwise(names)], dtype=np.int64)
     part_of = dict(zip(slots, connected_parts(Pairs(len(slots), pairs.reshape(-1, 2))).tolist(), strict=True))
     members: dict[int, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
@@ -157,6 +157,16 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     for name, coupling in acting.items():
         members[part_of[sides(coupling)[0]]][2][name] = coupling
     return [Subsystem(network, tuple(names), contacts, couplings) for names, contacts, couplings in members.values()]
+
+
+def _sharing(network: Composition) -> list[tuple[str, ...]]:
+    """Return the bodies under sums of cosines that share their random phases, for each of these."""
+    result: dict[str, tuple[str, ...]] = {}
+    for item in network.sources.values():
+        phases = item.excitation.phases_of
+        if phases is not None:
+            result[phases] = (*result.get(phases, ()), *item.on)
+    return list(result.values())
 
 
 def is_linear(coupling: Coupling) -> bool:

@@ -229,10 +229,9 @@ class Block:
         latest = plan.system.ends.largest(last, -1)
         self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
         if not method.takes_response:
-            weights = [np.array(item.weights)[:, None] for item in driving.lines]
             sampled = [
                 Cosines(seed, item, gains, False, interval, needed)
-                for item, gains in zip(driving.lines, weights, strict=True)
+                for item, gains in ((item, item.gains) for item in driving.lines)
             ]
         ends = np.cumsum([item.channels for item in sampled])
         lanes = len(self.realizations)
