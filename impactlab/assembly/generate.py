@@ -9,10 +9,12 @@ miss changes in the imported file on a cache hit, and would not work for a scrip
 
 from __future__ import annotations
 
-from impactlab.assembly.inlining import Inliner, free_name
+from typing import Any, NamedTuple
+
+from impactlab.assembly.inlining import Inliner, Read, free_name
 from impactlab.assembly.loops import FORCE_LOOPS, Loop, accept_loop, name_of, slowing
 from impactlab.assembly.members import Kind
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
 from impactlab.kernels.single import single_text
 
 _FORCES = '''
@@ -58,33 +60,60 @@ def generate(model: Model, single: bool = False) -> str:
     Kernels are refused whose source cannot be found, or reads something that is neither a number, nor a function, nor
     from ``math`` or ``numpy``.
     """
-    return _generated(model, single)
-
-
-@kept
-def _generated(model: Model, single: bool) -> str:
     names = _kernel_names(model.members.kinds)
+    functions = tuple(getattr(kind.component, kernel) for kind in names for kernel in kind.kernels)
+    form = _Form(model.members.kinds, functions, len(model.ends) > 0, model.ends.plain, single)
+    text, reads = _texts.get(form, ("", None))
+    if reads is None or not all(read.holds for read in reads):
+        text, reads = _generated(form, names)
+        _texts[form] = text, reads
+    return text
+
+
+class _Form(NamedTuple):
+    """What a text follows from, with what its kernels read."""
+
+    kinds: tuple[Kind, ...]
+    kernels: tuple[Any, ...]  # their functions
+    touching: bool  # whether there are contacts
+    plain: bool  # whether these are between two bodies each
+    single: bool
+
+    @property
+    def time_varying(self) -> bool:
+        """Whether the intensity of a white noise depends on time."""
+        return any(kind.kinematic for kind in self.kinds if kind.role == "intensity")
+
+
+_texts: dict[_Form, tuple[str, list[Read]]] = {}
+"""Texts that were made: networks that differ in parameters only have the same."""
+
+
+def _generated(form: _Form, names: dict[Kind, str]) -> tuple[str, list[Read]]:
+    """Return a text, and what its kernels read outside of them."""
     kernels: dict[str, str] = {}
+    reads: list[Read] = []
     taken = {name_of(name, kind, kernel) for kind, name in names.items() for kernel in kind.kernels}
     for kind, name in names.items():
         for kernel in kind.kernels:
-            Inliner(name, kernels, taken).inline(getattr(kind.component, kernel), name_of(name, kind, kernel))
+            inliner = Inliner(name, kernels, taken, reads)
+            inliner.inline(getattr(kind.component, kernel), name_of(name, kind, kernel))
     loops = [
-        Loop(number, kind, names[kind], single, model.ends.plain)
-        for number, kind in enumerate(model.members.kinds)
+        Loop(number, kind, names[kind], form.single, form.plain)
+        for number, kind in enumerate(form.kinds)
         if kind in names
     ]
-    parts = [_header(model, kernels, single)]
+    parts = [_header(form, kernels)]
     parts += [f"\n\n@scalar\n{text}\n" for text in kernels.values()]
     parts += [f"\n{slowing(loop)}" for loop in loops if loop.kind.slows]
     parts.append("\n" + _FORCES)
-    if len(model.ends) and not model.ends.plain:
+    if form.touching and not form.plain:
         parts.append(_ELONGATIONS)
-    elif single and len(model.ends):
+    elif form.single and form.touching:
         parts.append(_DISTANCES)
     for role, write in FORCE_LOOPS.items():
         if role == "coupling":  # after the contacts
-            parts.append(_gathering(model))
+            parts.append(_gathering(form))
         parts += [write(loop) for loop in loops if loop.kind.role == role]
     remembering = [loop for loop in loops if loop.kind.states]
     if remembering:
@@ -93,7 +122,7 @@ def _generated(model: Model, single: bool) -> str:
         of_role = [loop for loop in loops if loop.kind.role == role]
         if of_role:
             parts += ["\n" + _TIMETABLE.format(name=role, what=what), *map(_timetable_loop, of_role)]
-    return single_text("".join(parts)) if single else "".join(parts)
+    return single_text("".join(parts)) if form.single else "".join(parts), reads
 
 
 def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
@@ -106,17 +135,17 @@ def _kernel_names(kinds: tuple[Kind, ...]) -> dict[Kind, str]:
     return names
 
 
-def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
-    roles = {kind.role for kind in model.members.kinds}
-    slowing = any(kind.slows for kind in model.members.kinds)
-    tables = not roles.isdisjoint({"forcing", "modulation"}) or model.time_varying
-    remembering = any(kind.states for kind in model.members.kinds)
-    plain = ["differences", "gather"] if single else ["gather"]
-    called = [] if not len(model.ends) else plain if model.ends.plain else ["elongations", "push_back"]
-    kernels_from = "kick" if model.ends.plain or not called else "combinations"
-    resident = bool(called) and model.ends.plain
+def _header(form: _Form, kernels: dict[str, str]) -> str:
+    roles = {kind.role for kind in form.kinds}
+    slowing = any(kind.slows for kind in form.kinds)
+    tables = not roles.isdisjoint({"forcing", "modulation"}) or form.time_varying
+    remembering = any(kind.states for kind in form.kinds)
+    plain = ["differences", "gather"] if form.single else ["gather"]
+    called = [] if not form.touching else plain if form.plain else ["elongations", "push_back"]
+    kernels_from = "kick" if form.plain or not called else "combinations"
+    resident = bool(called) and form.plain
     decorators = {"resident": resident, "timetable": tables}
-    of_arrays = ["rows"] * bool(model.members.kinds) + ["value_at"] * remembering
+    of_arrays = ["rows"] * bool(form.kinds) + ["value_at"] * remembering
     text = "\n".join(kernels.values())
     lines = [
         '"""Forces of a network of oscillators; generated by impactlab, not to be edited."""',
@@ -135,11 +164,11 @@ def _header(model: Model, kernels: dict[str, str], single: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _gathering(model: Model) -> str:
+def _gathering(form: _Form) -> str:
     """Begin the total force with that of the contacts."""
-    if not len(model.ends):
+    if not form.touching:
         return "    clear(total)\n"
-    if not model.ends.plain:
+    if not form.plain:
         return "    push_back(indices, parameters, contact_force, total)\n"
     return "    gather(indices, contact_force, total)\n"
 

@@ -9,8 +9,9 @@ import itertools
 import math
 import textwrap
 import types
-from collections.abc import Collection
-from typing import Any
+from collections import ChainMap
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,13 +27,35 @@ def free_name(name: str, taken: Collection[str]) -> str:
     return next(item for item in itertools.chain([name], numbered) if item not in taken)
 
 
+class Read(NamedTuple):
+    """A name that a kernel read from outside, and what it was."""
+
+    function: Any
+    name: str
+    attribute: str  # of a module of that name, or nothing
+    value: Any
+
+    @property
+    def holds(self) -> bool:
+        """Whether it still is the same."""
+        found = _outside(self.function).get(self.name)
+        return (getattr(found, self.attribute, None) if self.attribute else found) is self.value
+
+
+def _outside(function: Any) -> Mapping[str, Any]:
+    """Return what a function reads beside its arguments and variables, by name."""
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    return ChainMap({name: cell.cell_contents for name, cell in cells}, function.__globals__, vars(builtins))
+
+
 class Inliner:
     """Copies a function and what it calls, with every name it reads resolved."""
 
-    def __init__(self, prefix: str, texts: dict[str, str], taken: set[str]) -> None:
+    def __init__(self, prefix: str, texts: dict[str, str], taken: set[str], reads: list[Read]) -> None:
         self.prefix = prefix
         self.texts = texts
         self.taken = taken
+        self.reads = reads
         self.done: dict[Any, str] = {}
 
     def inline(self, function: Any, name: str) -> None:
@@ -63,18 +86,19 @@ class _Resolve(ast.NodeTransformer):
         self.inliner = inliner
         self.function = function
         self.local = local
-        self.outside = {**vars(builtins), **inspect.getclosurevars(function).globals}
-        self.outside |= function.__globals__
-        self.outside |= inspect.getclosurevars(function).nonlocals
+        self.outside = _outside(function)
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         owner = node.value
         if isinstance(owner, ast.Name) and owner.id not in self.local:
             value = self.outside.get(owner.id)
             if isinstance(value, types.ModuleType) and value in _MODULES:
+                self.inliner.reads.append(Read(self.function, owner.id, "", value))
                 return self._public(node, _MODULES[value], node.attr)
             if isinstance(value, types.ModuleType) and hasattr(value, node.attr):
-                return self._resolved(node, f"{owner.id}.{node.attr}", getattr(value, node.attr))
+                found = getattr(value, node.attr)
+                self.inliner.reads.append(Read(self.function, owner.id, node.attr, found))
+                return self._resolved(node, f"{owner.id}.{node.attr}", found)
         self.generic_visit(node)
         return node
 
@@ -83,7 +107,9 @@ class _Resolve(ast.NodeTransformer):
             return node
         if node.id not in self.outside:
             self._refuse(node, node.id, "is not defined")
-        return self._resolved(node, node.id, self.outside[node.id])
+        value = self.outside[node.id]
+        self.inliner.reads.append(Read(self.function, node.id, "", value))
+        return self._resolved(node, node.id, value)
 
     def _resolved(self, node: ast.expr, name: str, value: Any) -> ast.AST:
         if isinstance(value, bool | int | float | np.bool_ | np.integer | np.floating):

@@ -135,7 +135,7 @@ class Model:
         """Slots of the bodies under filtered white noise or impulses."""
         return tuple(sorted({*self.sources["filter"].bodies, *self.sources["impulses"].bodies}))
 
-    @property
+    @cached_property
     def modulated(self) -> bool:
         """Whether a filtered white noise has an envelope that depends on time."""
         return any(item.has_kernel("modulation") for item in self.sources["filter"].excitations)
@@ -145,12 +145,12 @@ class Model:
         """Slots of the bodies under a given force."""
         return self.sources["force"].bodies
 
-    @property
+    @cached_property
     def natural_frequencies(self) -> np.ndarray:
         """Undamped natural frequencies of the bodies without contacts (rad s-1), (body,)."""
         return np.asarray(np.sqrt(self.stiffness / self.mass))
 
-    @property
+    @cached_property
     def excited(self) -> np.ndarray:
         """Whether each body has an excitation, (body,) of bool."""
         result = np.zeros(len(self.bodies), dtype=bool)
@@ -191,24 +191,24 @@ class Model:
         result[self.coupled.chosen(self.rubbing).slots] = True
         return result[:-1]
 
-    @property
+    @cached_property
     def interrupted(self) -> np.ndarray:
         """Whether impacts, or slip and stick of dry friction, are located in the motion of each body between kicks,
         (body,) of bool.
         """
         return np.asarray(self.impacted | self.rubbed)
 
-    @property
+    @cached_property
     def kicking(self) -> np.ndarray:
         """Whether each link is a force of its own, not a part of the motion between kicks, (link,) of bool."""
         return np.concatenate([np.ones(len(self.ends), dtype=bool), ~(self.flowing | self.rubbing)])
 
-    @property
+    @cached_property
     def matrix_terms(self) -> np.ndarray:
         """Whether each coupling is a term of the matrices of a structure, (coupling,) of bool."""
         return np.array([isinstance(law, MatrixTerm) for law in self.coupling_laws], dtype=bool)
 
-    @property
+    @cached_property
     def passes(self) -> int:
         """How often a kick evaluates forces with the velocities that they give; 0 where none depends on any.
 
@@ -225,7 +225,7 @@ class Model:
         numbers = np.bincount(np.concatenate(slowed), minlength=self.wall + 1)[: self.wall]
         return 0 if not self.dissipative else min(int(numbers.max()), 2)
 
-    @property
+    @cached_property
     def dissipative(self) -> bool:
         """Whether a force that does not flow depends on velocities or states."""
         kinds = self.members.of_role("force", "residual")
@@ -269,7 +269,7 @@ class Model:
                 result[leading] = True
         return result[:-1]
 
-    @property
+    @cached_property
     def varying(self) -> bool:
         """Whether anything varies in time but by white noise: other noises, given forces, intensities or laws."""
         return bool(self.lines or self.coloured or self.forced or self.time_varying or self.timed.any())
@@ -286,12 +286,12 @@ class Model:
         rows = self.network.points.items()
         return tuple((name, tuple((slots[body], share) for body, share in row.items())) for name, row in rows)
 
-    @property
+    @cached_property
     def time_varying(self) -> bool:
         """Whether the intensity of a white noise depends on time."""
         return any(kind.kinematic for kind in self.members.of_role("intensity"))
 
-    @property
+    @cached_property
     def kicked(self) -> np.ndarray:
         """Whether each body has contacts, couplings that do not flow, or a residual force, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
@@ -299,12 +299,12 @@ class Model:
         result[:-1] |= self.residual
         return result[:-1]
 
-    @property
+    @cached_property
     def nonlinear_bodies(self) -> np.ndarray:
         """Whether each body is kicked, or has dry friction that sticks, (body,) of bool."""
         return np.asarray(self.kicked | self.rubbed)
 
-    @property
+    @cached_property
     def residual(self) -> np.ndarray:
         """Whether each body has a residual force, (body,) of bool."""
         if not self.members.of_role("residual"):
@@ -346,7 +346,7 @@ class Model:
         """Label of the connected part of each body, (body,) of int; walls do not connect."""
         return self._labels
 
-    @property
+    @cached_property
     def random(self) -> np.ndarray:
         """Whether a noise acts on the connected part of each body, (body,) of bool."""
         noisy = self.reference_intensities() > 0.0
@@ -461,7 +461,10 @@ def _members(
 
 
 def kept(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Keep what a function of a model and hashable arguments returns for as long as the model lives."""
+    """Keep what a function of a model and hashable arguments returns for as long as the model lives.
+
+    Arrays are read-only.
+    """
 
     @functools.wraps(function)
     def known(model: Model, *arguments: Any) -> Result:
@@ -469,6 +472,13 @@ def kept(function: Callable[..., Result]) -> Callable[..., Result]:
         key = function, *arguments
         if key not in results:
             results[key] = function(model, *arguments)
+            if isinstance(results[key], np.ndarray):
+                results[key].setflags(write=False)
         return results[key]  # type: ignore[no-any-return]
 
     return known
+
+
+def keep(function: Callable[..., Result], model: Model, *arguments: Any, value: Result) -> None:
+    """Let a function that is `kept` return a value that was found elsewhere."""
+    model.__dict__.setdefault("_kept", {})[(function.__wrapped__, *arguments)] = value  # type: ignore[attr-defined]

@@ -215,7 +215,8 @@ class Component:
 
         def scalar(*point: float) -> float:
             try:
-                return number_of(function(*point, *filled))
+                value = function(*point, *filled)
+                return value if type(value) is float else number_of(value)
             except OverflowError:
                 raise  # infinite in compiled code; whoever asks for values far out decides what that means
             except (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
@@ -225,9 +226,12 @@ class Component:
                     f"{type(error).__name__}: {error}."
                 ) from error
 
-        with np.errstate(over="ignore"):
-            result = np.vectorize(scalar, otypes=[float])(*arguments) if arguments else np.float64(scalar())
-        return np.broadcast_to(result, shape)
+        of_arguments = np.broadcast_shapes(*(item.shape for item in arguments))
+        columns = [np.broadcast_to(item, of_arguments).ravel().tolist() for item in arguments]
+        points = zip(*columns, strict=True) if arguments else [()]
+        with np.errstate(over="ignore"):  # of kernels with functions of NumPy
+            found = np.array([scalar(*point) for point in points], dtype=float)
+        return np.broadcast_to(found.reshape(of_arguments), shape)
 
 
 def classes_named(name: str) -> dict[str, type[Component]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -179,23 +178,25 @@ class Integrator(Component):
             )
 
 
-def frequencies(model: Model, tangent: np.ndarray) -> np.ndarray:
+def frequencies(model: Model, tangent: np.ndarray, stiffness: np.ndarray | None = None) -> np.ndarray:
     """Natural frequencies with springs in the place of contacts and couplings, in increasing order (rad s-1).
 
-    The largest is bounded from above (Gershgorin) where there are many bodies.
+    Bodies have springs of their own, or others of a stiffness that is given (N m-1). The largest frequency is bounded
+    from above (Gershgorin) where there are many bodies.
     """
+    own = model.stiffness if stiffness is None else stiffness
     if len(model.bodies) <= 300:
-        matrix = np.diag(model.stiffness) + model.links.springs(tangent)
+        matrix = np.diag(own) + model.links.springs(tangent)
         scale = 1.0 / np.sqrt(model.mass)
         return np.sqrt(np.maximum(np.linalg.eigvalsh(scale[:, None] * matrix * scale), 0.0))
     inverse = 1.0 / model.mass
-    return np.asarray(np.sqrt(np.sort(model.links.with_row_sums(model.stiffness * inverse, tangent, inverse))))
+    return np.asarray(np.sqrt(np.sort(model.links.with_row_sums(own * inverse, tangent, inverse))))
 
 
 def coupling_rate(model: Model) -> float:
     """Largest rate at which the dampers of couplings that kick, alone, would slow the bodies down (s-1)."""
     dampers = np.concatenate([np.zeros(len(model.ends)), model.coupling[1] * ~model.flowing])
-    return float(frequencies(replace(model, stiffness=np.zeros_like(model.stiffness)), dampers)[-1] ** 2)
+    return float(frequencies(model, dampers, np.zeros_like(model.stiffness))[-1] ** 2) if dampers.any() else 0.0
 
 
 def check_integrator(integrator: Any) -> None:

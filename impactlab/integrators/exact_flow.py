@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -263,25 +262,33 @@ class ExactFlow(Integrator):
         of_dampers: float,
     ) -> float:
         """Limit the step by the frequency of the forces that kick and of the bodies they act on, and by dampers."""
-        frequency, _, kicked = _motion(model)
-        if not kicked.any():
-            return float("inf")
-        by_kicks = replace(model, stiffness=np.zeros_like(model.stiffness) + residual)
-        return min(
-            _over(of_kicks, frequencies(by_kicks, tangent * model.kicking)[-1]),
-            _over(of_flow, frequency[kicked].max()),
-            _over(of_dampers, coupling_rate(model)),
-        )
+        springs = np.zeros_like(model.stiffness) + residual
+        kicks, flow, dampers = _rates(model, tangent.tobytes(), springs.tobytes())
+        return min(_over(of_kicks, kicks), _over(of_flow, flow), _over(of_dampers, dampers))
+
+
+@kept
+def _rates(model: Model, tangent: bytes, residual: bytes) -> tuple[float, float, float]:
+    """Return the frequency of the forces that kick, that of the bodies they act on, and the rate of dampers (s-1)."""
+    frequency, _, kicked = _motion(model)
+    if not kicked.any():
+        return 0.0, 0.0, 0.0
+    of_kicks = frequencies(model, np.frombuffer(tangent) * model.kicking, np.frombuffer(residual))
+    return float(of_kicks[-1]), float(frequency[kicked].max()), coupling_rate(model)
 
 
 @kept
 def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
     linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
-    exact = *transition(*linear, step), *transition(*linear, 0.5 * step)
     split = method._split(model, step)[:, None, None]
+    exact = *transition(*linear, step), *transition(*linear, 0.5 * step)
+    free: dict[float, tuple[np.ndarray, np.ndarray]] = {}
     phases = []
     for place in GAUSS:
-        parts = *split_transition(*linear, step, place), *split_transition(*linear, step, place, until=0.5)
+        parts = exact
+        if split.any():
+            whole, half = (split_transition(*linear, step, place, until, free) for until in (1.0, 0.5))
+            parts = *whole, *half
         phases.append([np.where(split, *pair) for pair in zip(parts, exact, strict=True)])
     groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
     joined = [np.stack(part) for part in zip(*phases, strict=True)]
@@ -298,12 +305,14 @@ def followed_step(model: Model) -> float:
     return _over(1.0, rates.max(initial=0.0))
 
 
+@kept
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequency and rate of friction of each body's linear motion, and whether kicks act on it, (body,) each.
 
     For a body in a group they are the largest of the group.
     """
-    frequency, rate, kicked = model.natural_frequencies, model.damping / model.mass, model.nonlinear_bodies
+    frequency, rate = model.natural_frequencies.copy(), model.damping / model.mass
+    kicked = model.nonlinear_bodies.copy()
     for slots, system in flowing_systems(model):
         frequency[slots], rate[slots] = system.scales
         kicked[slots] = kicked[slots].any()

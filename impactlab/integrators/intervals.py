@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from statistics import NormalDist
 
 import numpy as np
@@ -87,14 +88,14 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
     """
     lanes, bodies, contacts = min(realizations, jump_lanes(model)), len(model.mass), len(model.ends)
     samples = min(SAMPLES, SEARCHES // contacts)
-    z = np.random.default_rng(2023).standard_normal((bodies + 1, 4, samples))
-    near: list[float] = []
+    z = _normals(bodies + 1, samples)
+    single = 0.5 * OPERATION + 3.5 * lanes * bodies  # work of a step that is taken by itself
+    inside = 0.0  # and of one within an interval, at the levels that were looked at
     best, foreseen = GAIN, 0
-    a_of, q_of = _moved(model, step, LEAF)
+    motion = _Motion(model, step)
     for level in range((LONGEST // LEAF).bit_length()):
         steps = LEAF << level
-        if level == 1:  # most networks that will not jump have shown it
-            a_of, q_of = _moved(model, step, LONGEST)
+        a_of, q_of = motion.over(steps)
         path, scatter = _bridge(model, a_of, q_of, steps)
         path = np.concatenate([path, np.zeros((steps, 1, 4))], axis=1)
         limits, draw = model.clearance - window - _sigmas(model, steps) * scatter, _cholesky(q_of[steps])
@@ -103,32 +104,39 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
         state[:-1, 2] = draw[:, :1] * z[:-1, 2]
         state[:-1, 3] = draw[:, 1:2] * z[:-1, 2] + draw[:, 2:] * z[:-1, 3]
         state[-1] = 0.0
-        reach = _reach(path[:, :-1], draw, deviations)[:, None]
-        size = np.append(reach * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
-        flagged = (size[model.ends.pairs].sum(axis=1) > limits.min(axis=0)[:, None]).any(axis=0).mean()
         touched = np.zeros(samples, dtype=bool)
         for (first, second), limit in zip(model.ends.pairs, limits.T, strict=True):
             # not by BLAS, whose threads would take longer to wake up than this takes
             gap = np.einsum("sc,cn->sn", path[:, first], state[first])
             gap -= np.einsum("sc,cn->sn", path[:, second], state[second])
             touched |= (gap > limit[:, None]).any(axis=0)
-        near.append(float(touched.mean()))
-        if near[0] * GAIN > 1.0:
+        near = float(touched.mean())
+        if level == 0:
+            inside += _some(near, lanes) * 0.7 * OPERATION + near * lanes * 7.0 * bodies
+        else:
+            each = _some(near, lanes) * 4.0 * OPERATION
+            inside += (each + near * lanes * (20.0 * bodies + 0.7 * steps * contacts)) / steps
+        if single <= best * inside:  # nor can longer intervals save more
             break
         if level == 0:
             continue
-        work = OPERATION + lanes * (5.0 * bodies + contacts)
+        reach = _reach(path[:, :-1], draw, deviations)[:, None]
+        size = np.append(reach * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
+        flagged = (size[model.ends.pairs].sum(axis=1) > limits.min(axis=0)[:, None]).any(axis=0).mean()
+        work = OPERATION + lanes * (5.0 * bodies + contacts) + steps * inside
         work += _some(flagged, lanes) * OPERATION + flagged * lanes * (12.0 * bodies + 0.7 * steps * contacts)
-        for part in range(1, level + 1):
-            nodes, length = 1 << (level - part), LEAF << part
-            each = _some(near[part], lanes) * 4.0 * OPERATION
-            work += nodes * (each + near[part] * lanes * (20.0 * bodies + 0.7 * length * contacts))
-        leaves = steps // LEAF
-        work += leaves * LEAF * (_some(near[0], lanes) * 0.7 * OPERATION + near[0] * lanes * 7.0 * bodies)
-        gain = steps * (0.5 * OPERATION + 3.5 * lanes * bodies) / work
+        gain = steps * single / work
         if gain > best:
             best, foreseen = gain, level
     return foreseen
+
+
+@functools.lru_cache(maxsize=4)
+def _normals(bodies: int, samples: int) -> np.ndarray:
+    """Return the normal numbers that states are made of, (body, 4, sample)."""
+    result = np.random.default_rng(2023).standard_normal((bodies, 4, samples))
+    result.setflags(write=False)
+    return result
 
 
 def _some(share: float, lanes: int) -> float:
@@ -151,7 +159,7 @@ def jump_tables(
     to contact a gap must be for statistics to look at it, (contact,) (m).
     """
     bodies, noisy = len(model.mass), model.intensities() > 0.0
-    a_of, q_of = _moved(model, step, leaf << levels)
+    a_of, q_of = _Motion(model, step).over(leaf << levels)
     sigmas = _sigmas(model, leaf << levels)
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
     path, limit = [], []
@@ -190,14 +198,19 @@ def jump_tables(
     )
 
 
-def _moved(model: Model, step: float, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return flows and covariances of the motion over 0 to a number of steps, (steps, body, 2, 2) each."""
-    a, q = transition(model.mass, model.damping, model.stiffness, model.intensities(), step)
-    flows, growth = [np.broadcast_to(np.eye(2), a.shape)], [np.zeros_like(q)]
-    for _ in range(number):
-        flows.append(a @ flows[-1])
-        growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
-    return np.array(flows), np.array(growth)
+class _Motion:
+    """Flows and covariances of the motion of bodies over 0, 1, 2 … steps, as far as they were asked for."""
+
+    def __init__(self, model: Model, step: float) -> None:
+        self.a, self.q = transition(model.mass, model.damping, model.stiffness, model.initial_intensities, step)
+        self.flows, self.growth = [np.broadcast_to(np.eye(2), self.a.shape)], [np.zeros_like(self.q)]
+
+    def over(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return those over 0 to a number of steps at least, (steps, body, 2, 2) each."""
+        while len(self.flows) <= number:
+            self.flows.append(self.a @ self.flows[-1])
+            self.growth.append(self.a @ self.growth[-1] @ self.a.transpose(0, 2, 1) + self.q)
+        return np.array(self.flows), np.array(self.growth)
 
 
 def _sigmas(model: Model, steps: int) -> float:
@@ -208,7 +221,7 @@ def _sigmas(model: Model, steps: int) -> float:
 def _bridge(model: Model, a_of: np.ndarray, q_of: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean path between two ends, by the state at the first and noise, and how far gaps stray from it.
 
-    They are (step, body, 4) and (step, contact); flows and covariances are as `_moved` returns them.
+    They are (step, body, 4) and (step, contact); flows and covariances are as `_Motion` returns them.
     """
     inside = np.arange(1, steps + 1)
     by_noise = q_of[inside] @ a_of[steps - inside].swapaxes(-1, -2) @ _inverse(q_of[steps])

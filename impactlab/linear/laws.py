@@ -18,6 +18,7 @@ from impactlab.linear.impulses import ImpulsiveMotion
 from impactlab.linear.systems import LinearSystem
 
 
+@kept
 def linear_variances(model: Model) -> np.ndarray:
     """Return the linear mean squares of displacement and velocity without contacts, (2, body).
 
@@ -121,6 +122,7 @@ def impulse_energies(model: Model) -> np.ndarray:
     return result
 
 
+@kept
 def relaxation_time(model: Model) -> float:
     """Return the relaxation time of the slowest damped motion, or filter of noise (s); 0 if nothing is damped."""
     systems = coupled_systems(model)
@@ -146,6 +148,7 @@ def hottest(model: Model, heat: np.ndarray, labels: np.ndarray | None = None) ->
     return result
 
 
+@kept
 def spread(model: Model) -> np.ndarray:
     """Return upper estimates of the standard deviations of displacement and velocity, (2, body).
 
@@ -156,13 +159,14 @@ def spread(model: Model) -> np.ndarray:
         return np.sqrt([temperature * flexibility(model), temperature / model.mass])
 
 
+@kept
 def extent(model: Model) -> np.ndarray:
     """Return how far bodies usually are from rest and how fast, roughly, (2, body): standard deviations.
 
     As `spread`, but only contacts bring bodies to the highest temperature among them; those on linear couplings keep
     the shape of their linear law, in which a heavy body is hotter than what it carries.
     """
-    result, variance = spread(model), linear_variances(model)
+    result, variance = spread(model).copy(), linear_variances(model)
     systems = coupled_systems(model)
     if not systems:
         return result
@@ -290,12 +294,14 @@ def joined_systems(
     return tuple(result)
 
 
+@kept
 def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]:
     """Return those of :func:`coupled_systems` whose couplings flow: the groups of a linear motion."""
     flowing = model.coupled.chosen(model.flowing).slots
     return tuple(pair for pair in coupled_systems(model) if np.isin(pair[0], flowing).any())
 
 
+@kept
 def flexibility(model: Model) -> np.ndarray:
     """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1), (body,)."""
     with np.errstate(divide="ignore"):

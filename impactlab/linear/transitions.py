@@ -49,6 +49,8 @@ def transition(
 
 def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows that differ, and the place of each row among them."""
+    if len(rows) < 2:
+        return rows, np.zeros(len(rows), dtype=np.int64)
     order = np.lexsort(rows.T)  # `numpy.unique` takes five times as long for many rows
     ordered = rows[order]
     new = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(rows)]
@@ -93,19 +95,23 @@ def split_transition(
     step: float,
     place: float,
     until: float = 1.0,
+    known: dict[float, tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the flow A, Q, (n, 2, 2), of linear bodies with the friction and noise of a step at one moment.
 
     The undamped motion is exact, and so is what friction and noise do to the velocity over a step; each alone keeps the
     stationary law of the body, and so does the product, at any step. It needs one normal, since Q has rank one. The
-    moment and the end of the flow are parts of the step, the rest is as in `transition`.
+    moment and the end of the flow are parts of the step, the rest is as in `transition`. Flows without friction and
+    noise that are `known`, by their time, are not worked out again.
     """
-    free = (mass, np.zeros_like(mass), stiffness, np.zeros_like(mass))
+    still, flows = np.zeros_like(mass), {} if known is None else known
+    times = (until * step,) if until < place else (place * step, (until - place) * step)
+    for time in times:
+        if time not in flows:
+            flows[time] = transition(mass, still, stiffness, still, time)
     if until < place:
-        a, q = transition(*free, until * step)
-        return a, q
-    before, _ = transition(*free, place * step)
-    after, _ = transition(*free, (until - place) * step)
+        return flows[times[0]]
+    before, after = (flows[time][0] for time in times)
     decay = damping / mass * step
     friction = np.zeros_like(before)
     friction[:, 0, 0], friction[:, 1, 1] = 1.0, np.exp(-decay)
@@ -198,7 +204,11 @@ def diffusion_matrix(mass: np.ndarray, intensity: np.ndarray) -> np.ndarray:
 
 def van_loan(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
     """Return Van Loan's block matrix, whose exponential has the transition and the covariance of a motion."""
-    return np.block([[-drift, growth], [np.zeros_like(drift), np.swapaxes(drift, -1, -2)]])
+    size = drift.shape[-1]
+    result = np.zeros((*drift.shape[:-2], 2 * size, 2 * size))
+    result[..., :size, :size], result[..., :size, size:] = -drift, growth
+    result[..., size:, size:] = np.swapaxes(drift, -1, -2)
+    return result
 
 
 def _rate(bodies: np.ndarray) -> float:
@@ -217,10 +227,12 @@ def _taylor(matrices: np.ndarray) -> np.ndarray:
 
     Scaled units would only scale the entries, so large ones (k/m) do no harm.
     """
-    term = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    term = np.zeros(matrices.shape)
+    term[..., range(matrices.shape[-1]), range(matrices.shape[-1])] = 1.0
     total = term.copy()
     for order in range(1, 21):
-        term = term @ matrices / order
+        term = term @ matrices
+        term /= order
         total += term
     return total
 

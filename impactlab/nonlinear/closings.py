@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import contact_forces
 from impactlab.components.filters import filter_of, impulses_of
 from impactlab.integrators.base import Integrator
@@ -48,10 +48,13 @@ def counts_closings(
     if varying or not model.white or not integrator.kicks or model.dissipative or not model.ends.plain:
         return bool(len(model.ends))
     touching = model.ends.coordinates()
-    return bool(
-        (_abrupt(model, stiffening) | _together(model, stiffening)).any()
-        or _kicked(model, stiffening, step)[touching].any()
-    )
+    return _sudden(model, stiffening) or bool(_kicked(model, stiffening, step)[touching].any())
+
+
+@kept
+def _sudden(model: Model, stiffening: Stiffening) -> bool:
+    """Whether a force begins too suddenly, or bodies of a contact move together."""
+    return bool((_abrupt(model, stiffening) | _together(model, stiffening)).any())
 
 
 def _abrupt(model: Model, stiffening: Stiffening) -> np.ndarray:

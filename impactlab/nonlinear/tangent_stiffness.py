@@ -126,12 +126,25 @@ class Stiffening:
         The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
         ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
         """
+        return cls._with_contacts(model, energy, times, *_contacts_at_stiffest(_contact_rows(model, energy), times))
+
+    @classmethod
+    def of_each(cls, models: Sequence[Model], energies: Sequence[np.ndarray]) -> list[Self]:
+        """Evaluate several scenes, in which no law depends on time: contacts of all of them are looked at together."""
+        rows = [_contact_rows(*scene) for scene in zip(models, energies, strict=True)]
+        found, places = _contacts_at_stiffest([row for of_model in rows for row in of_model], _BEGIN)
+        result = []
+        for model, energy, chosen in zip(models, energies, _split(places, [len(item) for item in rows]), strict=True):
+            own, at = np.unique(chosen, return_inverse=True)
+            result.append(cls._with_contacts(model, energy, _BEGIN, found[:, own], at))
+        return result
+
+    @classmethod
+    def _with_contacts(
+        cls, model: Model, energy: np.ndarray, times: np.ndarray, found: np.ndarray, places: np.ndarray
+    ) -> Self:
+        """Return a scene from what was found of its contacts, see `_penetrations`, and the place of each in it."""
         yielding = flexibility(model)
-        overlap = np.maximum(-model.clearance, 0.0)
-        compliance = np.where(overlap > 0.0, model.ends.squares(yielding), 0.0)
-        columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
-        rows = list(zip(model.contact_laws, np.zeros(len(model.ends)).tolist(), *columns, strict=True))
-        found, places = _at_stiffest(_penetrations, rows, "force", times, 1, 3 + COLUMNS)
         penetration, tangent, force = found[:3, places]
         of_contacts = Profiles.of(found[3:]), places
         rest = model.ends.pushes(force)
@@ -142,6 +155,23 @@ class Stiffening:
         bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy, times)
         profiles = of_contacts, of_couplings, of_bodies
         return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles, times)
+
+
+def _contact_rows(model: Model, energy: np.ndarray) -> list[tuple[Any, ...]]:
+    """Return law, time, energy, overlap and compliance of each contact."""
+    overlap = np.maximum(-model.clearance, 0.0)
+    compliance = np.where(overlap > 0.0, model.ends.squares(flexibility(model)), 0.0)
+    columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
+    return list(zip(model.contact_laws, np.zeros(len(model.ends)).tolist(), *columns, strict=True))
+
+
+def _contacts_at_stiffest(rows: list[tuple[Any, ...]], times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return _at_stiffest(_penetrations, rows, "force", times, 1, 3 + COLUMNS)
+
+
+def _split(items: np.ndarray, lengths: Sequence[int]) -> list[np.ndarray]:
+    """Return successive parts of some lengths."""
+    return np.split(items, np.cumsum(lengths)[:-1])
 
 
 class _Forces:
@@ -336,6 +366,9 @@ def _penetrations(
 
 _LOWEST, _HIGHEST = -60.0, 40.0  # logarithms between which roots are looked for
 
+HALVINGS, EXACT = 60, 40
+"""How often this interval is halved, and how often numbers of double precision are exactly the middles."""
+
 
 def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: np.ndarray) -> np.ndarray:
     """Solve ``increasing(depth, rows) = target[rows]`` for all rows by bisection of the logarithm, (row,).
@@ -353,8 +386,8 @@ def _solve(increasing: Callable[[np.ndarray, np.ndarray], np.ndarray], target: n
     rows = np.flatnonzero((target > 0.0) & (target < np.inf))
     rows = rows[reached(np.full(len(rows), _HIGHEST), rows)]
     below, above = _bracket(at, reached, rows, target[rows])
-    low, high = np.full(len(rows), _LOWEST), np.full(len(rows), _HIGHEST)
-    for _ in range(60):
+    low, high, halvings = _halved(below, above)
+    for _ in range(halvings, HALVINGS):
         middle = 0.5 * (low + high)
         up = middle >= above
         unknown = np.flatnonzero((below < middle) & (middle < above))
@@ -381,6 +414,16 @@ def _bracket(at: Any, reached: Any, rows: np.ndarray, target: np.ndarray) -> tup
     below, above = guess - 1e-13, guess + 1e-13
     sure = ~reached(below, rows) & reached(above, rows)
     return np.where(sure, below, -np.inf), np.where(sure, above, np.inf)
+
+
+def _halved(below: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return where halving has led that needs no more than bounds of the roots, and how often it was done."""
+    width = (_HIGHEST - _LOWEST) / 2.0**EXACT
+    low = _LOWEST + np.floor((np.maximum(below, _LOWEST) - _LOWEST) / width) * width
+    high = low + width
+    if ((low <= below) & (above <= high)).all():
+        return low, high, EXACT
+    return np.full(len(below), _LOWEST), np.full(len(below), _HIGHEST), 0  # bounds on both sides of a middle, or none
 
 
 def _powers(logarithm: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -116,7 +117,7 @@ class Variable:
     long_name: str
     prefix: str = ""  # of its name, before the statistic
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Name in a dataset."""
         return f"{self.prefix}{self.statistic}"
@@ -164,12 +165,12 @@ class Statistic(Variable):
         value, error = average(moments.of(self))
         return Estimate(np.maximum(value, 0.0) if self.never_negative else value, error)
 
-    @property
+    @cached_property
     def direct(self) -> Variable:
         """Its plain mean, where its value is combined with balances."""
         return self._beside("direct_", "plain mean")
 
-    @property
+    @cached_property
     def balance(self) -> Variable:
         """Difference of two estimates of it."""
         return self._beside("balance_", "direct minus balance estimate")
@@ -315,15 +316,31 @@ def statistics(
     xarray.Dataset
         Variables for which there are no labels (no contacts, say) are left out.
     """
-    labels = {BODY: oscillators, CONTACT: contacts, POINT: list(points)}
     known = variables()
+    coordinates = labels_of(oscillators, contacts, points)
+    estimates = {known[name]: (value, (errors or {}).get(name)) for name, value in values.items()}
+    return xr.Dataset(variables_of(estimates, coordinates), coordinates, attributes)
+
+
+def labels_of(oscillators: Sequence[str], contacts: Sequence[str], points: Sequence[str]) -> Variables:
+    """Return the labels of bodies, contacts and points, where there are some, as coordinates."""
+    labels = {BODY: oscillators, CONTACT: contacts, POINT: points}
+    return {
+        name: ((name,), np.array(list(items)), {"long_name": f"name of the {name}"})
+        for name, items in labels.items()
+        if len(items)
+    }
+
+
+def variables_of(
+    estimates: Mapping[Variable, tuple[np.ndarray, np.ndarray | None]], coordinates: Variables
+) -> Variables:
+    """Return estimates, some with errors, as variables, where their dimensions have labels."""
     data: Variables = {}
-    for name, value in values.items():
-        item, error = known[name], (errors or {}).get(name)
-        if labels[item.dimension]:
-            data |= with_error(name, (item.dimension,), np.asarray(value), error, item.units, item.long_name)
-    coordinates = {name: (name, labels[name], {"long_name": f"name of the {name}"}) for name in labels if labels[name]}
-    return xr.Dataset(data, coordinates, attributes)
+    for item, (value, error) in estimates.items():
+        if item.dimension in coordinates:
+            data |= with_error(item.name, (item.dimension,), np.asarray(value), error, item.units, item.long_name)
+    return data
 
 
 def scatter_of(dataset: xr.Dataset, name: str) -> xr.DataArray:

@@ -3,33 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from impactlab.results.labels import Variables
 
-def gathered(datasets: Sequence[xr.Dataset], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
-    """Return datasets over a product of coordinates, the last of which varies fastest, as one dataset.
 
-    The coordinates become its first dimensions. What a dataset lacks is NaN, or an empty text.
+class Findings(NamedTuple):
+    """What a dataset holds, in plain arrays: many become one dataset sooner than datasets do."""
+
+    variables: Variables
+    coordinates: Variables
+    attributes: dict[str, Any]
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset) -> Findings:
+        """Return what a dataset holds."""
+        parts: list[Any] = [
+            {name: (item.dims, item.values, item.attrs) for name, item in family.items()}
+            for family in (dataset.data_vars, dataset.coords)
+        ]
+        return cls(parts[0], parts[1], dataset.attrs)
+
+    def dataset(self) -> xr.Dataset:
+        """Return it as a dataset."""
+        return xr.Dataset(self.variables, self.coordinates, self.attributes)
+
+    def everything(self) -> Variables:
+        """Return coordinates and variables."""
+        return {**self.coordinates, **self.variables}
+
+    def indexes(self) -> Variables:
+        """Return the labels of dimensions."""
+        return {name: item for name, item in self.coordinates.items() if item[0] == (name,)}
+
+
+def gathered(results: Sequence[xr.Dataset | Findings], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
+    """Return results over a product of coordinates, the last of which varies fastest, as one dataset.
+
+    The coordinates become its first dimensions. What a result lacks is NaN, or an empty text.
     """
-    aligned = xr.align(*datasets, join="outer", copy=False)
+    found = [Findings.of(item) if isinstance(item, xr.Dataset) else item for item in results]
+    if not _labels_agree(found):
+        found = [Findings.of(item) for item in xr.align(*(item.dataset() for item in found), join="outer", copy=False)]
     lengths = tuple(len(values) for values in coordinates.values())
     kept: dict[Any, Any] = {}
-    indexes: dict[Any, xr.Variable] = {}
-    further = set()
-    for name in dict.fromkeys(name for dataset in aligned for name in dataset.variables):
-        found = [dataset.variables.get(name) for dataset in aligned]
-        first = next(variable for variable in found if variable is not None)
-        if first.dims == (name,):
+    indexes: dict[Any, Any] = {}
+    further = {name for item in found for name in item.coordinates}
+    every = [item.everything() for item in found]
+    for name in dict.fromkeys(name for item in every for name in item):
+        of_name = [item.get(name) for item in every]
+        first = next(variable for variable in of_name if variable is not None)
+        dimensions, _, attributes = first
+        if dimensions == (name,):
             indexes[name] = first
             continue
-        values = _joined([None if variable is None else variable.values for variable in found])
-        kept[name] = ((*coordinates, *first.dims), values.reshape(lengths + values.shape[1:]), first.attrs)
-        if any(name in dataset.coords for dataset in aligned):
-            further.add(name)
-    return xr.Dataset(kept, {**indexes, **coordinates}).set_coords(further)
+        values = _joined([None if variable is None else np.asarray(variable[1]) for variable in of_name])
+        kept[name] = ((*coordinates, *dimensions), values.reshape(lengths + values.shape[1:]), attributes)
+    return xr.Dataset(kept, {**indexes, **coordinates}).set_coords(further & kept.keys())
+
+
+def _labels_agree(found: Sequence[Findings]) -> bool:
+    """Whether all results that have a dimension label it alike."""
+    known: Variables = {}
+    for item in found:
+        for name, variable in item.indexes().items():
+            if not np.array_equal(known.setdefault(name, variable)[1], variable[1]):
+                return False
+    return True
 
 
 def _joined(arrays: list[np.ndarray | None]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,7 +11,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.linear.damping import damped
 from impactlab.linear.laws import relaxation_time
-from impactlab.nonlinear.force_checks import stiffening_of
+from impactlab.nonlinear.force_checks import look_at_all, stiffening_of
 from impactlab.nonlinear.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, measured_energies
 from impactlab.plan.clock import RELAXATION_TIMES, settles
@@ -33,12 +34,8 @@ class Expected:
     @classmethod
     def of(cls, model: Model, request: Request) -> Self:
         """Estimate energies and relaxation times; choose the spin-up if none is given."""
-        start, spin_up = start_of(request.initial, model), request.spin_up
-        linear = relaxation_time(damped(model)[1])
-        # a free motion or one from a given state is a transient, of which all counts
-        automatic = spin_up is None and isinstance(start, str) and bool(model.network.excitations or model.timed.any())
-        if spin_up is None:
-            spin_up = RELAXATION_TIMES * linear if automatic else 0.0
+        start, linear = start_of(request.initial, model), relaxation_time(damped(model)[1])
+        spin_up, automatic = _usual_spin_up(model, request, start)
         energy = energies(model, start, request.duration, spin_up)
         stiffening = stiffening_of(model, energy, -spin_up, request.duration)
         relaxed = Relaxation.of(model, stiffening)
@@ -57,3 +54,21 @@ class Expected:
     def stationary(self) -> bool:
         """Whether the motion is stationary when statistics begin; never assumed after a given initial state."""
         return isinstance(self.start, str) and (self.start == "stationary" or settles(self.spin_up, self.settling))
+
+
+def _usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> tuple[float, bool]:
+    """Return the given spin-up, or that which linear motion wants (s), and whether it is one to be chosen."""
+    if request.spin_up is not None:
+        return request.spin_up, False
+    # a free motion or one from a given state is a transient, of which all counts
+    automatic = isinstance(start, str) and bool(model.network.excitations or model.timed.any())
+    return RELAXATION_TIMES * relaxation_time(damped(model)[1]) if automatic else 0.0, automatic
+
+
+def expect_together(scenes: Sequence[tuple[Model, Request]]) -> None:
+    """Look at the forces of several networks together, so that `Expected.of` finds what it asks for of each."""
+    heats = []
+    for model, request in scenes:
+        start = start_of(request.initial, model)
+        heats.append(energies(model, start, request.duration, _usual_spin_up(model, request, start)[0]))
+    look_at_all([model for model, _ in scenes], heats)

@@ -29,7 +29,7 @@ def split(
     which nothing acts but constant white noise; each transition of theirs is exact however long.
     Records that look at both parts at a time keep them together, and so does a given start.
     """
-    busy = model.nonlinear_bodies
+    busy = model.nonlinear_bodies.copy()
     busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True
     labels = model.connected().copy()
     for slots in (slots for kind in model.sources.values() for slots in kind.joining):

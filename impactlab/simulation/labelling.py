@@ -1,11 +1,10 @@
-"""The dataset of a finished run: values, their errors, records, and what is said of the whole."""
+"""What the dataset of a finished run holds: values, their errors, records, and what is said of the whole."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
@@ -13,7 +12,8 @@ from impactlab.plan.plan import Plan
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
-from impactlab.results.schema import Variable, statistics
+from impactlab.results.schema import Variable, labels_of, variables_of
+from impactlab.results.stack import Findings
 from impactlab.simulation.block import BlockResult
 from impactlab.statistics.subsamples import samples_per_realization
 
@@ -21,31 +21,25 @@ if TYPE_CHECKING:
     from impactlab.statistics.estimate import Estimates
 
 
-def dataset_of(
+def findings_of(
     plan: Plan, estimates: Estimates, results: list[BlockResult], configuration: dict[str, Any]
-) -> xr.Dataset:
-    """Return the dataset of a finished run."""
+) -> Findings:
+    """Return what the dataset of a finished run holds."""
     given = dict(estimates.values.labelled())
     known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
-    dataset = statistics(
-        list(plan.system.bodies),
-        list(plan.system.contacts),
-        {variable.name: found.value for variable, found in known.items()},
-        {variable.name: found.error for variable, found in known.items()},
-        plan.points.names,
-        **_attributes(plan, estimates, configuration),
-    )
-    variables = _of_contacts(plan, estimates) if plan.system.contacts else {}
+    coordinates = labels_of(plan.system.bodies, plan.system.contacts, plan.points.names)
+    variables = variables_of(known, coordinates)
+    if plan.system.contacts:
+        variables |= _of_contacts(plan, estimates)
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
-            variables |= _by_realization([one for one in known if one.dimension in dataset.dims], estimates)
+            variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)
         variables |= item.label(plan, [result.records[index] for result in results], plan.interval(ratio))
-    coordinates = {name: item for name, item in variables.items() if item[0] == (name,)}
+    coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
         coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), {}
-    return dataset.assign({name: item for name, item in variables.items() if name not in coordinates}).assign_coords(
-        coordinates
-    )
+    variables = {name: item for name, item in variables.items() if name not in coordinates}
+    return Findings(variables, coordinates, _attributes(plan, estimates, configuration))
 
 
 def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:

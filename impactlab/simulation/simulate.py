@@ -37,10 +37,11 @@ from impactlab.records.trajectory import PairedRealizations, PerRealization, Tra
 from impactlab.records.trajectory_file import written
 from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
+from impactlab.results.stack import Findings
 from impactlab.simulation.block import BlockResult, compiled
 from impactlab.simulation.ensemble import continued, merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
-from impactlab.simulation.labelling import dataset_of
+from impactlab.simulation.labelling import findings_of
 from impactlab.simulation.measured_step import measured, worth_measuring
 from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
@@ -312,15 +313,20 @@ class Ensemble:
 
     def dataset(self) -> xr.Dataset:
         """Return the statistics of all realizations, and what records kept of them."""
+        return self.findings().dataset()
+
+    def findings(self) -> Findings:
+        """Return what the dataset holds."""
         step = self.plan.clock.step if self.growing else self.request.step
         asked = [record for record in self.request.records if not isinstance(record, PairedRealizations)]
         options = replace(self.request, realizations=self.number, step=step, records=asked).options()
         configuration = {"network": self.network.to_dict(), "simulate": _plain(options), "text": self.text}
-        found = [part.dataset(configuration) for part in self.parts]
-        dataset = found[0] if len(found) == 1 else joined(self.network, *found)
+        found = [part.findings(configuration) for part in self.parts]
+        parts = [item.dataset() for item in found] if len(found) > 1 else []
+        whole = Findings.of(joined(self.network, *parts)) if parts else found[0]
         if self.alike:
-            dataset.attrs["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
-        return dataset
+            whole.attributes["deterministic"] = "Nothing is random: one realization tells all, without standard errors."
+        return whole
 
 
 class Part:
@@ -366,15 +372,16 @@ class Part:
         self.results = continued(results, more, plan)
         self.plan = replace(plan, observed=ran.observed)
 
-    def dataset(self, configuration: dict[str, Any]) -> xr.Dataset:
-        """Return the dataset of all realizations."""
-        dataset = _estimated(self.plan, self.request, self.results, configuration)
+    def findings(self, configuration: dict[str, Any]) -> Findings:
+        """Return what the dataset of all realizations holds."""
+        found = _estimated(self.plan, self.request, self.results, configuration)
         if self.error is None:
-            return dataset
+            return found
+        dataset = found.dataset()
         sampled = self.plan.random and not self.plan.realizations.trusted
         if message := self.error.doubt(dataset, sampled, self.plan.steady):
             warn(message)
-        return self.error.added_to(dataset, self.plan.clock.automatic)
+        return Findings.of(self.error.added_to(dataset, self.plan.clock.automatic))
 
     @contextlib.contextmanager
     def _explained(self, plan: Plan) -> Iterator[None]:
@@ -414,8 +421,8 @@ def _run(
         return plan, run(plan, executor, progress)
 
 
-def _estimated(plan: Plan, request: Request, results: list[BlockResult], configuration: dict[str, Any]) -> xr.Dataset:
-    """Return the dataset of a finished run, and warn of what it leaves open."""
+def _estimated(plan: Plan, request: Request, results: list[BlockResult], configuration: dict[str, Any]) -> Findings:
+    """Return what the dataset of a finished run holds, and warn of what it leaves open."""
     estimates = estimate(plan, *merged(results))
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
@@ -436,7 +443,7 @@ def _estimated(plan: Plan, request: Request, results: list[BlockResult], configu
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:
             warn(message)
-    return dataset_of(plan, estimates, results, configuration)
+    return findings_of(plan, estimates, results, configuration)
 
 
 def _plain(value: Any) -> Any:

@@ -22,14 +22,15 @@ class Mean:
 
     def __init__(self, weights: np.ndarray, trusted: bool) -> None:
         self.weights, self.trusted = weights, trusted and len(weights) > 1
+        self.total = weights.sum()
 
     def __call__(self, units: np.ndarray) -> Estimate:
-        mean = np.average(units, axis=-1, weights=self.weights)
+        mean = (units * self.weights).sum(axis=-1) / self.total
         if not self.trusted:
             return Estimate(mean, np.full(units.shape[:-1], np.nan))
         count = len(self.weights)
         scatter = ((self.weights * (units - mean[..., None])) ** 2).sum(axis=-1)
-        error = np.sqrt(scatter * count / (count - 1.0)) / self.weights.sum()
+        error = np.sqrt(scatter * count / (count - 1.0)) / self.total
         return Estimate(mean, np.maximum(error, ROUNDING * np.abs(mean)))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import contact_forces
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.nonlinear.tangent_stiffness import energy_of
@@ -35,11 +35,19 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
         return False
     if any(not law.linear[0] for law in model.coupling_laws):
         return False
-    for law, depth in dict.fromkeys(zip(model.contact_laws, penetration.tolist(), strict=True)):
-        if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
-            return False
+    if not _powers(model, penetration.tobytes()):
+        return False
     bodies = {body for body in model.network.oscillators.values() if body.has_kernel("residual")}
     return all(isinstance(body, DuffingOscillator) for body in bodies)
+
+
+@kept
+def _powers(model: Model, penetrations: bytes) -> bool:
+    """Whether the forces of all contacts are nearly powers of indentations up to some depths (m)."""
+    for law, depth in dict.fromkeys(zip(model.contact_laws, np.frombuffer(penetrations).tolist(), strict=True)):
+        if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
+            return False
+    return True
 
 
 def alike(model: Model, start: str | np.ndarray, duration: float) -> bool:

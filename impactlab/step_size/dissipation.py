@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.evaluation import call_each
 from impactlab.nonlinear.tangent_stiffness import Stiffening, of_unique
 
@@ -29,6 +29,7 @@ SPEEDS = np.linspace(-3.0, 3.0, 65)
 """Velocities, in standard deviations."""
 
 
+@kept
 def damping_step(model: Model, stiffening: Stiffening) -> float:
     """Return the step that resolves forces that depend on velocities (s); infinite where there are none."""
     contacts, couplings, bodies = damping_rates(model, stiffening)

@@ -246,6 +246,8 @@ def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: f
     labels = model.connected()
     slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.first()[model.coupling[1] > 0.0]])
     free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
+    if not free.any():
+        return
     slots = _items(model).first()
     largest = _kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:

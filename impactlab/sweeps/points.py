@@ -107,7 +107,7 @@ def labels_of(name: str, values: list[Any]) -> np.ndarray:
     return labels
 
 
-def reason_of(outcome: xr.Dataset | ImpactLabError) -> str:
+def reason_of(outcome: Any) -> str:
     """Return on one line why there is no result, "" if there is one."""
     return " ".join(str(outcome).split()) if isinstance(outcome, ImpactLabError) else ""
 

@@ -15,10 +15,10 @@ from impactlab.components.literature import in_one_line
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
-from impactlab.results.stack import gathered
+from impactlab.results.stack import Findings, gathered
 from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
 
-Outcome: TypeAlias = xr.Dataset | ImpactLabError
+Outcome: TypeAlias = xr.Dataset | Findings | ImpactLabError
 """What comes of a point."""
 
 DONE = "done"
@@ -45,22 +45,27 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        made = [json.loads(item.attrs[CONFIGURATION]) for item in outcomes.values() if isinstance(item, xr.Dataset)]
+        results = [_found(outcomes.get(point.key)) for point in self.points]
+        made = [json.loads(found.attributes[CONFIGURATION]) for found in results if found.attributes]
         of_all = provenance(title, {"sweep": names}, in_one_line(entries(made)))
-        results = [
-            outcome if isinstance(outcome := outcomes.get(point.key), xr.Dataset) else xr.Dataset()
-            for point in self.points
-        ]
         further = []
         for point, result in zip(self.points, results, strict=True):
             variables = {
-                **_own_attributes(point, result, of_all),
+                **_own_attributes(point, result.attributes, of_all),
                 "status": ((), refusals[point.key] or DONE, {"long_name": f"{DONE}, or why not"}),
                 **(_reference(point) if self.reference else {}),
             }
-            further.append(xr.Dataset({name: variables[name] for name in variables if name not in self.coordinates}))
+            own = {name: variables[name] for name in variables if name not in self.coordinates}
+            further.append(Findings(own, {}, {}))
         whole = gathered(results, self.coordinates).assign_attrs(of_all)
         return whole.assign(gathered(further, self.coordinates).data_vars)
+
+
+def _found(outcome: Outcome | None) -> Findings:
+    """Return what is known of a point: nothing if it was refused."""
+    if isinstance(outcome, xr.Dataset):
+        return Findings.of(outcome)
+    return outcome if isinstance(outcome, Findings) else Findings({}, {}, {})
 
 
 def make_sweep(
@@ -85,12 +90,12 @@ def make_sweep(
     return Sweep(coordinates, points, reference)
 
 
-def _own_attributes(point: Point, result: xr.Dataset, of_all: Mapping[str, str]) -> dict[str, Any]:
+def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str, str]) -> dict[str, Any]:
     """Return the attributes of a point as variables, but for those that describe the whole sweep."""
     network = {} if point.network is None else {"network": point.network.to_dict()}
-    again = result.attrs.get(CONFIGURATION, json.dumps(network))
+    again = found.get(CONFIGURATION, json.dumps(network))
     variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
-    for name, value in result.attrs.items():
+    for name, value in found.items():
         if name not in of_all:
             attrs = {} if isinstance(value, str) else {"units": _UNITS.get(name, "1")}
             variables[name] = ((), value, attrs)

@@ -7,6 +7,7 @@ choose the same, and each point is then what `impactlab.simulate` gives for it a
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -22,7 +23,9 @@ from impactlab.errors import ImpactLabError
 from impactlab.machine import begin
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
+from impactlab.results.stack import Findings
 from impactlab.simulation.block import BlockResult
+from impactlab.simulation.expected import expect_together
 from impactlab.simulation.joint_runs import SIZE, JointRun, grouped, joins, run_all
 from impactlab.simulation.planning import Automatic, automatic
 from impactlab.simulation.request import Request
@@ -111,6 +114,14 @@ def sweep(
     return made.dataset(outcomes)
 
 
+class Draft(NamedTuple):
+    """A point that may run beside others."""
+
+    point: Point
+    model: Model
+    request: Request
+
+
 class Prepared(NamedTuple):
     """A point that is planned."""
 
@@ -134,9 +145,16 @@ def run_side_by_side(
     """
     if executor is not None and points:
         begin(executor)  # processes are forked here, before any thread computes
-    found: dict[str, Any] = {}
-    jobs = {point.key: _preparing(point) for point in points}
-    run_together(jobs, found.__setitem__, kind="Point", heard=heard)
+    drafts: dict[str, Any] = {}
+    run_together({point.key: _drafting(point) for point in points}, drafts.__setitem__, kind="Point", heard=heard)
+    able = [draft for draft in drafts.values() if isinstance(draft, Draft)]
+    with contextlib.suppress(ImpactLabError):  # whose fault it is each says for itself
+        expect_together([(draft.model, draft.request) for draft in able])
+    found: dict[str, Any] = {
+        point.key: Prepared(point, None) if drafts[point.key] is None else drafts[point.key] for point in points
+    }
+    jobs = {draft.point.key: _preparing(draft) for draft in able}
+    run_together(jobs, found.__setitem__, kind="Point", heard=heard, alone=True)
     outcomes: dict[str, Outcome] = {key: item for key, item in found.items() if isinstance(item, ImpactLabError)}
     ready: dict[str, Prepared] = {key: item for key, item in found.items() if key not in outcomes}
     runs = runs_of(ready) if executor is None else []
@@ -147,29 +165,38 @@ def run_side_by_side(
     return outcomes, [item.point for key, item in ready.items() if key not in outcomes]
 
 
-def _preparing(point: Point) -> Job:
-    return lambda pool, note: prepared(point, pool)
+def _drafting(point: Point) -> Job:
+    return lambda pool, note: drafted(point)
+
+
+def _preparing(draft: Draft) -> Job:
+    return lambda pool, note: prepared(draft, pool)
 
 
 def _labelling(item: Prepared, results: list[BlockResult]) -> Job:
-    def dataset(pool: Executor, note: Callable[[float], None]) -> xr.Dataset:
+    def findings(pool: Executor, note: Callable[[float], None]) -> Findings:
         assert item.ensemble is not None
         item.ensemble.take(results)
-        return item.ensemble.dataset()
+        return item.ensemble.findings()
 
-    return dataset
+    return findings
 
 
-def prepared(point: Point, executor: Executor) -> Prepared:
-    """Plan a point, if it may run beside others; its step and spin-up are then given."""
-    alone = Prepared(point, None)
+def drafted(point: Point) -> Draft | None:
+    """Make the model of a point, if it may run beside others."""
     network, given = point.network, {name: value for name, value in point.options.items() if value is not None}
     if network is None or not ALONE.isdisjoint(given) or len(network.oscillators) > SIZE // 2:
-        return alone
+        return None
     request = request_of(network, **given)
     if any(isinstance(record, impactlab.FinalState) for record in request.records):
-        return alone
-    model = Model.of(network)
+        return None
+    return Draft(point, Model.of(network), request)
+
+
+def prepared(draft: Draft, executor: Executor) -> Prepared:
+    """Plan a point; its step and spin-up are then given, unless something keeps it from running beside others."""
+    point, model, request = draft
+    alone = Prepared(point, None)
     if request.step is None:
         chosen = automatic(model, request)
         if chosen is None:

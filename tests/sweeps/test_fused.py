@@ -16,7 +16,7 @@ from impactlab.plan.side_by_side import Planned, obstacle
 from impactlab.progress import reporter
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.scheduler import Heard
-from impactlab.sweeps.sweep import prepared, run_fused, run_side_by_side, runs_of
+from impactlab.sweeps.sweep import drafted, prepared, run_fused, run_side_by_side, runs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
@@ -93,7 +93,8 @@ def wells(depth):
 def run_of(make, values, **options):
     """Return points that `il.sweep` would run together, and what came of those that did."""
     points = [Point(f"{value!r}", make(value), {"rng": 1, **options}) for value in values]
-    return run_side_by_side(points, None, reporter(False), Heard())
+    found, rest = run_side_by_side(points, None, reporter(False), Heard())
+    return {key: item.dataset() for key, item in found.items()}, rest
 
 
 def assert_as_alone(make, values, **options):
@@ -165,7 +166,7 @@ def test_more_points_than_a_run_holds_and_steps_that_differ():
     options = {"duration": 1.0, "realizations": 64, "spin_up": 0.5}
     points = [Point(f"{value}", make(value), {"rng": 1, **options}) for value in stiffness]
     with concurrent.futures.ThreadPoolExecutor(1) as pool:
-        ready = {point.key: prepared(point, pool) for point in points}
+        ready = {point.key: prepared(drafted(point), pool) for point in points}
     runs = runs_of(ready)
     assert 1 < len(runs) < 12
     assert all(len({ready[key].planned.plan.clock.step for key in keys}) == 1 for keys in runs)
