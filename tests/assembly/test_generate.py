@@ -15,6 +15,7 @@ from scipy import constants
 
 import impactlab as il
 from impactlab.assembly.generate import generate
+from impactlab.assembly.inlining import Inliner
 from impactlab.assembly.members import Kind
 from impactlab.assembly.model import Model
 
@@ -527,3 +528,22 @@ def test_absent_terms_have_no_code(name):
     network, present = SCENES[name]
     text = generate(Model.of(network)).partition('"""')[2]
     assert {term for term, code in TERMS.items() if code in text} == present
+
+
+def test_a_text_is_made_once_for_each_structure(monkeypatch):
+    """Parameters are no part of it, but numbers that a kernel reads from its module are."""
+    texts, usual = [], Inliner.inline
+    monkeypatch.setattr(Inliner, "inline", lambda *given: texts.append(given[-1]) or usual(*given))
+
+    class Raised(il.ContactLaw):
+        stiffness: float = il.parameter()
+
+        @staticmethod
+        def force(indentation, stiffness):
+            return GAIN * stiffness * indentation
+
+    first = text_of(Raised(1.0))
+    assert (text_of(Raised(2.0)), len(texts)) == (first, 1)
+    monkeypatch.setitem(globals(), "GAIN", 4)
+    assert text_of(Raised(1.0)) == first.replace("3 * stiffness", "4 * stiffness") != first
+    assert len(texts) == 2

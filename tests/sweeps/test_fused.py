@@ -12,8 +12,10 @@ from scenes import base, linear, plan_of
 
 import impactlab as il
 from impactlab.assembly.model import Model
+from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.side_by_side import Planned, obstacle
 from impactlab.progress import reporter
+from impactlab.results.stack import Findings
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.scheduler import Heard
 from impactlab.sweeps.sweep import drafted, prepared, run_fused, run_side_by_side, runs_of
@@ -209,6 +211,19 @@ def test_mixed_structures_fall_apart():
             alone = il.simulate(make(law, clearance), **options)
             point = ds.sel(law=law, clearance=clearance)
             np.testing.assert_array_equal(point.mean_contact_force, alone.mean_contact_force)
+
+
+def test_what_points_share_is_worked_out_once(monkeypatch):
+    """Forces of all points are looked at together, no point has a model or a dataset of its own twice."""
+    looks, models, datasets = [], [], []
+    together, model_of, dataset = Stiffening.of_each, Model.of, Findings.dataset
+    monkeypatch.setattr(Stiffening, "of", None)
+    monkeypatch.setattr(Stiffening, "of_each", lambda *scenes: looks.append(len(scenes[0])) or together(*scenes))
+    monkeypatch.setattr(Model, "of", lambda *given: models.append(1) or model_of(*given))
+    monkeypatch.setattr(Findings, "dataset", lambda found: datasets.append(1) or dataset(found))
+    ds = il.sweep(lambda clearance: base(clearance=clearance), {"clearance": [0.02, 0.03, 0.04, 0.05]}, **ENSEMBLE)
+    assert (ds.status == "done").all()
+    assert (looks, len(models), datasets) == ([4], 4, [])
 
 
 def test_random_numbers_are_those_of_each_point():
