@@ -27,11 +27,12 @@ _CHUNK = 4_000_000  # numbers at a time
 
 @dataclass(frozen=True, eq=False)
 class CosineResponse:
-    """What a sum of cosines with random phases on one body moves."""
+    """What a sum of cosines of random phases moves, or a harmonic force, which over its cycle is such a cosine."""
 
     frequencies: np.ndarray  # (line,) of the force (rad s-1)
     amplitudes: np.ndarray  # (line,) of the force (N)
     receptance: np.ndarray  # (line, body) complex displacement of each body by unit force (m N-1)
+    harmonic: bool = False  # whether phases are those of the receptance at t = 0, not random ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,19 @@ class GaussianLaw:
             both = np.concatenate([moved, 1j * item.frequencies[:, None] * moved], axis=1)
             result += (both.T @ both.conj()).real
         return result
+
+    def at_phase(self, weights: Mapping[str, float], quantity: str, times: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return mean, (time,), and variance of a weighted sum of bodies at times in the cycle of harmonic forces."""
+        places, factors = self._places(weights, "displacement")
+        row = 1 if quantity == "velocity" else 0
+        mean = np.full(len(times), sum((float(item.mean[row, places] @ factors) for item in self.coloured), 0.0))
+        variance = self.covariance_of(weights, weights, quantity)
+        for item in self.cosines:
+            if item.harmonic:
+                moved = item.amplitudes * (item.receptance[:, places] @ factors) * (1j * item.frequencies) ** row
+                mean += (np.exp(1j * np.multiply.outer(times, item.frequencies)) @ moved).real
+                variance -= 0.5 * float((np.abs(moved) ** 2).sum())
+        return mean, max(variance, 0.0)
 
     def moments(self, body: str) -> tuple[float, float]:
         """Return the mean (m) and the variance (m2) of a body's displacement."""
@@ -227,6 +241,8 @@ class GaussianLaw:
         return np.asarray(result * frequencies**2 if quantity == "velocity" else result)
 
     def __str__(self) -> str:
+        if self.cosines and all(item.harmonic for item in self.cosines):
+            return "linear motion under harmonic forces, over their cycle"
         if self.cosines:
             return "linear motion under sums of cosines"
         if self.shot:

@@ -12,6 +12,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.components.filters import filter_of, impulses_of
+from impactlab.components.loads import Harmonic
 from impactlab.components.sides import weights_of
 from impactlab.errors import NoExactReference
 from impactlab.linear.laws import lines_of, responding, responses, system_of
@@ -83,12 +84,28 @@ class LinearPart:
             CosineResponse(item.frequencies, item.amplitudes, receptance)
             for item, (_, receptance) in zip(lines_of(model), responses(model, together), strict=True)
         ]
+        cosines += [
+            CosineResponse(np.array([frequency]), np.ones(1), system.receptance(force, np.array([frequency])), True)
+            for frequency, force in self._harmonics.items()
+        ]
         temperatures = list(self.subsystem.temperatures.values())
         balanced = ((model.initial_intensities > 0.0) == (model.damping > 0.0)).all() and not model.coupling[1].any()
         balanced = balanced and not (self.subsystem.common_noises or model.coloured)
         coloured = responding(model, together)
         thermal = temperatures and balanced and not differ(*temperatures)
         return GaussianLaw(self.subsystem.bodies, system, temperatures[0] if thermal else None, cosines, coloured)
+
+    @cached_property
+    def _harmonics(self) -> dict[float, np.ndarray]:
+        """Complex amplitudes of the harmonic forces on the bodies by their angular frequencies, (body,) (N)."""
+        forces = self._model.sources["force"]
+        result: dict[float, np.ndarray] = {}
+        for number, excitation in enumerate(forces.excitations):
+            if isinstance(excitation, Harmonic):
+                bodies, weights = forces.driven(number)
+                force = result.setdefault(excitation.frequency, np.zeros(self._model.wall, dtype=complex))
+                force[bodies] += weights * excitation.amplitude * np.exp(1j * (excitation.phase - 0.5 * math.pi))
+        return result
 
     @cached_property
     def slowest(self) -> float:
@@ -99,10 +116,11 @@ class LinearPart:
         network = self.subsystem.network
         for name in self.subsystem.bodies:
             for _, excitation, _ in network.excitations_of(name):
-                if not is_stationary(excitation):
+                if not (is_stationary(excitation) or isinstance(excitation, Harmonic)):
                     yield (
                         f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant "
-                        "white or coloured noise or a sum of cosines of random phases the law would be stationary."
+                        "white or coloured noise or a sum of cosines of random phases the law would be stationary, "
+                        "and with il.Harmonic known at each phase of the cycle."
                     )
 
     def _unstable(self) -> Iterator[str]:
@@ -110,6 +128,7 @@ class LinearPart:
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         driven = driven or any(filter_of(item).input.any() for item in model.sources["filter"].excitations)
         driven = driven or any(impulses_of(item).density for item in model.sources["impulses"].excitations)
+        driven = driven or any(force.any() for force in self._harmonics.values())
         one = len(names) == 1
         if not driven and not system.damping.any():
             yield f"{named(names)}: {UNHEATED}"

@@ -132,6 +132,39 @@ class ExactReference(Densities):
         pairs = [(law, here, there) for law, here in one for same, there in other if law.bodies == same.bodies]
         return sum((law.covariance_of(here, there, quantity) for law, here, there in pairs), 0.0)
 
+    def phase_means(self, oscillator: str, quantity: str, times: Any) -> tuple[np.ndarray, float]:
+        """Return mean and variance at times in the cycle of harmonic forces, where the motion is linear.
+
+        `PhaseMeans` finds the same in a simulation, at the times ``phase/2π · period``. All other methods tell of the
+        law over the whole cycle.
+
+        Parameters
+        ----------
+        oscillator : str
+            Name of the body or point.
+        quantity : {"displacement", "velocity"}
+            Of what.
+        times : array_like
+            Times from the beginning of the measurement (s).
+
+        Returns
+        -------
+        mean : ndarray
+            Mean over realizations (m or m s-1), of the shape of `times`.
+        variance : float
+            Variance about it (m2 or m2 s-2), which is the same at all times.
+
+        Raises
+        ------
+        InvalidInput
+            If a name is unknown or a number is not finite.
+        NoExactReference
+            If the motion is not linear.
+        """
+        laws, places = self._linear_laws(oscillator, quantity), finite_array("times", times)
+        parts = [law.at_phase(weights, quantity, places.ravel()) for law, weights in laws]
+        return np.asarray(sum(mean for mean, _ in parts)).reshape(places.shape), sum(part for _, part in parts)
+
     def autocovariance(self, oscillator: str, quantity: str, lags: Any) -> np.ndarray:
         """Return the covariance of q(t) and q(t + lag) of a body, or a point of a structure, whose motion is linear.
 
@@ -407,7 +440,8 @@ def exact(network: Composition) -> ExactReference:
       matrices of spectral densities and of damping are in proportion, ``π S = T C``;
     - linear parts, also in loops and with damping in couplings, under constant white noise of
       any temperatures, also one on several bodies, coloured noise without an envelope, sums of
-      cosines, and impulses at random times, of which mean and covariance are known. Contacts are
+      cosines, impulses at random times, of which mean and covariance are known, and harmonic
+      forces, whose law is that over the cycle, with :meth:`ExactReference.phase_means`. Contacts are
       allowed, but beside impulses, if the law without them closes them so rarely that they cannot
       matter: a bound of the probability, and of the contacts in a relaxation time, is 10⁻¹².
 

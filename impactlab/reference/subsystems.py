@@ -14,7 +14,8 @@ from impactlab.assembly.links import Pairs, connected_parts
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
-from impactlab.components.excitation import Excitation
+from impactlab.components.excitation import Excitation, Source
+from impactlab.components.loads import Harmonic
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -160,12 +161,13 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
 
 
 def _sharing(network: Composition) -> list[tuple[str, ...]]:
-    """Return the bodies under sums of cosines that share their random phases, for each of these."""
-    result: dict[str, tuple[str, ...]] = {}
-    for item in network.sources.values():
-        phases = item.excitation.phases_of
-        if phases is not None:
-            result[phases] = (*result.get(phases, ()), *item.on)
+    """Return the bodies under sums of cosines that share their random phases, or harmonic forces of one frequency."""
+    result: dict[str | float, tuple[str, ...]] = {}
+    for name, item in network.excitations.items():
+        excitation, on = (item.excitation, tuple(item.on)) if isinstance(item, Source) else (item, (name,))
+        together = excitation.frequency if isinstance(excitation, Harmonic) else excitation.phases_of
+        if together is not None:
+            result[together] = (*result.get(together, ()), *on)
     return list(result.values())
 
 

@@ -89,8 +89,8 @@ def test_contacts_far_away_are_left_out():
         (pair({"gap": GAP}), r"one noise, 'ground', drives 'a' and 'b': their motions are correlated"),
         (pair({"gap": GAP}, {"g": il.Source(SERIES, on="b"), "a": NOISE}), r"'b' is excited by ShinozukaNoise"),
         (
-            pair(None, {"g": il.Source(il.Harmonic(1.0, frequency=1.0), on="b"), "a": NOISE}),
-            r"'b' is excited by Harmonic, which depends on time",
+            pair(None, {"g": il.Source(il.Pulse(1.0, duration=1.0), on="b"), "a": NOISE}),
+            r"'b' is excited by Pulse, which depends on time",
         ),
     ],
 )
