@@ -144,16 +144,22 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
 
     What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
     """
-    types = OF_ONE if single else OF_LANES
-    of_account = _adding(all_samples()), _add_points, _add_turns_of_points
-    pairs = (types.noise, _fill), (types.series, _near), *((types.account, function) for function in of_account)
-    parts = [part(void(pointer_to(kind), i8), _text(function, single)) for kind, function in pairs]
+    types, addresses = OF_ONE if single else OF_LANES, _addresses(single, all_samples())
 
     def run(forces: Function, accept: Any, *arguments: Any) -> None:
         seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
-        advancing(Functions(forces, accept, *(address for _, address in parts)), *seen)
+        advancing(Functions(forces, accept, *addresses), *seen)
 
     return run
+
+
+@cache
+def _addresses(single: bool, samples: tuple[Sample, ...]) -> tuple[Any, ...]:
+    """Return where the parts are that all loops call."""
+    types = OF_ONE if single else OF_LANES
+    of_account = _adding(samples), _add_points, _add_turns_of_points
+    pairs = (types.noise, _fill), (types.series, _near), *((types.account, function) for function in of_account)
+    return tuple(part(void(pointer_to(kind), i8), _text(function, single))[1] for kind, function in pairs)
 
 
 @cache

@@ -244,6 +244,7 @@ def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[st
     return sorted(set(found))
 
 
+@kept
 def largest_energy(model: Model, slot: int, begin: float, end: float) -> float:
     """Return the largest energy that given forces, and laws at rest, bring to a body alone (J).
 

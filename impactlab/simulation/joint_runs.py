@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,9 @@ from impactlab.records.record import Keeper
 from impactlab.simulation.block import Block, BlockResult, Tick, compiled
 from impactlab.simulation.ensemble import add_sums
 
-SIZE = 8000
-"""Bodies times lanes of a run of several networks: they outweigh what a call costs, and stay in the cache."""
+SIZE, LEAST = 8000, 64
+"""Bodies times lanes of a run of several networks, which outweigh what a call costs and stay in the cache, and the
+least of them in each of several runs that there are only for all cores to have work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +90,21 @@ def grouped(planned: Mapping[str, Planned]) -> list[list[str]]:
         alike.setdefault(structure(item), []).append(key)
     runs = []
     for keys in alike.values():
-        number = math.ceil(len(keys) / _most(planned[keys[0]].plan))
-        size = math.ceil(len(keys) / number)
-        runs += [keys[begin : begin + size] for begin in range(0, len(keys), size)]
+        plan = planned[keys[0]].plan
+        busy = min(cores() // plan.realizations.blocks, len(keys) * _size(plan) // LEAST, len(keys) // 2)
+        number = max(math.ceil(len(keys) / _most(plan)), busy)
+        ends = [len(keys) * place // number for place in range(number + 1)]
+        runs += [keys[begin:end] for begin, end in pairwise(ends)]
     return [keys for keys in runs if len(keys) > 1]
 
 
 def _most(plan: Plan) -> int:
     """Return how many networks with plans like this one a run should have."""
-    return max(1, SIZE // (len(plan.system.bodies) * plan.realizations.lanes))
+    return max(1, SIZE // _size(plan))
+
+
+def _size(plan: Plan) -> int:
+    return len(plan.system.bodies) * plan.realizations.lanes
 
 
 def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list[list[list[BlockResult] | None]]:

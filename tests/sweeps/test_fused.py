@@ -16,6 +16,7 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.side_by_side import Planned, obstacle
 from impactlab.progress import reporter
 from impactlab.results.stack import Findings
+from impactlab.simulation import joint_runs
 from impactlab.sweeps.points import Point
 from impactlab.sweeps.scheduler import Heard
 from impactlab.sweeps.sweep import drafted, prepared, run_fused, run_side_by_side, runs_of
@@ -175,6 +176,17 @@ def test_more_points_than_a_run_holds_and_steps_that_differ():
     assert len(run_fused(ready, runs, lambda part: None)) == sum(map(len, runs)) > 30
     automatic = il.simulate(make(stiffness[7]), rng=1, **options).step
     assert automatic / 1.2 < ready[points[7].key].planned.plan.clock.step <= automatic
+
+
+def test_all_cores_have_work(monkeypatch):
+    """A single realization is a single block: points are then shared out among several runs."""
+    frequencies = np.linspace(0.5, 3.0, 200).tolist()
+    plan = plan_of(driven(1.0), duration=2.0, step=0.02)
+    alike = {f"{value}": Planned(Model.of(driven(value)), plan) for value in frequencies}
+    for number, sizes in ((1, [200]), (2, [100, 100]), (8, [66, 67, 67])):
+        monkeypatch.setattr(joint_runs, "cores", lambda number=number: number)
+        assert sorted(map(len, joint_runs.grouped(alike))) == sizes
+    assert list(map(len, joint_runs.grouped(dict(list(alike.items())[:20])))) == [20]
 
 
 def test_a_point_that_diverges_loses_no_other():
