@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.components.component import suggestion
+from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput, NoExactReference, warn
-from impactlab.machine import available, cores
+from impactlab.machine import cores
+from impactlab.progress import say
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
+from impactlab.reference.fokker_planck.cost import Budget, OutOfTime, announced, check_memory, steps_between
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference
 from impactlab.reference.fokker_planck.march import March
 from impactlab.reference.fokker_planck.pair import Pair, Well
@@ -31,8 +33,8 @@ _STANDARD, _LEAST = 1e-4, 0.5
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
 
-_INTERVAL, _TOGETHER, _MOST = 0.2, 16, 128
-"""Time between snapshots in slowest relaxation times, their number in an extrapolation, and in all."""
+_TOGETHER, _MOST = 16, 128
+"""Snapshots in an extrapolation, and in all."""
 
 _SETTLED, _CALM = 0.1, 2
 """Changes by the last snapshots, in tolerances, and how many of them must be so small."""
@@ -43,11 +45,21 @@ _ALLOWED: dict[str, tuple[Callable[[float], bool], str]] = {
 }
 """What a basis may hold beside odd numbers of nodes."""
 
-_BYTES, _MOST_UNKNOWNS, _MOST_LEVELS = 200.0, 2e7, 6
+_MOST_LEVELS = 6
+
+_COARSER = 6
+"""Grids among which the finest is chosen that is foreseen to be done in time."""
+
+_LONG = 3600.0
+"""Time that a grid may take without a warning before it begins (s)."""
 
 
 def fokker_planck(
-    network: Composition, *, basis: Mapping[str, float] | None = None, tolerance: float = 1e-4
+    network: Composition,
+    *,
+    basis: Mapping[str, float] | None = None,
+    tolerance: float = 1e-4,
+    max_seconds: float | None = None,
 ) -> FokkerPlanckReference:
     """Find the stationary law of two bodies in contact under white noise, without random numbers.
 
@@ -70,6 +82,12 @@ def fokker_planck(
         `AccuracyWarning` says if what was given leaves larger errors.
     tolerance : float
         Relative error that is aimed at, for all default statistics but the rate of contacts.
+    max_seconds : float, optional
+        Time that may be spent (s). Steps on a coarse grid are timed, which tells how long finer ones will take: the
+        finest grid that is foreseen to be done in time is solved, and what was reached is returned with a warning and
+        its own errors. It is refused if not even the coarsest one would be done. By default any time is allowed,
+        with a warning where a grid will take more than an hour. In a terminal or a notebook a line tells the
+        points, the memory and the time of each grid before it begins.
 
     Returns
     -------
@@ -78,7 +96,7 @@ def fokker_planck(
     Raises
     ------
     NoExactReference
-        If the network is of another kind, or the tolerance needs more memory than there is.
+        If the network is of another kind, or needs more memory or time than there is.
     InvalidInput
         If an argument cannot be used.
 
@@ -92,63 +110,103 @@ def fokker_planck(
     given = _checked(basis)
     if not (isinstance(tolerance, int | float) and 1e-6 <= tolerance < 1.0):
         raise InvalidInput(f"tolerance must be a relative error from 1e-6 to 1, not {tolerance!r}.")
+    budget = Budget(math.inf if max_seconds is None else positive("max_seconds", max_seconds))
     from threadpoolctl import threadpool_limits
 
     pair = Pair.of(network)
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:
-        return _Solver(pair, tolerance, pool).solved(network, given)
+        return _Solver(pair, tolerance, budget, pool).solved(network, given)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solver:
     pair: Pair
     tolerance: float
+    budget: Budget
     pool: Executor
 
     def solved(self, network: Composition, given: Mapping[str, Any]) -> FokkerPlanckReference:
-        """Refine a basis until the errors are within the tolerance."""
-        hottest = float(self.pair.temperatures.max())
-        temperature, last = hottest, self._propagator(self.pair.well(hottest), given, _PILOTS[0][0])
-        density = last.start()
-        for part, settled in _PILOTS:
-            pilot = self._propagator(self.pair.well(temperature), given, part)
-            density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = float((self.pair.mass * found.values["mean_square_velocity"]).max())
-            temperature, last = min(_MARGIN * kinetic, hottest), pilot
-        well = self.pair.well(temperature)
-        part = max(math.log(self.tolerance) / math.log(_STANDARD), _LEAST)
-        fine = self._propagator(well, given, part)
-        kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
-        free = [name for name in Basis._fields if name not in kept]
-        for _ in range(_MOST_LEVELS):
-            density, errors = self._converged(fine, fine.taken_from(last, density))
-            poor = errors.insufficient(self.tolerance, free)
-            if not poor:
-                if errors.insufficient(self.tolerance, Basis._fields):
-                    warn(f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
-                return FokkerPlanckReference(network, fine, density, errors)
-            basis = fine.basis
-            for name, excess in poor.items():
-                basis = finer(well, basis, name, excess)
-            last, fine = fine, Propagator(self.pair, well, self._affordable(basis))
+        """Refine a basis until the errors are within the tolerance, or no time is left for a finer one."""
+        reached, fine = None, None
+        try:
+            last, density, well = self._piloted(given)
+            fine = self._propagator(well, self._in_time(well, given))
+            kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
+            free = [name for name in Basis._fields if name not in kept]
+            for _ in range(_MOST_LEVELS):
+                self._announce(fine.basis)
+                density, errors = self._converged(fine, fine.taken_from(last, density))
+                reached = FokkerPlanckReference(network, fine, density, errors)
+                poor = errors.insufficient(self.tolerance, free)
+                if not poor:
+                    if errors.insufficient(self.tolerance, Basis._fields):
+                        warn(f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
+                    return reached
+                last, basis = fine, fine.basis
+                for name, excess in poor.items():
+                    basis = finer(well, basis, name, excess)
+                fine = self._propagator(well, basis)
+                if self.budget.foreseen(self.pair, basis) > self.budget.left:
+                    raise OutOfTime
+        except OutOfTime:
+            return self._in_spite(reached, fine)
         raise NoExactReference(
-            f"The statistics do not reach an accuracy of {self.tolerance:g} with {fine.basis.unknowns:.3g} unknowns: "
+            f"The statistics do not reach an accuracy of {self.tolerance:g} with {last.basis.unknowns:.3g} unknowns: "
             f"{errors.summary()}. Give a larger tolerance=, or a basis=."
         )
 
-    def _propagator(self, well: Well, given: Mapping[str, Any], part: float = 1.0) -> Propagator:
-        """Return the propagator of a basis that follows from the network, with what was given."""
-        return Propagator(self.pair, well, self._affordable(rule(self.pair, well, part)._replace(**given)))
+    def _piloted(self, given: Mapping[str, Any]) -> tuple[Propagator, np.ndarray, Well]:
+        """Return the solution on a coarse grid, and the well at the temperature that it shows."""
+        hottest = float(self.pair.temperatures.max())
+        well = self.pair.well(hottest)
+        last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
+        density, march = last.start(), March(last, self.pool)
+        self.budget.measure(last.basis, lambda: march(density, 1))
+        self._in_time(well, given)
+        for part, settled in _PILOTS:
+            pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
+            density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
+            kinetic = float((self.pair.mass * found.values["mean_square_velocity"]).max())
+            well, last = self.pair.well(min(_MARGIN * kinetic, hottest)), pilot
+        return last, density, well
 
-    def _affordable(self, basis: Basis) -> Basis:
-        """Refuse a basis that does not fit into memory."""
-        most = min(_MOST_UNKNOWNS, 0.5 * available() / _BYTES)
-        if basis.unknowns > most:
-            raise NoExactReference(
-                f"The grid would need {basis.unknowns:.3g} points ({_BYTES * basis.unknowns / 1e9:.3g} GB), "
-                f"but at most {most:.3g} are possible: {basis}. Give a larger tolerance=, or a basis=."
-            )
-        return basis
+    def _in_time(self, well: Well, given: Mapping[str, Any]) -> Basis:
+        """Return the basis for the tolerance, or the finest one that is foreseen to be done in time."""
+        part = max(math.log(self.tolerance) / math.log(_STANDARD), _LEAST)
+        for share in np.linspace(part, _LEAST, _COARSER):
+            basis = rule(self.pair, well, float(share))._replace(**given)
+            foreseen = self.budget.foreseen(self.pair, basis)
+            if foreseen <= self.budget.left:
+                return basis
+        left = f"{max(self.budget.left, 0.0):.2g} s"
+        raise NoExactReference(
+            f"Even a coarse grid would take {announced(basis, foreseen)}, but {left} are left. Give a larger "
+            "max_seconds=."
+        )
+
+    def _announce(self, basis: Basis) -> None:
+        """Tell what a basis is foreseen to take."""
+        foreseen = self.budget.foreseen(self.pair, basis)
+        say(None, f"fokker_planck: {announced(basis, foreseen)}")
+        if foreseen > _LONG and math.isinf(self.budget.allowed):
+            warn(f"The grid has {announced(basis, foreseen)}. Give max_seconds= for a coarser one.")
+
+    def _in_spite(self, reached: FokkerPlanckReference | None, fine: Propagator | None) -> FokkerPlanckReference:
+        """Return what was reached when the time is over, with a warning; refuse if that is nothing."""
+        spent = f"in {self.budget.spent:.2g} s"
+        if reached is None or fine is None:
+            raise NoExactReference(f"No density became stationary {spent}. Give a larger max_seconds= or tolerance=.")
+        foreseen = self.budget.foreseen(self.pair, fine.basis)
+        warn(
+            f"The tolerance of {self.tolerance:g} was not reached {spent}: {reached.errors.summary()}. The next grid "
+            f"takes {announced(fine.basis, foreseen)}; give a larger max_seconds= or tolerance=."
+        )
+        return reached
+
+    def _propagator(self, well: Well, basis: Basis) -> Propagator:
+        """Return the propagator of a basis that fits into memory."""
+        check_memory(basis)
+        return Propagator(self.pair, well, basis)
 
     def _converged(self, fine: Propagator, density: np.ndarray) -> tuple[np.ndarray, Convergence]:
         """Return the stationary density, and the statistics with all directions of the ladder.
@@ -176,10 +234,11 @@ class _Solver:
         difference is enough.
         """
         march = March(propagator, self.pool)
-        steps = max(1, round(_INTERVAL / self.pair.rate / propagator.basis.step))
+        steps = steps_between(self.pair, propagator.basis)
         values = _flat(Reading(propagator, density))
         snapshots, calm = [density], 0
         for _ in range(_MOST):
+            self.budget.check()
             snapshots.append(march(snapshots[-1], steps))
             density = propagator.normalized(_extrapolated(snapshots))
             found = Reading(propagator, density)
