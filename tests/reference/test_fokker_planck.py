@@ -1,6 +1,7 @@
 """The Fokker–Planck equation of pairs: against exact laws, linear motion, simulations and itself."""
 
 import math
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 import impactlab as il
 from impactlab.kernels.phases import turn
 from impactlab.linear.transitions import transition
-from impactlab.reference.fokker_planck import settings, solution
+from impactlab.reference.fokker_planck import cost, settings
+from impactlab.reference.fokker_planck.follower import Hermite, propagator_of
 from impactlab.reference.fokker_planck.march import March
 from impactlab.reference.fokker_planck.pair import Pair
-from impactlab.reference.fokker_planck.propagator import Basis, Propagator, Shears
+from impactlab.reference.fokker_planck.propagator import Basis, Shears
 from impactlab.reference.fokker_planck.reading import Reading
 
 pytestmark = pytest.mark.campaign
@@ -32,6 +34,23 @@ def pair(temperatures=(1.0, 1.0), law=None, clearance=0.5, sides=("a", "b")):
     return il.Network(BODIES, {"gap": contact}, noises)
 
 
+def stiff(ratio=64.0, sides=("fast", "slow"), intensity=0.1, law=None):
+    """A fast body and a slow one, at equal temperatures with the default intensity; dampings are 0.2 frequencies."""
+    bodies = {
+        "fast": il.LinearOscillator(mass=1.0, damping=0.2 * ratio, stiffness=ratio**2),
+        "slow": il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0),
+    }
+    noises = {"fast": il.WhiteNoise(intensity * ratio), "slow": il.WhiteNoise(0.1)}
+    return il.Network(bodies, {"gap": il.Contact(*sides, law or il.HertzContact(100.0), clearance=0.2)}, noises)
+
+
+def within_errors(solved, exact):
+    data = solved.statistics()
+    for name in exact.data_vars:
+        if name in data and name != "mean_velocity":
+            assert (np.abs(data[name] - exact[name]) <= data[f"{name}_error"]).all(), name
+
+
 @pytest.fixture(scope="module")
 def equal():
     network = pair()
@@ -47,7 +66,7 @@ def unequal():
 def propagator(network, **changes):
     own = Pair.of(network)
     well = own.well(float(own.temperatures.max()))
-    return Propagator(own, well, settings.rule(own, well)._replace(**changes))
+    return propagator_of(well, settings.rule(own, well)._replace(**changes))
 
 
 def test_errors_hold_the_exact_law(equal):
@@ -59,6 +78,65 @@ def test_errors_hold_the_exact_law(equal):
         error = np.abs(data[name] - exact[name])
         assert (error <= data[f"{name}_error"]).all(), name
         assert (data[f"{name}_error"] <= 5e-3 * np.abs(data[name])).all(), name
+
+
+@pytest.mark.parametrize("sides", [("fast", "slow"), ("slow", "fast")])
+def test_a_body_that_follows_the_other_one_needs_few_functions(sides):
+    """The exact law at a frequency ratio of 64, whichever side of the contact the fast body is on."""
+    network = stiff(sides=sides)
+    solved, exact = il.fokker_planck(network, tolerance=3e-3), il.exact(network)
+    assert solved.basis["center"] <= 9
+    assert solved.basis["first"] <= 9
+    within_errors(solved, exact.statistics())
+    assert (
+        solved.statistics().mean_square_displacement_error <= 3e-3 * exact.statistics().mean_square_displacement
+    ).all()
+    for body, reach in (("fast", 0.03), ("slow", 2.0)):
+        places = np.linspace(-reach, reach, 9)
+        for quantity, scale in (("displacement", 1.0), ("velocity", 2.0 / reach)):
+            density = exact.density(body, quantity, scale * places)
+            found = solved.density(body, quantity, scale * places)
+            np.testing.assert_allclose(found, density, atol=2e-3 * density.max())
+
+
+def test_functions_shift_and_move_a_normal_law():
+    """A displaced normal law, and a wave that it carries along, against its characteristic function."""
+    own = propagator(stiff(intensity=0.15), gap=15, center=11, first=11, step=0.02)
+    (pair_, spreads), functions = (own.pair, own.spreads), Hermite(11)
+    place, velocity = 0.4 * spreads[0], 0.3 * spreads[1]
+    of_x = functions.shifting(np.array(place / spreads[0])) @ functions.weights
+    of_v = functions.shifting(np.array(velocity / spreads[1])) @ functions.weights
+    a, q = (item[0] for item in own.flow)
+    covariance = np.diag(np.square(spreads))
+    for mode in (0, 4):
+        wave = own.grid.modes.numbers[mode]
+        planes = own.motion[mode] @ np.concatenate([np.outer(of_x, of_v).ravel(), np.zeros(121)])
+        moved = (planes[:121] + 1j * planes[121:]).reshape(11, 11)
+        over = np.array([a[0, 0] - 1.0, a[0, 1]])  # displacement during the step
+        exponent = -1j * wave * (over @ [place, velocity]) - 0.5 * wave**2 * (over @ covariance @ over + q[0, 0])
+        assert moved.sum() == pytest.approx(np.exp(exponent), abs=1e-4)
+    at_rest = (own.motion[0] @ np.concatenate([np.outer(of_x, of_v).ravel(), np.zeros(121)]))[:121].reshape(11, 11)
+    means = at_rest.sum(axis=1) @ functions.nodes * spreads[0], at_rest.sum(axis=0) @ functions.nodes * spreads[1]
+    np.testing.assert_allclose(means, a @ [place, velocity], rtol=1e-4)
+    assert pair_.gaussian == pytest.approx(float(pair_.temperatures[0]))
+
+
+def test_kicks_of_a_constant_force_move_a_body_by_its_compliance():
+    """At any step, read at the shifted place."""
+    for step in (0.003, 0.02, 0.04):
+        own = propagator(stiff(), step=step)
+        a, kick = own.flow[0][0], step / own.pair.mass[0]
+        state = np.zeros(2)
+        for _ in range(4000):
+            state = a @ (state + np.array([0.0, kick]))
+        assert state[0] + own.shifts[0] == pytest.approx(1.0 / own.pair.stiffness[0], rel=1e-9)
+    own = propagator(stiff(), step=1e-4)
+    np.testing.assert_allclose(own.shifts, 1e-8 / 12.0 / own.pair.mass, rtol=1e-3)
+
+
+def test_other_pairs_have_no_body_that_follows():
+    for network in (pair(), pair((1.5, 1.0)), stiff(2.0), stiff(intensity=100.0), stiff(law=il.HertzContact(1e6))):
+        assert Pair.of(network).gaussian == 0.0
 
 
 def test_densities_are_exact(equal):
@@ -282,9 +360,27 @@ def test_other_networks_are_refused_with_the_reason(network, reason):
 
 
 def test_a_grid_beyond_the_memory_is_refused(monkeypatch):
-    monkeypatch.setattr(solution, "available", lambda: 1e6)
+    monkeypatch.setattr(cost, "available", lambda: 1e6)
     with pytest.raises(il.NoExactReference, match=r"The grid would need .* points \(.* GB\)"):
         il.fokker_planck(pair((1.5, 1.0)))
+
+
+def test_what_takes_too_long_is_refused_with_the_time_it_would_take():
+    with pytest.raises(
+        il.NoExactReference, match=r"Even a coarse grid would take .* points, up to .* GB and about .* s"
+    ):
+        il.fokker_planck(pair((1.5, 1.0)), max_seconds=1e-3)
+
+
+def test_what_was_reached_in_the_time_is_returned_with_its_errors():
+    """The finest grid that was foreseen to be done in time, far from the tolerance."""
+    network = stiff()
+    begin = time.monotonic()
+    with pytest.warns(il.AccuracyWarning, match=r"The tolerance of 1e-06 was not reached in .* The next grid takes"):
+        solved = il.fokker_planck(network, tolerance=1e-6, max_seconds=30.0)
+    assert time.monotonic() - begin < 60.0
+    assert solved.errors.together() > 1e-6
+    within_errors(solved, il.exact(network).statistics())
 
 
 @pytest.mark.parametrize(
@@ -297,6 +393,7 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch):
         ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0, not '1'"),
         ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0, not -1.0"),
         ({"tolerance": 0.0}, "tolerance must be a relative error from 1e-6 to 1, not 0.0"),
+        ({"max_seconds": 0.0}, "max_seconds must be larger than 0 s, not 0.0"),
     ],
 )
 def test_arguments_are_checked(given, message):

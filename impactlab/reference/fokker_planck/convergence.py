@@ -51,10 +51,10 @@ class Convergence:
 
     @cached_property
     def total(self) -> Values:
-        """Errors of the statistics: those of all directions together; for the rate of contacts, its own changes."""
+        """Errors of the statistics: all directions together; at least its changes for the rate of contacts."""
         result = {name: self.together() * np.abs(value) for name, value in self.values.items()}
         own = [np.abs(self.coarser[name]["contact_rate"] - self.values["contact_rate"]) for name in Basis._fields]
-        result["contact_rate"] = np.sum(own, axis=0)
+        result["contact_rate"] = np.maximum(np.sum(own, axis=0), result["contact_rate"])
         return result
 
     def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from impactlab.kernels.phases import turn
 from impactlab.reference.fokker_planck.propagator import Propagator
 
 _BLOCK = 2**17
@@ -26,7 +25,7 @@ class March:
 
     def __init__(self, propagator: Propagator, pool: Executor) -> None:
         self._propagator, self._pool = propagator, pool
-        self._nodes, *self._rest = (len(nodes) for nodes in propagator.nodes)
+        self._nodes, *self._rest = propagator.basis[:4]
         self._waves = len(propagator.grid.modes.numbers)
         self._buffers = [np.empty((2 * self._waves, *self._rest), np.float32) for _ in range(2)]
 
@@ -53,16 +52,7 @@ class March:
     def _drift(self, part: slice) -> None:
         """Drift waves of the gap, in the second buffer."""
         one, two = (item.reshape(self._waves, 2, *self._rest)[part] for item in self._buffers)
-        rows_one, rows_two = (item.reshape(len(item), 2 * self._rest[0], -1) for item in (one, two))
-        forth, back = self._propagator.around
-        left, right = self._propagator.friction
-        (before, after), (before_second, after_second) = self._propagator.drifts
-        np.matmul(forth, rows_two, out=rows_one)
-        turn(one, before[part], before_second[part])
-        np.matmul(left, one, out=two)
-        np.matmul(two, right, out=one)
-        turn(one, after[part], after_second[part])
-        np.matmul(back, rows_one, out=rows_two)
+        self._propagator.drift(part, one, two)
 
     def _product(self, matrix: np.ndarray, source: np.ndarray, target: np.ndarray) -> None:
         """Multiply the gap's axis by a matrix."""

@@ -22,6 +22,10 @@ _ENDS = 0.64, 1.0
 """Energies at which the box of the gap ends, in units of T and the square of its size: the density is 0 there, and
 beyond a contact so steep that what ringing leaves must not be pushed out."""
 
+_SLOW, _LITTLE, _MOVED = 0.5, 0.15, 0.45
+"""A body follows the other one if the frequency of the closed contact, in its own one, and its standard deviation, in
+penetrations, are at most these, and the force at one penetration moves it by at most so many standard deviations."""
+
 _FADE = (0.43, 0.62), (0.56, 0.96)
 """Energies between which densities are faded out, to the left and to the right."""
 
@@ -30,16 +34,18 @@ _FADE = (0.43, 0.62), (0.56, 0.96)
 class Pair:
     """Two linear bodies under white noise with one contact between them.
 
-    The coordinates are ``q = x₁ − x₂ − clearance``, in which the contact closes at 0, and the
-    center ``y = (k₁ x₁ + k₂ x₂)/(k₁ + k₂)``, which at equal temperatures is independent of q.
+    The first body is that with the higher natural frequency. Where it is the second one of the contact, displacements
+    have the other sign, so that ``q = x₁ − x₂ − clearance`` is the gap in which the contact closes at 0.
     """
 
-    names: tuple[str, str]  # the bodies, in the order of the contact
+    names: tuple[str, str]
+    sign: float  # of displacements in the network relative to those here
     contact: Contact
     mass: np.ndarray  # (2,)
     damping: np.ndarray  # (2,)
     stiffness: np.ndarray  # (2,)
     intensity: np.ndarray  # (2,) two-sided spectral densities of the forces
+    follows: bool = True  # whether the first body may be described as nearly Gaussian
 
     @classmethod
     def of(cls, network: Composition) -> Pair:
@@ -48,10 +54,13 @@ class Pair:
         if reasons:
             raise NoExactReference("\n- ".join([_REFUSAL, *reasons]))
         (contact,) = network.contacts.values()
-        names = (str(contact.first), str(contact.second))
+        names, sign = (str(contact.first), str(contact.second)), 1.0
         bodies = [network.oscillators[name] for name in names]
+        if bodies[1].stiffness / bodies[1].mass > bodies[0].stiffness / bodies[0].mass:
+            names, sign, bodies = names[::-1], -1.0, bodies[::-1]
         return cls(
             names,
+            sign,
             contact,
             np.array([body.mass for body in bodies]),
             np.array([body.damping for body in bodies]),
@@ -63,11 +72,6 @@ class Pair:
     def temperatures(self) -> np.ndarray:
         """Temperature that each body alone has (J)."""
         return np.asarray(math.pi * self.intensity / self.damping)
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Weight of each displacement in the center."""
-        return np.asarray(self.stiffness / self.stiffness.sum())
 
     @property
     def reduced_mass(self) -> float:
@@ -101,6 +105,20 @@ class Pair:
     def well(self, temperature: float) -> Well:
         """Return where the gap is at a temperature (J)."""
         return Well(self, temperature)
+
+    @cached_property
+    def gaussian(self) -> float:
+        """Temperature of a normal law that is near that of the first body, whatever the second does (J); 0 if none is.
+
+        The first body then is so fast that it follows the force of the contact as if at rest, and moves little in it.
+        It is warmer than the body itself where the force moves it by more than a part of its standard deviation.
+        """
+        well = self.well(float(self.temperatures[1]))
+        slow = well.tangent / self.reduced_mass < _SLOW**2 * self.stiffness[0] / self.mass[0]
+        moved = float(self.force(np.array([well.penetration]))[0] / self.stiffness[0])
+        spread = max(math.sqrt(self.temperatures[0] / self.stiffness[0]), moved / _MOVED)
+        little = spread < _LITTLE * min(well.penetration, well.width)
+        return float(spread**2 * self.stiffness[0]) if self.follows and slow and little else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.kernels.phases import turn
 from impactlab.linear.transitions import transition
 from impactlab.reference.fokker_planck.grid import Grid
 from impactlab.reference.fokker_planck.pair import Pair, Well
@@ -116,32 +117,47 @@ class Propagator:
         """Volume of a cell in the coordinates (s, y, v₁, v₂)."""
         return math.prod(float(nodes[1] - nodes[0]) for nodes in self.nodes[1:])
 
+    @property
+    def weights(self) -> np.ndarray:
+        """Weight of each displacement in the center."""
+        return np.asarray(self.pair.stiffness / self.pair.stiffness.sum())
+
     @cached_property
     def displacements(self) -> np.ndarray:
         """Displacements at (q, y), (body, gap, center)."""
+        return self.displacements_at(self.center)
+
+    def displacements_at(self, center: np.ndarray) -> np.ndarray:
+        """Return the displacements at the nodes of q and some of y."""
         distance = self.gap[:, None] + self.pair.contact.clearance
-        weights = self.pair.weights
-        return np.array([self.center + weights[1] * distance, self.center - weights[0] * distance])
+        return np.array([center + self.weights[1] * distance, center - self.weights[0] * distance])
 
     @cached_property
     def forces(self) -> np.ndarray:
         """Force of the contact in a kick, (gap,) (N)."""
         return self.pair.force(self.shifted_gap)
 
-    @property
-    def _shift(self) -> float:
-        return self.basis.step**2 / 12.0 / self.pair.reduced_mass
+    @cached_property
+    def shifts(self) -> np.ndarray:
+        """How far each body is read from where it is in a kick, for a force of 1 N, (body,) (m N-1).
+
+        ``h²/12m`` to leading order in the step h: with it, kicks by a constant force move a body by this over its
+        stiffness, however fast it is.
+        """
+        pair, kick = self.pair, self.basis.step / self.pair.mass
+        moved = [np.linalg.solve(np.eye(2) - a, a @ [0.0, each])[0] for a, each in zip(self.flow[0], kick, strict=True)]
+        return np.asarray(1.0 / pair.stiffness - moved)
 
     @cached_property
     def shifted_gap(self) -> np.ndarray:
         """Places at which the contact is read, (gap,) (m)."""
-        return np.asarray(self.gap - self._shift * self.pair.force(self.gap))
+        return np.asarray(self.gap - self.shifts.sum() * self.pair.force(self.gap))
 
     def stretch(self, gaps: np.ndarray) -> np.ndarray:
         """Return the derivative of the places at which the contact is read by q."""
         apart = 1e-6 * self.well.penetration
         slope = (self.pair.force(gaps + apart) - self.pair.force(gaps - apart)) / (2.0 * apart)
-        return np.asarray(1.0 - self._shift * slope)
+        return np.asarray(1.0 - self.shifts.sum() * slope)
 
     @cached_property
     def increments(self) -> np.ndarray:
@@ -171,8 +187,12 @@ class Propagator:
         """Matrices of the velocities at every (q, y): both shears and the kick between them."""
         sums = np.array([shears.first + shears.last for shears in self.shears])
         first, second = self._shifting(self.increments - sums[:, None, None] * self.displacements)
-        first *= self.well.fade(self.gap, self.basis.box).astype(np.float32)[:, None, None, None]
-        return first, second
+        return self._faded(first), second
+
+    def _faded(self, matrices: np.ndarray) -> np.ndarray:
+        """Take matrices at every node of the gap to 0 towards its ends."""
+        fade = self.well.fade(self.gap, self.basis.box)
+        return np.asarray(matrices * fade.astype(np.float32)[:, None, None, None])
 
     def in_kick(self, density: np.ndarray) -> np.ndarray:
         """Return the density of q, v₁ and v₂ in the middle of the kick."""
@@ -184,12 +204,12 @@ class Propagator:
 
     def _shifting(self, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the matrices that shift both velocities by amounts (body, gap, center); for the second transposed."""
-        result = []
-        for shift, v in zip(shifts, self.velocities, strict=True):
-            waves, there = waves_of(v)
-            phases = np.exp(-1j * shift[..., None] * waves)
-            result.append(np.ascontiguousarray(((phases[..., None, :] * there) @ onto_waves(v)).real, dtype=np.float32))
-        return result[0], np.ascontiguousarray(result[1].swapaxes(-1, -2))
+        first, second = (shifting(v, shift) for v, shift in zip(self.velocities, shifts, strict=True))
+        return first, np.ascontiguousarray(second.swapaxes(-1, -2))
+
+    def marginals(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sums over the second velocity, (gap, center, first), and over the first."""
+        return density.sum(axis=3, dtype=float), density.sum(axis=2, dtype=float)
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +231,7 @@ class Propagator:
     def drifts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Phases of each body's velocities at every pair of wave numbers, before and after friction and noise."""
         of_gap, of_center = self.grid.modes.numbers[:, None], waves_of(self.center)[0]
-        weights = self.pair.weights
+        weights = self.weights
         result = []
         for wave, v, shears in zip(
             (of_gap + weights[0] * of_center, -of_gap + weights[1] * of_center),
@@ -228,32 +248,64 @@ class Propagator:
     @cached_property
     def friction(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrices of friction and noise, the second transposed."""
-        result = []
-        for v, shears in zip(self.velocities, self.shears, strict=True):
-            waves, there = waves_of(v)
-            left = self._left(waves, "velocity") * np.exp(-0.5 * shears.noise * waves**2)
-            matrix = (there * left) @ onto_waves(shears.decay * v, waves)
-            result.append(matrix.real.astype(np.float32))
-        return result[0], np.ascontiguousarray(result[1].T)
+        first, second = (self._friction(v, shears) for v, shears in zip(self.velocities, self.shears, strict=True))
+        return first, np.ascontiguousarray(second.T)
+
+    def _friction(self, v: np.ndarray, shears: Shears) -> np.ndarray:
+        waves, there = waves_of(v)
+        left = self._left(waves, "velocity") * np.exp(-0.5 * shears.noise * waves**2)
+        return np.asarray(((there * left) @ onto_waves(shears.decay * v, waves)).real.astype(np.float32))
+
+    def drift(self, part: slice, one: np.ndarray, two: np.ndarray) -> None:
+        """Carry some waves of the gap through the exact motion, in `two`; `one` is overwritten.
+
+        Both are of shape (waves, 2, center, first, second), of the real and the imaginary part of each wave.
+        """
+        rows_one, rows_two = (item.reshape(len(item), 2 * self.basis.center, -1) for item in (one, two))
+        forth, back = self.around
+        left, right = self.friction
+        (before, after), (before_second, after_second) = self.drifts
+        np.matmul(forth, rows_two, out=rows_one)
+        turn(one, before[part], before_second[part])
+        np.matmul(left, one, out=two)
+        np.matmul(two, right, out=one)
+        turn(one, after[part], after_second[part])
+        np.matmul(back, rows_one, out=rows_two)
 
     def start(self) -> np.ndarray:
         """Return the Gibbs density at the temperature of the box."""
+        energy = np.exp(-self.well.energy(self.gap)) * self.grid.cells
+        return self.normalized(np.einsum("a,b,c,d->abcd", energy, *self._gibbs()).astype(np.float32))
+
+    def _gibbs(self) -> list[np.ndarray]:
+        """Return the Gibbs densities of y, v₁ and v₂."""
         temperature, pair = self.well.temperature, self.pair
-        factors = [
-            np.exp(-self.well.energy(self.gap)) * self.grid.cells,
-            np.exp(-0.5 * pair.stiffness.sum() / temperature * self.center**2),
-            *(np.exp(-0.5 * mass / temperature * v**2) for mass, v in zip(pair.mass, self.velocities, strict=True)),
-        ]
-        return self.normalized(np.einsum("a,b,c,d->abcd", *factors).astype(np.float32))
+        coefficients = (pair.stiffness.sum(), *pair.mass)
+        nodes = (self.center, *self.velocities)
+        return [np.exp(-0.5 * each / temperature * x**2) for each, x in zip(coefficients, nodes, strict=True)]
 
     def normalized(self, density: np.ndarray) -> np.ndarray:
         return density / np.float32(density.sum(dtype=float) * self.cell)
 
     def taken_from(self, other: Propagator, density: np.ndarray) -> np.ndarray:
         """Return the density of another grid on this one; 0 outside of the other's box."""
-        for axis, (own, others) in enumerate(zip(self.nodes, other.nodes, strict=True)):
-            if own is others or np.array_equal(own, others):
-                continue
-            matrix = (interpolation(others, own) if axis else self.grid.taken_from(other.grid)).astype(np.float32)
-            density = np.moveaxis(np.tensordot(matrix, density, axes=(1, axis)), 0, axis)
+        for axis, matrix in enumerate(self._taking(other)):
+            if matrix is not None:
+                density = np.moveaxis(np.tensordot(matrix.astype(np.float32), density, axes=(1, axis)), 0, axis)
         return self.normalized(np.ascontiguousarray(density))
+
+    def _taking(self, other: Propagator) -> list[np.ndarray | None]:
+        """Return the matrices from another grid, none where it has the same nodes."""
+        same = [np.array_equal(own, others) for own, others in zip(self.nodes, other.nodes, strict=True)]
+        rest = zip(same[1:], self.nodes[1:], other.nodes[1:], strict=True)
+        return [
+            None if same[0] else self.grid.taken_from(other.grid),
+            *(None if equal else interpolation(others, own) for equal, own, others in rest),
+        ]
+
+
+def shifting(v: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """Return the matrices that shift densities at nodes of a velocity, (…, node, node), by amounts (…)."""
+    waves, there = waves_of(v)
+    phases = np.exp(-1j * shifts[..., None] * waves)
+    return np.ascontiguousarray(((phases[..., None, :] * there) @ onto_waves(v)).real, dtype=np.float32)

@@ -23,7 +23,7 @@ class Reading:
     def __init__(self, propagator: Propagator, density: np.ndarray) -> None:
         self.propagator = propagator
         total = float(density.sum(dtype=float))
-        own = (density.sum(axis=3, dtype=float), density.sum(axis=2, dtype=float))
+        own = propagator.marginals(density)
         self.weights = own[0].sum(axis=2) / total
         self._own = tuple(item / total for item in own)
         self._density = density
@@ -34,7 +34,7 @@ class Reading:
         propagator, pair = self.propagator, self.propagator.pair
         force = float((self.weights.sum(axis=1) * propagator.forces).sum())
         moments = [self._moments(body) for body in range(2)]
-        means = np.array([-force, force]) / pair.stiffness
+        means = pair.sign * np.array([-force, force]) / pair.stiffness
         squares, kinetic = np.array([item[0] for item in moments]).T
         linear = pair.mass, pair.damping, pair.stiffness
         bodies = OfBodies.of_law(linear, means, squares, squares - means**2, kinetic)
@@ -131,8 +131,9 @@ class Reading:
     def displacement(self, body: int) -> Characteristic:
         """Return the characteristic function of a displacement."""
         propagator = self.propagator
-        x = propagator.displacements[body] + propagator.basis.step / 12.0 * propagator.increments[body]
-        weight = propagator.pair.weights[1 - body]
+        pushed = (-propagator.shifts[0], propagator.shifts[1])[body] * propagator.forces
+        x = propagator.pair.sign * (propagator.displacements[body] + pushed[:, None])
+        weight = propagator.weights[1 - body]
         cells = propagator.grid.cells.max(), propagator.center[1] - propagator.center[0]
         waves = np.arange(0.0, np.pi / max(weight * cells[0], cells[1]), np.pi / np.ptp(x))
         values = np.array([(self.weights * np.exp(-1j * wave * x)).sum() for wave in waves])

@@ -23,6 +23,9 @@ ORDER = 4
 LADDER = (*Basis._fields, "step twice")
 """Directions of the basis; for the step there is a third one, twice as long."""
 
+FUNCTIONS, _FREE = 9.0, 1.2
+"""Hermite functions of a body that follows the other one, and the step over its natural frequency."""
+
 _BOX, _GAP, _CENTER, _VELOCITY = 5.5, 7.5, 0.48, 0.43
 """Half the box in standard deviations, cells of the gap to a penetration, other cells in standard deviations."""
 
@@ -34,17 +37,21 @@ def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     standard deviations of the Gibbs law at T to each side, with cells of 0.48 of the center and 0.43 of
     a velocity, up to 1.5 times as small for a body that alone is colder than T; a step of 0.32 over the
     frequency of the closed contact and 0.8 over those of the bodies. `part` times as many nodes go
-    half into the box and half into cells.
+    half into the box and half into cells. A body that follows the other one has 9 Hermite functions for each of its
+    coordinates, and allows for a step of 1.2 over its frequency.
     """
     size, box = math.sqrt(part), _BOX * math.sqrt(part)
     gap = Grid.nodes_within(well, box, min(well.penetration, well.width) / (_GAP * size))
     cold = 1.0 - np.minimum(pair.temperatures / well.temperature, 1.0)
     first, second = _VELOCITY / ((1.0 + 0.2 * cold.max()) * (1.0 + 0.25 * cold))
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
-    step = min(0.32 / closed, 0.8 / float(np.sqrt(pair.stiffness / pair.mass).max()))
+    follows = pair.gaussian > 0.0
+    step = min(0.32 / closed, (_FREE if follows else 0.8) / math.sqrt(pair.stiffness[0] / pair.mass[0]))
     center, first, second = (
         _odd(2.0 * box * size / cell) for cell in (_CENTER / (1.0 + 0.15 * cold.max()), first, second)
     )
+    if follows:
+        center = first = _odd(FUNCTIONS * part)
     return Basis(_odd(gap), center, first, second, box, step / math.sqrt(size))
 
 
@@ -56,7 +63,10 @@ def coarser(well: Well, basis: Basis, direction: str) -> Basis:
 def finer(well: Well, basis: Basis, direction: str, excess: float) -> Basis:
     """Return a basis with one direction made finer, such that its error is smaller by some factor."""
     excess = min(excess, 50.0)
-    return changed(well, basis, direction, 1.0 + 0.08 * math.log(excess), excess ** (-1.0 / ORDER))
+    nodes = 1.0 + 0.08 * math.log(excess)
+    if direction not in ("box", "step"):
+        nodes = max(nodes, 1.0 + 2.0 / getattr(basis, direction))
+    return changed(well, basis, direction, nodes, excess ** (-1.0 / ORDER))
 
 
 def changed(well: Well, basis: Basis, name: str, nodes: float, step: float) -> Basis:
@@ -68,6 +78,8 @@ def changed(well: Well, basis: Basis, name: str, nodes: float, step: float) -> B
     size = math.sqrt(nodes)
     gap = Grid.nodes_within(well, size * basis.box, Grid.of(well, basis.box, basis.gap).fine)
     center, first, second = (_odd(size * count) for count in (basis.center, basis.first, basis.second))
+    if well.pair.gaussian:  # the box is not that of the body that follows
+        center, first = basis.center, basis.first
     return Basis(_odd(gap), center, first, second, size * basis.box, basis.step)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
 from impactlab.reference.fokker_planck.cost import Budget, OutOfTime, announced, check_memory, steps_between
+from impactlab.reference.fokker_planck.follower import propagator_of
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference
 from impactlab.reference.fokker_planck.march import March
 from impactlab.reference.fokker_planck.pair import Pair, Well
@@ -115,7 +116,16 @@ def fokker_planck(
 
     pair = Pair.of(network)
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:
-        return _Solver(pair, tolerance, budget, pool).solved(network, given)
+        try:
+            return _Solver(pair, tolerance, budget, pool).solved(network, given)
+        except _NotStationary:
+            if not pair.gaussian:
+                raise
+            return _Solver(replace(pair, follows=False), tolerance, budget, pool).solved(network, given)
+
+
+class _NotStationary(NoExactReference):
+    """A density does not become stationary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +167,9 @@ class _Solver:
 
     def _piloted(self, given: Mapping[str, Any]) -> tuple[Propagator, np.ndarray, Well]:
         """Return the solution on a coarse grid, and the well at the temperature that it shows."""
+        bodies = slice(1 if self.pair.gaussian else 0, None)  # that the box must hold
         hottest = float(self.pair.temperatures.max())
-        well = self.pair.well(hottest)
+        well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
         density, march = last.start(), March(last, self.pool)
         self.budget.measure(last.basis, lambda: march(density, 1))
@@ -166,7 +177,7 @@ class _Solver:
         for part, settled in _PILOTS:
             pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
             density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = float((self.pair.mass * found.values["mean_square_velocity"]).max())
+            kinetic = float((self.pair.mass * found.values["mean_square_velocity"])[bodies].max())
             well, last = self.pair.well(min(_MARGIN * kinetic, hottest)), pilot
         return last, density, well
 
@@ -206,7 +217,7 @@ class _Solver:
     def _propagator(self, well: Well, basis: Basis) -> Propagator:
         """Return the propagator of a basis that fits into memory."""
         check_memory(basis)
-        return Propagator(self.pair, well, basis)
+        return propagator_of(well, basis)
 
     def _converged(self, fine: Propagator, density: np.ndarray) -> tuple[np.ndarray, Convergence]:
         """Return the stationary density, and the statistics with all directions of the ladder.
@@ -222,7 +233,7 @@ class _Solver:
         return density, Convergence(found.values, changed | {LADDER[-1]: twice.values}, found.balances)
 
     def _coarser(self, fine: Propagator, name: str) -> Propagator:
-        return Propagator(self.pair, fine.well, coarser(fine.well, fine.basis, name))
+        return propagator_of(fine.well, coarser(fine.well, fine.basis, name))
 
     def _stationary(
         self, propagator: Propagator, density: np.ndarray, tolerance: float, other: Reading | None = None
@@ -251,7 +262,7 @@ class _Solver:
                 return density, found
             if len(snapshots) > _TOGETHER:
                 snapshots = [density]
-        raise NoExactReference(
+        raise _NotStationary(
             f"The density does not become stationary with {propagator.basis}: it is not resolved, or the bodies "
             "exchange energy too slowly."
         )
