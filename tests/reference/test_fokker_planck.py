@@ -388,7 +388,7 @@ def test_what_was_reached_in_the_time_is_returned_with_its_errors():
     [
         ({"basis": {"gaps": 10}}, "basis has no 'gaps'; did you mean 'gap'"),
         ({"basis": {"gap": 4}}, "basis\\['gap'\\] must be an odd number from 9 on, not 4"),
-        ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 9 on, not 20"),
+        ({"basis": {"first": 20}}, "basis\\['first'\\] must be an odd number from 3 on, not 20"),
         ({"basis": {"box": 60.0}}, "basis\\['box'\\] must be from 3 to 9 standard deviations, not 60.0"),
         ({"basis": {"step": "1"}}, "basis\\['step'\\] must be above 0, not '1'"),
         ({"basis": {"step": -1.0}}, "basis\\['step'\\] must be above 0, not -1.0"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,14 +18,15 @@ INTERVAL = 0.2
 _BYTES, _MOST_UNKNOWNS = 200.0, 2e7
 """Memory that a point takes, with the snapshots of its density, and the largest number of points."""
 
-_SNAPSHOTS = 40.0
-"""Snapshots that all grids of a level take together, as many as the finest one alone would make in that time.
+_SNAPSHOTS = 11.0
+"""Snapshots for each decimal of accuracy that all grids of a level take together, as many as the finest one alone would
+make in that time: from 9 to 12 in pairs with frequency ratios from 16 to 128."""
 
-From 30 to 50 in pairs with frequency ratios from 1 to 128.
-"""
+_TIMED = 8
+"""Steps of which the mean tells the speed."""
 
-_TIMED = 3
-"""Steps of which the fastest tells the speed."""
+_OVERRUN = 2.0
+"""Part of the time after which a first grid is given up if it takes longer than was foreseen."""
 
 
 def steps_between(pair: Pair, basis: Basis) -> int:
@@ -53,6 +55,7 @@ class Budget:
     allowed: float
     begun: float = field(default_factory=time.monotonic)
     point_seconds: float = 0.0  # that a point takes in a step
+    answered: bool = False  # whether there is a solution already
 
     @property
     def spent(self) -> float:
@@ -67,20 +70,19 @@ class Budget:
     def measure(self, basis: Basis, step: Callable[[], object]) -> None:
         """Time steps on the grid of a basis; the first one touches the memory, and does not count."""
         step()
-        times = []
+        begin = time.perf_counter()
         for _ in range(_TIMED):
-            begin = time.perf_counter()
             step()
-            times.append(time.perf_counter() - begin)
-        self.point_seconds = min(times) / basis.unknowns
+        self.point_seconds = (time.perf_counter() - begin) / _TIMED / basis.unknowns
 
-    def foreseen(self, pair: Pair, basis: Basis) -> float:
+    def foreseen(self, pair: Pair, basis: Basis, accuracy: float) -> float:
         """Return the time that a basis is foreseen to take with all coarser ones that tell its errors (s)."""
-        return self.point_seconds * basis.unknowns * steps_between(pair, basis) * _SNAPSHOTS
+        snapshots = -_SNAPSHOTS * math.log10(accuracy)
+        return self.point_seconds * basis.unknowns * steps_between(pair, basis) * snapshots
 
     def check(self) -> None:
-        """Stop if no time is left."""
-        if self.left < 0.0:
+        """Stop if no time is left; a first grid that takes longer than was foreseen has twice the time."""
+        if self.spent > self.allowed * (1.0 if self.answered else _OVERRUN):
             raise OutOfTime
 
 

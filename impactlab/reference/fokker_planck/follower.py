@@ -1,4 +1,4 @@
-"""One step of the density of two bodies of which the first follows the second: Hermite functions for its state."""
+"""One step of the density of two bodies, the first of which follows the second: Hermite functions for its state."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Follower(Propagator):
     @cached_property
     def _displacement(self) -> np.ndarray:
         """Displacement of the second body at the nodes, (gap, center)."""
-        return np.asarray(self.displacements_at(self.spreads[0] * self._functions[0].nodes)[1])
+        return np.asarray(self.displacements_at(self.gap, self.spreads[0] * self._functions[0].nodes)[1])
 
     @cached_property
     def kicks(self) -> tuple[np.ndarray, np.ndarray]:

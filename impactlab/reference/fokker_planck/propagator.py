@@ -125,11 +125,11 @@ class Propagator:
     @cached_property
     def displacements(self) -> np.ndarray:
         """Displacements at (q, y), (body, gap, center)."""
-        return self.displacements_at(self.center)
+        return self.displacements_at(self.gap, self.center)
 
-    def displacements_at(self, center: np.ndarray) -> np.ndarray:
-        """Return the displacements at the nodes of q and some of y."""
-        distance = self.gap[:, None] + self.pair.contact.clearance
+    def displacements_at(self, gap: np.ndarray, center: np.ndarray) -> np.ndarray:
+        """Return the displacements at some q and y, (body, gap, center)."""
+        distance = gap[:, None] + self.pair.contact.clearance
         return np.array([center + self.weights[1] * distance, center - self.weights[0] * distance])
 
     @cached_property

@@ -12,6 +12,9 @@ from impactlab.results.schema import CONTACT, Moments, OfBodies, sampled_of
 
 _FINE = 4000
 
+_FINER = 6
+"""Places in a cell of the gap at which displacements are read: their densities may be as narrow as the contact."""
+
 
 class Reading:
     """Statistics of a density at the moment before the last shear of a step.
@@ -130,14 +133,16 @@ class Reading:
 
     def displacement(self, body: int) -> Characteristic:
         """Return the characteristic function of a displacement."""
-        propagator = self.propagator
-        pushed = (-propagator.shifts[0], propagator.shifts[1])[body] * propagator.forces
-        x = propagator.pair.sign * (propagator.displacements[body] + pushed[:, None])
-        weight = propagator.weights[1 - body]
-        cells = propagator.grid.cells.max(), propagator.center[1] - propagator.center[0]
-        waves = np.arange(0.0, np.pi / max(weight * cells[0], cells[1]), np.pi / np.ptp(x))
-        values = np.array([(self.weights * np.exp(-1j * wave * x)).sum() for wave in waves])
-        return Characteristic(waves, values, float((self.weights * x).sum()))
+        propagator, grid, center = self.propagator, self.propagator.grid, self.propagator.center
+        places = grid.places[0] + np.arange(_FINER * grid.count) / _FINER
+        weights, gap = grid.values(places) @ self.weights / _FINER, grid.at(places)
+        force = propagator.pair.force(gap - propagator.shifts.sum() * propagator.pair.force(gap))
+        pushed = (-propagator.shifts[0], propagator.shifts[1])[body] * force
+        x = propagator.pair.sign * (propagator.displacements_at(gap, center)[body] + pushed[:, None])
+        cell = propagator.weights[1 - body] * grid.cells.max() / _FINER
+        waves = np.arange(0.0, np.pi / max(cell, center[1] - center[0]), np.pi / np.ptp(x))
+        values = np.array([(weights * np.exp(-1j * wave * x)).sum() for wave in waves])
+        return Characteristic(waves, values, float((weights * x).sum()))
 
     def velocity(self, body: int) -> Characteristic:
         """Return the characteristic function of a velocity."""

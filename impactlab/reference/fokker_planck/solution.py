@@ -77,8 +77,8 @@ def fokker_planck(
         Two linear bodies with a spring, damping and white noise each, and one contact between
         them whose force depends on the indentation alone.
     basis : mapping of str to number, optional
-        Odd numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies in
-        the order of the contact), half the size of the ``box`` (standard deviations) and the
+        Odd numbers of nodes ``gap``, ``center``, ``first``, ``second`` (velocities of the bodies, that with the
+        higher natural frequency first), half the size of the ``box`` (standard deviations) and the
         ``step`` (s), which are then kept. What is not given is chosen and refined. An
         `AccuracyWarning` says if what was given leaves larger errors.
     tolerance : float
@@ -86,9 +86,9 @@ def fokker_planck(
     max_seconds : float, optional
         Time that may be spent (s). Steps on a coarse grid are timed, which tells how long finer ones will take: the
         finest grid that is foreseen to be done in time is solved, and what was reached is returned with a warning and
-        its own errors. It is refused if not even the coarsest one would be done. By default any time is allowed,
-        with a warning where a grid will take more than an hour. In a terminal or a notebook a line tells the
-        points, the memory and the time of each grid before it begins.
+        its own errors. A pair is refused if not even the coarsest grid would be done, or if the first one is not
+        after twice the time. By default any time is allowed, with a warning where a grid will take more than an hour.
+        In a terminal or a notebook a line tells the points, the memory and the time of each grid before it begins.
 
     Returns
     -------
@@ -103,7 +103,9 @@ def fokker_planck(
 
     Notes
     -----
-    With unit masses and natural frequencies from 1 to 16 Hz the grid has 0.5 to 3 million points.
+    With unit masses and natural frequencies from 1 to 16 Hz the grid has 0.5 to 3 million points. A body that is so
+    fast that it follows the contact as if at rest is nearly Gaussian, and described by few Hermite functions:
+    ``center`` and ``first`` are their numbers then, from 3 on, and the grid has 0.1 million points.
     While it works, libraries of linear algebra (BLAS) use one thread in all of the process.
     """
     if not isinstance(network, Composition):
@@ -137,16 +139,17 @@ class _Solver:
 
     def solved(self, network: Composition, given: Mapping[str, Any]) -> FokkerPlanckReference:
         """Refine a basis until the errors are within the tolerance, or no time is left for a finer one."""
-        reached, fine = None, None
+        reached, fine, accuracy = None, None, self.tolerance
         try:
             last, density, well = self._piloted(given)
-            fine = self._propagator(well, self._in_time(well, given))
+            basis, accuracy = self._in_time(well, given)
+            fine = self._propagator(well, basis)
             kept = {*given, "box"} if given.keys() - {"step"} else set(given)  # nodes make the cells of a box
             free = [name for name in Basis._fields if name not in kept]
             for _ in range(_MOST_LEVELS):
-                self._announce(fine.basis)
-                density, errors = self._converged(fine, fine.taken_from(last, density))
-                reached = FokkerPlanckReference(network, fine, density, errors)
+                self._announce(fine.basis, accuracy)
+                density, errors = self._converged(fine, fine.taken_from(last, density), accuracy)
+                reached, self.budget.answered = FokkerPlanckReference(network, fine, density, errors), True
                 poor = errors.insufficient(self.tolerance, free)
                 if not poor:
                     if errors.insufficient(self.tolerance, Basis._fields):
@@ -155,11 +158,11 @@ class _Solver:
                 last, basis = fine, fine.basis
                 for name, excess in poor.items():
                     basis = finer(well, basis, name, excess)
-                fine = self._propagator(well, basis)
-                if self.budget.foreseen(self.pair, basis) > self.budget.left:
+                fine, accuracy = self._propagator(well, basis), max(0.1 * accuracy, self.tolerance)
+                if self.budget.foreseen(self.pair, basis, accuracy) > self.budget.left:
                     raise OutOfTime
         except OutOfTime:
-            return self._in_spite(reached, fine)
+            return self._in_spite(reached, fine, accuracy)
         raise NoExactReference(
             f"The statistics do not reach an accuracy of {self.tolerance:g} with {last.basis.unknowns:.3g} unknowns: "
             f"{errors.summary()}. Give a larger tolerance=, or a basis=."
@@ -181,33 +184,36 @@ class _Solver:
             well, last = self.pair.well(min(_MARGIN * kinetic, hottest)), pilot
         return last, density, well
 
-    def _in_time(self, well: Well, given: Mapping[str, Any]) -> Basis:
-        """Return the basis for the tolerance, or the finest one that is foreseen to be done in time."""
+    def _in_time(self, well: Well, given: Mapping[str, Any]) -> tuple[Basis, float]:
+        """Return the basis for the tolerance, or the finest one to be done in time, and its accuracy."""
         part = max(math.log(self.tolerance) / math.log(_STANDARD), _LEAST)
         for share in np.linspace(part, _LEAST, _COARSER):
             basis = rule(self.pair, well, float(share))._replace(**given)
-            foreseen = self.budget.foreseen(self.pair, basis)
+            accuracy = max(self.tolerance, _STANDARD ** float(share))
+            foreseen = self.budget.foreseen(self.pair, basis, accuracy)
             if foreseen <= self.budget.left:
-                return basis
+                return basis, accuracy
         left = f"{max(self.budget.left, 0.0):.2g} s"
         raise NoExactReference(
             f"Even a coarse grid would take {announced(basis, foreseen)}, but {left} are left. Give a larger "
             "max_seconds=."
         )
 
-    def _announce(self, basis: Basis) -> None:
+    def _announce(self, basis: Basis, accuracy: float) -> None:
         """Tell what a basis is foreseen to take."""
-        foreseen = self.budget.foreseen(self.pair, basis)
+        foreseen = self.budget.foreseen(self.pair, basis, accuracy)
         say(None, f"fokker_planck: {announced(basis, foreseen)}")
         if foreseen > _LONG and math.isinf(self.budget.allowed):
             warn(f"The grid has {announced(basis, foreseen)}. Give max_seconds= for a coarser one.")
 
-    def _in_spite(self, reached: FokkerPlanckReference | None, fine: Propagator | None) -> FokkerPlanckReference:
+    def _in_spite(
+        self, reached: FokkerPlanckReference | None, fine: Propagator | None, accuracy: float
+    ) -> FokkerPlanckReference:
         """Return what was reached when the time is over, with a warning; refuse if that is nothing."""
         spent = f"in {self.budget.spent:.2g} s"
         if reached is None or fine is None:
             raise NoExactReference(f"No density became stationary {spent}. Give a larger max_seconds= or tolerance=.")
-        foreseen = self.budget.foreseen(self.pair, fine.basis)
+        foreseen = self.budget.foreseen(self.pair, fine.basis, accuracy)
         warn(
             f"The tolerance of {self.tolerance:g} was not reached {spent}: {reached.errors.summary()}. The next grid "
             f"takes {announced(fine.basis, foreseen)}; give a larger max_seconds= or tolerance=."
@@ -219,12 +225,12 @@ class _Solver:
         check_memory(basis)
         return propagator_of(well, basis)
 
-    def _converged(self, fine: Propagator, density: np.ndarray) -> tuple[np.ndarray, Convergence]:
+    def _converged(self, fine: Propagator, density: np.ndarray, accuracy: float) -> tuple[np.ndarray, Convergence]:
         """Return the stationary density, and the statistics with all directions of the ladder.
 
         The longest steps, which take the least time, come first; other directions are changed from the result.
         """
-        settled, changed = _SETTLED * self.tolerance, {}
+        settled, changed = _SETTLED * accuracy, {}
         density, twice = self._stationary(self._coarser(fine, LADDER[-1]), density, settled)
         density, found = self._stationary(fine, density, settled)
         for name in LADDER[:-1]:
@@ -274,7 +280,10 @@ def _checked(basis: Mapping[str, float] | None) -> dict[str, Any]:
     for name, value in given.items():
         if name not in Basis._fields:
             raise InvalidInput(f"basis has no {name!r}; {suggestion(name, Basis._fields)}")
-        right, allowed = _ALLOWED.get(name, (lambda count: count >= 9 and count % 2 == 1, "an odd number from 9 on"))
+        least = 3 if name in ("center", "first") else 9  # of Hermite functions or of nodes
+        right, allowed = _ALLOWED.get(
+            name, (lambda count, least=least: count >= least and count % 2 == 1, f"an odd number from {least} on")
+        )
         if not (isinstance(value, int | float) and math.isfinite(value) and right(value)):
             raise InvalidInput(f"basis[{name!r}] must be {allowed}, not {value!r}.")
     return given
