@@ -279,6 +279,11 @@ class Model:
         """Whether the force of each contact depends on time, (contact,) of bool."""
         return np.array([TIME in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
 
+    @property
+    def rated_contacts(self) -> np.ndarray:
+        """Whether the force of each contact depends on the rate of its indentation, (contact,) of bool."""
+        return np.array(["rate" in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
+
     @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
         """Names of the points of structures, with the slots of the bodies of which they are sums, and their weights."""

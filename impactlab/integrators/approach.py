@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.integrators.arguments import Account, Closings, History, Noise, Sums
+from impactlab.integrators.arguments import Account, Closings, History, Noise, Peaks, Sums
 from impactlab.integrators.kicks import SHIFT, kick, slot_of
 from impactlab.kernels.arrays import address_of, borrow, call, dense
 from impactlab.kernels.flow import flow
@@ -27,7 +27,7 @@ from impactlab.kernels.kick import clear, copy, differences, scaled_sum
 from impactlab.kernels.random import fill_normals, fill_steps
 from impactlab.kernels.rows import F
 from impactlab.kernels.scalars import scalar
-from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
+from impactlab.kernels.sums import SLOTS, count_closings, empty_slots, read_peaks
 
 
 @kernel
@@ -201,23 +201,31 @@ def step_by_step(functions, tables, noise, state, history, sums, steps, first): 
         x = here.x
         kick(forces, tables, steps.passes, still, v, y, here)
     if steps.summing:
-        add_leaf(functions.add, past, before, jumps.leaf, levels.lanes[0], sums)
+        add_leaf(functions.add, past, before, first, jumps.leaf, levels.lanes[0], sums)
     copy(x, whole.x)
     copy(v, whole.v)
 
 
 @kernel
-def add_leaf(add, past, before, steps, lanes, sums):  # type: ignore[no-untyped-def]
-    """Add contacts and kicks of some lanes in the steps of a leaf to the sums of their block."""
+def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-untyped-def]
+    """Add contacts and kicks of some lanes in the steps of a leaf, from a first one on, to the sums of their block."""
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
+    shared = sums.closings.peaks
+    peaks = Peaks(np.empty((3, shared.contacts.shape[0], number)), shared.contacts, shared.row)
+    for row in range(3):
+        take(shared.forces[row], lanes, peaks.forces[row])
     own = Sums(
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
         sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
-        Closings(before, sums.closings.jitter, sums.closings.weights, sums.closings.step), sums.flux, sums.turns,
-        sums.points,
+        Closings(before, sums.closings.jitter, sums.closings.weights, sums.closings.step, peaks), sums.flux,
+        sums.turns, sums.points,
     )  # fmt: skip
     for step in range(before.shape[1] and steps):
         count_closings(past.indentation[step], past.v[step], own)
+    for step in range(peaks.forces.shape[1] and steps):
+        read_peaks(past.contact_force[step], first + step, peaks, own.contacts)
+    for row in range(3):
+        put(peaks.forces[row], lanes, shared.forces[row])
     call(add, address_of(Account(past, borrow(own))), 0)  # which lets go of what it does not borrow
     for row in range(F, sums.bodies.shape[1]):
         add_to(own.bodies[0, row], lanes, sums.bodies[0, row])

@@ -227,13 +227,22 @@ class History(NamedTuple):
     contact_force: np.ndarray
 
 
+class Peaks(NamedTuple):
+    """What peaks of forces between steps are read with."""
+
+    forces: np.ndarray  # [3, item, lane] forces two steps and one step ago, and the number of the last step
+    contacts: np.ndarray  # (item,) which contacts these are
+    row: int  # of the sums over contacts
+
+
 class Closings(NamedTuple):
-    """What closings of contacts are counted with."""
+    """What closings of contacts are counted with, and peaks of their forces are read with."""
 
     before: np.ndarray  # [2, contact, lane] indentation and rate a step ago, nothing where they are not counted
     jitter: np.ndarray  # (contact,) what white noise changes a closing velocity by in a step, root mean square
     weights: np.ndarray  # of coordinates in gaps, see `impactlab.kernels.combinations`; nothing where all are pairs
     step: float  # (s)
+    peaks: Peaks
 
 
 class Flux(NamedTuple):
@@ -358,7 +367,7 @@ class _Types:
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)
         closings, points = (
-            named(Closings, blocks, numbers, numbers, f8),
+            named(Closings, blocks, numbers, numbers, f8, named(Peaks, blocks, slots, i8)),
             named(PointSums, slots, slots, cube, sums, block),
         )
         flux, turns = named(Flux, numbers, table, blocks, block, block), named(Turns, numbers, block, block)

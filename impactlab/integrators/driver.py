@@ -60,7 +60,7 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             if steps.summing and sums.points.sums.shape[2]:
                 call(functions.add_turns_of_points, account, now)
             add_turns(history.force[slot], history.v[slot], steps.summing, now % sums.bodies.shape[0], sums)
-        if steps.summing and close_slot(history, slot, index == steps.number - 1, sums):
+        if steps.summing and close_slot(history, slot, now, index == steps.number - 1, sums):
             call(functions.add, account, index)
             if sums.points.sums.shape[2]:
                 call(functions.add_points, account, index)

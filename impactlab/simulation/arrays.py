@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
-from impactlab.integrators.arguments import Closings, Events, Flux, History, State, Sums, Turns
+from impactlab.integrators.arguments import Closings, Events, Flux, History, Peaks, State, Sums, Turns
 from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.memory import with_states
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
@@ -92,6 +92,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             jitter=observed.jitter,
             weights=forces.parameters[:0] if plain else forces.parameters,
             step=plan.clock.step,
+            peaks=_peaks(plan, lanes, zeros),
         ),
         flux=Flux(
             window=observed.window,
@@ -111,6 +112,13 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, sums.contacts[FLUX], zeros)
     events = Events(impacts, plan.friction.arrays(lanes, zeros))
     return Arrays(state, history, sums, normals, of_streams, parameters, events)
+
+
+def _peaks(plan: Plan, lanes: int, zeros: Zeros) -> Peaks:
+    """Return what peaks between steps are read with."""
+    rated = np.flatnonzero(plan.observed.rated[: plan.observed.contacts])
+    row = FLUX + 1 + [statistic.name for statistic in sampled_of(CONTACT)].index("peak_contact_force")
+    return Peaks(zeros((3, len(rated), lanes)), rated, row)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:

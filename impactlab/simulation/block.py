@@ -88,7 +88,7 @@ class Block:
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
         arrays = allocate(plan, lanes)
         self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, events = arrays
-        self.sums.closings.before[:] = np.nan
+        self.sums.closings.before[:] = self.sums.closings.peaks.forces[:] = np.nan
         if len(plan.impacts.rigid.contacts):
             impacts = events.impacts._replace(function=colliding(plan.single), realizations=self.realizations)
             events = events._replace(impacts=impacts)
