@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scenes import deviations, off
+from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.simulation.step_error import BIASED
