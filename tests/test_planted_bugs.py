@@ -7,15 +7,15 @@ import math
 import warnings
 
 import pytest
-from planted import compound, compound_scenes, dynamics, estimates, scenes, wider, wider_scenes
+from planted import compound, compound_scenes, dynamics, estimates, friction, scenes, wider, wider_scenes
 
 import impactlab as il
 
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
 
-BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS]
-SCENES = [*scenes.SCENES, *wider_scenes.SCENES, *compound_scenes.SCENES]
+BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.BUGS]
+SCENES = [*scenes.SCENES, *wider_scenes.SCENES, *compound_scenes.SCENES, *friction.SCENES]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 
