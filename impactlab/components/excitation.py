@@ -50,6 +50,8 @@ class Excitation(Component):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
+        if "force" in vars(cls) and "highest_frequency" not in vars(cls):  # that of another force
+            cls.highest_frequency = Excitation.highest_frequency  # type: ignore[method-assign]
         defined = [name for name in KINDS if callable(getattr(cls, name, None))]
         if len(defined) > 1:
             raise InvalidInput(
@@ -85,6 +87,14 @@ class Excitation(Component):
     def largest_modulation(self) -> float:
         """Largest size of what the kernel ``modulation`` returns, for which a step is chosen."""
         return 1.0
+
+    @property
+    def highest_frequency(self) -> float:
+        """Angular frequency up to which a given force is a sum of cosines, at all times; inf if it is none (rad s-1).
+
+        Steps then need fewer of its values.
+        """
+        return math.inf
 
     @property
     def acts_between(self) -> tuple[float, float]:

@@ -43,6 +43,10 @@ class ConstantForce(Excitation):
 
     load: float = parameter(units="N")
 
+    @property
+    def highest_frequency(self) -> float:
+        return 0.0
+
     @staticmethod
     def force(load):  # type: ignore[no-untyped-def]
         return load
@@ -64,6 +68,10 @@ class Harmonic(Excitation):
     amplitude: float = parameter(units="N")
     frequency: float = parameter(units="rad s-1", above=0.0)
     phase: float = parameter(0.0, units="rad")
+
+    @property
+    def highest_frequency(self) -> float:
+        return self.frequency
 
     @staticmethod
     def force(time, amplitude, frequency, phase):  # type: ignore[no-untyped-def]

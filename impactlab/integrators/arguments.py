@@ -302,6 +302,7 @@ class Functions(NamedTuple):
 
     forces: Any
     accept: int  # updates the states of laws: `impactlab.kernels.memory.ACCEPT`; 0 where there are none
+    stretch: int  # makes several steps: `impactlab.integrators.stretches.stretch`; 0 where there is none
     fill: int  # writes the normals of four steps: `impactlab.kernels.random.fill_steps`
     near: int  # brings sums of cosines near: `impactlab.kernels.series.bring_near`
     add: int  # adds the history to the sums: `impactlab.kernels.sums.add_history`
@@ -323,6 +324,20 @@ class Steps(NamedTuple):
     number: int
     every: int  # steps between snapshots, 0 for none
     phase: int  # steps since the last snapshot when it begins
+
+
+class Stretch(NamedTuple):
+    """What several steps at once take; see `impactlab.integrators.stretches`."""
+
+    parameters: np.ndarray  # of the forces
+    coefficients: np.ndarray  # (phase, column, body)
+    amplitude: np.ndarray  # as in `Noise`, and so the next two
+    scale: np.ndarray
+    normals: np.ndarray
+    force: np.ndarray  # (2 step, row) mean and slope of given forces
+    state: State
+    history: History
+    steps: Steps
 
 
 def array(dimensions: int, kind: Any = f8) -> Any:
@@ -374,7 +389,8 @@ class _Types:
         self.sums = named(Sums, sums, blocks, i8, blocks, blocks, pairs, pairs, slots, closings, flux, turns, points)
         self.steps = named(Steps, f8, i8, i8, b1, b1, b1, i8, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
-        self.functions = named(Functions, self.forces, *[i8] * 6)
+        self.functions = named(Functions, self.forces, *[i8] * 7)
+        self.stretch = named(Stretch, numbers, cube, cube, table, normals, table, self.state, self.history, self.steps)
         self.loop = void(
             self.functions, self.tables, self.driven, self.state, self.history, self.sums, blocks, self.steps
         )

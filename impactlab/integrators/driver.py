@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import i8, void
 
-from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions
+from impactlab.integrators.arguments import OF_LANES, OF_ONE, Account, Functions, Stretch
 from impactlab.kernels.arrays import address_of, borrow, call, pointer_to, value_at
 from impactlab.kernels.coloured import bring_coloured
 from impactlab.kernels.dry_friction import rub
@@ -39,6 +39,7 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
     history, sums = borrow(history), borrow(sums)
     noise, series, account = driven.noise, driven.series, address_of(Account(history, sums))
     own_noise, own_series = address_of(noise), address_of(series)
+    own_stretch, reached = address_of(stretch_of(tables, driven, state, history, steps)), 0
     empty_slots(history, 0, steps.first % SLOTS)
     for index in range(steps.number):
         now = steps.first + index
@@ -49,9 +50,14 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             call(functions.near, own_series, steps.samples * now - sample)
             if series.coloured.function:
                 call(series.coloured.function, own_series, steps.samples * now - sample)
-        set_accepted(tables, steps, now)
-        set_elapsed(tables, steps, steps.step)
-        step(functions.forces, tables, driven, state, history, steps, index)
+        if functions.stretch:
+            if index == reached:
+                reached = end_of_stretch(steps, index)
+                call(functions.stretch, own_stretch, index)
+        else:
+            set_accepted(tables, steps, now)
+            set_elapsed(tables, steps, steps.step)
+            step(functions.forces, tables, driven, state, history, steps, index)
         if steps.remembering:  # the step is accepted: states of laws change now, and never at a trial
             x, v = accepted(state, history.v[slot])
             set_elapsed(tables, steps, steps.step)
@@ -75,6 +81,26 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
 def sampled(steps, index):  # type: ignore[no-untyped-def]
     """Whether there is a snapshot after a step."""
     return steps.every > 0 and (steps.phase + index + 1) % steps.every == 0
+
+
+@scalar
+def stretch_of(tables, driven, state, history, steps):  # type: ignore[no-untyped-def]
+    """Return what several steps at once take of the arguments of a loop."""
+    noise = driven.noise
+    return Stretch(
+        tables.parameters, tables.coefficients, noise.amplitude, noise.scale, noise.normals, driven.forced.force, state,
+        history, steps,
+    )  # fmt: skip
+
+
+@scalar
+def end_of_stretch(steps, index):  # type: ignore[no-untyped-def]
+    """Index behind the last of the steps that are made at once from one on: at most four, of which normals are there.
+
+    What is read of the state is that after the last of them, so that a snapshot ends them.
+    """
+    end = min(steps.number, index + 4 - (steps.first + index) % 4)
+    return min(end, index + steps.every - (steps.phase + index) % steps.every) if steps.every else end
 
 
 @scalar
@@ -146,9 +172,9 @@ def with_functions(advancing: Callable[..., None], single: bool) -> Callable[...
     """
     types, addresses = OF_ONE if single else OF_LANES, _addresses(single, all_samples())
 
-    def run(forces: Function, accept: Any, *arguments: Any) -> None:
+    def run(forces: Function, accept: int, stretch: int, *arguments: Any) -> None:
         seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
-        advancing(Functions(forces, accept, *addresses), *seen)
+        advancing(Functions(forces, accept, stretch, *addresses), *seen)
 
     return run
 

@@ -47,6 +47,15 @@ LEAST_SPLIT = 0.01
 
 
 @inlined
+def push_by_given(coefficients, forced, index, part, push, x, v):  # type: ignore[no-untyped-def]
+    """Add the response to a part of given forces in a step, mean or slope; the forces of bodies are left in `push`."""
+    clear(push)
+    add_forced(forced.force, 2 * index + part, forced.bodies, push)
+    add_scaled(coefficients, PUSH + 2 * part, push, x)
+    add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
+
+
+@inlined
 def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
     """Make the flow of a step; return its slot of the history, with the displacements, and the force of the last kick.
 
@@ -70,10 +79,7 @@ def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore
         flow_between(cross, normals, x, before, slot.x, v)
     if forced.bodies.shape[0]:
         for part in range(2):  # mean and slope
-            clear(push)
-            add_forced(forced.force, 2 * index + part, forced.bodies, push)
-            add_scaled(coefficients, PUSH + 2 * part, push, slot.x)
-            add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
+            push_by_given(coefficients, forced, index, part, push, slot.x, v)
             push_between(cross, part, push, slot.x, v)
     if series.bodies.shape[0]:
         add_response(series, sample_of(steps, now) + 1, 1.0, slot.x, v)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -16,29 +18,30 @@ from impactlab.kernels.scalars import DISABLED, scalar
 _unpack_tuple: Any = cgutils.unpack_tuple
 _in_frame: Any = cgutils.alloca_once
 _populate_array: Any = populate_array
+_literal: Any = types.literal
 
 pointer_to: Any = types.CPointer
 """Type of what `address_of` returns, by the type of the value."""
 
 
+def _without_count(context: Any, builder: Any, kind: Any, item: Any) -> Any:
+    """Return an array, or a tuple of them, that does not count references."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, item)
+        array.meminfo = array.meminfo.type(None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        parts: Any = kind
+        for index, part in enumerate(parts):
+            stripped = _without_count(context, builder, part, builder.extract_value(item, index))
+            item = builder.insert_value(item, stripped, index)
+    return item
+
+
 @intrinsic
 def _unmanaged(typing_context, value):  # type: ignore[no-untyped-def]
-    """Return an array, or a tuple of them, that does not count references."""
-
-    def strip(context: Any, builder: Any, kind: Any, item: Any) -> Any:
-        if isinstance(kind, types.Array):
-            array = context.make_array(kind)(context, builder, item)
-            array.meminfo = array.meminfo.type(None)
-            return array._getvalue()
-        if isinstance(kind, types.BaseTuple):
-            parts: Any = kind
-            for index, part in enumerate(parts):
-                stripped = strip(context, builder, part, builder.extract_value(item, index))
-                item = builder.insert_value(item, stripped, index)
-        return item
-
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return strip(context, builder, value, arguments[0])
+        return _without_count(context, builder, value, arguments[0])
 
     return value(value), codegen
 
@@ -65,7 +68,8 @@ def _address_of(typing_context, value):  # type: ignore[no-untyped-def]
 @intrinsic
 def _value_at(typing_context, pointer):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return context.data_model_manager[pointer.dtype].load_from_data_pointer(builder, arguments[0])
+        value = context.data_model_manager[pointer.dtype].load_from_data_pointer(builder, arguments[0])
+        return _without_count(context, builder, pointer.dtype, value)
 
     return pointer.dtype(pointer), codegen
 
@@ -82,7 +86,7 @@ def address_of(value):  # type: ignore[no-untyped-def]
 @scalar
 def value_at(pointer):  # type: ignore[no-untyped-def]
     """Return the value that `address_of` gave a pointer to, borrowed."""
-    return pointer if DISABLED else _unmanaged(_value_at(pointer))  # type: ignore[call-arg]
+    return pointer if DISABLED else _value_at(pointer)  # type: ignore[call-arg]
 
 
 @intrinsic
@@ -154,6 +158,54 @@ def rows(array, begin, count):  # type: ignore[no-untyped-def]
     if DISABLED:
         return array[begin : begin + count]
     return _rows(array, begin, count)  # type: ignore[call-arg]
+
+
+@intrinsic
+def _registers(typing_context, count):  # type: ignore[no-untyped-def]
+    if not isinstance(count, types.IntegerLiteral):
+        raise RequireLiteralValue("the number of registers")
+    number, result = count.literal_value, types.Array(types.float64, 1, "C")
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.ArrayType(ir.DoubleType(), number)
+        place = _in_frame(builder, kind)
+        builder.store(ir.Constant(kind, None), place)
+        array = context.make_array(result)(context, builder)
+        length, size = context.get_constant(types.intp, number), context.get_constant(types.intp, 8)
+        data = builder.bitcast(place, ir.DoubleType().as_pointer())
+        _populate_array(array, data, [length], [size], size, None)
+        return array._getvalue()
+
+    return result(_literal(number)), codegen
+
+
+@scalar
+def registers(count):  # type: ignore[no-untyped-def]
+    """Return an array of zeros in the frame of the caller; its numbers are in registers where all indices are known."""
+    return np.zeros(count) if DISABLED else _registers(count)  # type: ignore[call-arg]
+
+
+@intrinsic
+def _shaped(typing_context, array, first, second, third):  # type: ignore[no-untyped-def]
+    lengths = first, second, third
+    if not all(isinstance(item, types.IntegerLiteral) for item in lengths):
+        raise RequireLiteralValue("a shape")
+    shape = [item.literal_value for item in lengths]
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        strides = [8 * math.prod(shape[place + 1 :]) for place in range(3)]
+        numbers = ([context.get_constant(types.intp, item) for item in items] for items in (shape, strides))
+        _populate_array(array, array.data, *numbers, context.get_constant(types.intp, 8), None)
+        return array._getvalue()
+
+    return array(array, *map(_literal, shape)), codegen
+
+
+@scalar
+def shaped(array, first, second, third):  # type: ignore[no-untyped-def]
+    """Return an array of floats with the shape that it has, which the compiler then knows."""
+    return array if DISABLED else _shaped(array, first, second, third)  # type: ignore[call-arg]
 
 
 @intrinsic

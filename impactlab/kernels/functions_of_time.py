@@ -38,6 +38,22 @@ def look_closely(values, functionals, tolerance, rough, least):  # type: ignore[
 
 
 @kernel
+def sum_panels(values, weights, result):  # type: ignore[no-untyped-def]
+    """Write the sums over the points of panels, ``values[panel, point, row]``, weighted by ``weights[point, column]``.
+
+    The result is [row, panel, column].
+    """
+    for row in range(result.shape[0]):
+        for panel in range(result.shape[1]):
+            for column in range(weights.shape[1]):
+                result[row, panel, column] = 0.0
+            for point in range(weights.shape[0]):
+                value = values[panel, point, row]
+                for column in range(weights.shape[1]):
+                    result[row, panel, column] += weights[point, column] * value
+
+
+@kernel
 def follow(pushes, flow, response, springs, energy):  # type: ignore[no-untyped-def]
     """Write the largest energy of a linear body under forces that are constant over steps, (1,); it begins at rest.
 

@@ -37,6 +37,7 @@ class Driving:
     forced: np.ndarray  # (row,) slots of the bodies under given forces, once for each of them
     forces: np.ndarray  # (row,) which given force it is
     weights: np.ndarray  # (row,) factor of it
+    highest: np.ndarray  # (force,) angular frequency up to which each given force is a sum of cosines (rad s-1)
     coloured: ColouredNoises
     interrupted: np.ndarray  # (body,) whether rigid contacts or dry friction act between kicks
 
@@ -44,8 +45,10 @@ class Driving:
     def of(cls, model: Model, coloured: ColouredNoises) -> Driving:
         """Return those of a model, with its coloured noises."""
         moved = responses(model, flowing_systems(model))
-        number, body, weight = model.sources["force"].drives
-        return cls(lines_of(model), moved, body, number, weight, coloured, model.interrupted)
+        given = model.sources["force"]
+        number, body, weight = given.drives
+        highest = np.array([item.highest_frequency for item in given.excitations], dtype=float)
+        return cls(lines_of(model), moved, body, number, weight, highest, coloured, model.interrupted)
 
     def __bool__(self) -> bool:
         return bool(self.series or len(self.forced) or self.interrupted.any())
@@ -71,7 +74,7 @@ class Driving:
     @property
     def given(self) -> int:
         """Number of given forces."""
-        return int(self.forces.max(initial=-1)) + 1
+        return len(self.highest)
 
     def on_bodies(self, values: np.ndarray) -> np.ndarray:
         """Return what given forces, (n, force), are on the bodies, (n, row)."""

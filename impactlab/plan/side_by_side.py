@@ -215,9 +215,12 @@ def _noise(noises: Sequence[WhiteNoises], bodies: int) -> WhiteNoises:
 
 def _driving(drivings: Sequence[Driving], bodies: int, given: np.ndarray) -> Driving:
     first, number = drivings[0], len(drivings)
+    highest = np.empty(int(given.max(initial=-1)) + 1)
+    highest[given] = np.stack([item.highest for item in drivings], axis=1)
     return replace(
         first,
         forced=_places(first.forced, number),
+        highest=highest,
         forces=given[first.forces].ravel(),
         weights=together([item.weights for item in drivings]),
         interrupted=np.zeros(bodies * number, dtype=bool),

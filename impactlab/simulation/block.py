@@ -13,15 +13,20 @@ from impactlab.assembly.build import build
 from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
 from impactlab.integrators.driver import colliding, filtering, sliding
+from impactlab.integrators.stretches import stretching, worth_compiling
+from impactlab.kernels.functions_of_time import sum_panels
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
+from impactlab.linear.band_limited import PLACES as PANEL_PLACES
+from impactlab.linear.band_limited import POINTS, panel_steps, panel_weights
 from impactlab.linear.cosine_series import Cosines, sample_count
 from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, looked_at, mean_and_slope
 from impactlab.nonlinear.force_checks import LARGEST
+from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
@@ -81,6 +86,9 @@ class Block:
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
         self.module, self.loop = compiled(plan)
+        layout = layout_of(plan)
+        in_registers = layout is not None and worth_compiling(layout, plan.clock.all_steps)
+        self.stretch = stretching(layout)[1] if in_registers else 0
         self.realizations = plan.realizations.of(index)
         self.now = 0
         lanes = len(self.realizations)
@@ -372,7 +380,16 @@ class Block:
         driven = Driven(self._noise(count), self._series(count), self._forced(count))
         accepting = self.module.accept[1] if self.remembering else 0
         self.loop(
-            self.module.forces, accepting, self.tables, driven, self.state, self.history, self.sums, snapshots, steps
+            self.module.forces,
+            accepting,
+            self.stretch,
+            self.tables,
+            driven,
+            self.state,
+            self.history,
+            self.sums,
+            snapshots,
+            steps,
         )
 
     def _noise(self, count: int) -> Noise:
@@ -419,15 +436,44 @@ class Block:
         if not len(plan.driving.forced):
             return Forced(plan.driving.forced, np.zeros((0, 0)))
         if plan.method.integrator.takes_response:
-            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given, self.force_sets)
-            both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
-            return Forced(plan.driving.forced, plan.driving.on_bodies(both))
+            return Forced(plan.driving.forced, plan.driving.on_bodies(self._given(count)))
         per_step = plan.method.integrator.samples_per_step
         first = (self.now - plan.clock.spin_up_steps) * per_step
         times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
         force = np.empty((len(times), plan.driving.given))
         self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
         return Forced(plan.driving.forced, plan.driving.on_bodies(force))
+
+    def _given(self, count: int) -> np.ndarray:
+        """Return mean and slope of all given forces over the next steps, in turn, (2 step, row)."""
+        plan = self.plan
+        steps_of = panel_steps(plan.driving.highest, plan.clock.step)
+        if steps_of.all():
+            both = np.empty((2 * count, plan.driving.given))
+        else:
+            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given, self.force_sets)
+            both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
+        for steps in np.unique(steps_of[steps_of > 0]).tolist():
+            rows = np.flatnonzero(steps_of == steps)
+            both[:, rows] = self._in_panels(count, steps)[:, rows]
+        return both
+
+    def _in_panels(self, count: int, steps: int) -> np.ndarray:
+        """Return the same by panels of some steps, which begin at multiples of these whatever steps are asked for."""
+        plan, rows, weights = self.plan, self.plan.driving.given, panel_weights(steps)
+        first, last = self.now // steps, -(-(self.now + count) // steps)
+        most = max(1, TABLE // (POINTS * rows))
+        parts = []
+        for begin in range(first, last, most):
+            panels = np.arange(begin, min(begin + most, last))
+            times = ((panels[:, None] + PANEL_PLACES) * steps - plan.clock.spin_up_steps) * plan.clock.step
+            values = np.empty((len(panels), POINTS, rows))
+            self.module.forcing(times.ravel(), plan.forces.parameters, plan.forces.indices, values.reshape(-1, rows))
+            sums = np.empty((rows, len(panels), 2 * steps))
+            sum_panels(values, weights, sums)
+            parts.append(sums.reshape(rows, -1))
+        before = 2 * (self.now - first * steps)
+        return np.concatenate(parts, axis=1).T[before : before + 2 * count]
 
     def _over_steps(
         self,

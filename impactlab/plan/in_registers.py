@@ -1,0 +1,32 @@
+"""Whether a run keeps its state in registers, and what the compiler must know for that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.integrators.stretches import MOST_BODIES, MOST_LINKS, Layout
+from impactlab.plan.plan import Plan
+
+
+def layout_of(plan: Plan) -> Layout | None:
+    """Return the layout of a plan whose blocks have one lane of few bodies, None of others.
+
+    All else is left to the loop of all networks: series, groups on couplings, rigid contacts, laws with states or time.
+    """
+    system, noise, forces = plan.system, plan.noise, plan.forces
+    small = len(system.bodies) <= MOST_BODIES and len(system.links) <= MOST_LINKS and system.ends.plain
+    plain = not (plan.driving.series or forces.clocked or plan.driving.interrupted.any() or plan.method.groups)
+    if not (plan.single and small and plain and type(plan.method.integrator).step is ExactFlow.step):
+        return None
+    return Layout(
+        text=forces.text,
+        indices=tuple(forces.indices.tolist()),
+        rows=tuple(noise.rows.tolist()),
+        runs=tuple(map(tuple, noise.runs.tolist())),
+        seconds=len(np.unique(noise.rows)),
+        forced=tuple(plan.driving.forced.tolist()),
+        coefficients=plan.method.coefficients.shape,
+        contacts=len(system.ends),
+        passes=forces.passes,
+    )
