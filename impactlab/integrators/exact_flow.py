@@ -13,14 +13,14 @@ from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows, Slide
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
-from impactlab.integrators.kicks import KICK, LAG, PUSH, SPLIT_FRICTION, kick, kick_lag, slot_of
+from impactlab.integrators.kicks import KICK, LAG, SPLIT_FRICTION, kick, kick_lag, push_by_given, slot_of
 from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.arrays import address_of, call
 from impactlab.kernels.dry_friction import hold
 from impactlab.kernels.flow import flow, flow_between, push_between
 from impactlab.kernels.impacts import show_impacts
 from impactlab.kernels.jit import inlined
-from impactlab.kernels.kick import add_forced, add_response, add_scaled, clear, copy, smooth_velocity
+from impactlab.kernels.kick import add_response, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
 from impactlab.linear.laws import coupled_systems, flowing_systems
 from impactlab.linear.systems import LinearSystem
@@ -44,15 +44,6 @@ MOST_OF_STRUCTURE = 32
 
 LEAST_SPLIT = 0.01
 """Largest friction over a step, ``c h/m``, that may act at one moment of it where an accuracy is to be reached."""
-
-
-@inlined
-def push_by_given(coefficients, forced, index, part, push, x, v):  # type: ignore[no-untyped-def]
-    """Add the response to a part of given forces in a step, mean or slope; the forces of bodies are left in `push`."""
-    clear(push)
-    add_forced(forced.force, 2 * index + part, forced.bodies, push)
-    add_scaled(coefficients, PUSH + 2 * part, push, x)
-    add_scaled(coefficients, PUSH + 2 * part + 1, push, v)
 
 
 @inlined

@@ -7,7 +7,7 @@ import numpy as np
 from impactlab.integrators.arguments import History
 from impactlab.kernels.flow import COEFFICIENTS
 from impactlab.kernels.jit import inlined
-from impactlab.kernels.kick import apply_kick, scaled_sum
+from impactlab.kernels.kick import add_forced, add_scaled, apply_kick, clear, scaled_sum
 from impactlab.kernels.scalars import scalar
 
 SHIFT, KICK, HALF_KICK, HALF_STEP, LAG, PUSH = range(COEFFICIENTS, COEFFICIENTS + 6)
@@ -76,3 +76,12 @@ def kick(forces, tables, passes, still, v, y, slot):  # type: ignore[no-untyped-
         half_step = coefficients[0, HALF_STEP, 0]
         forces(y, v, middle, half_step, parameters, indices, indentation, contact_force, total)
     apply_kick(coefficients, KICK, total, v, middle)
+
+
+@inlined
+def push_by_given(coefficients, forced, index, part, push, x, v):  # type: ignore[no-untyped-def]
+    """Add the response to a part of given forces in a step, mean or slope; the forces of bodies are left in `push`."""
+    clear(push)
+    add_forced(forced.force, 2 * index + part, forced.bodies, push)
+    add_scaled(coefficients, PUSH + 2 * part, push, x)
+    add_scaled(coefficients, PUSH + 2 * part + 1, push, v)

@@ -20,8 +20,7 @@ from impactlab.assembly.build import build
 from impactlab.assembly.inlined_forces import inlined_forces
 from impactlab.integrators.arguments import OF_ONE, Forced, History
 from impactlab.integrators.driver import end_of_stretch
-from impactlab.integrators.exact_flow import push_by_given
-from impactlab.integrators.kicks import KICK, LAG, kick
+from impactlab.integrators.kicks import KICK, LAG, kick, push_by_given
 from impactlab.kernels.arrays import pointer_to, registers, shaped, value_at
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import cache_folder, composed, part
