@@ -10,7 +10,7 @@ import numpy as np
 import impactlab as il
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.sums import SLOTS
-from impactlab.linear import cosine_series
+from impactlab.linear import band_limited, cosine_series
 from impactlab.linear.cosine_series import Cosines
 from impactlab.plan import clock
 from impactlab.records import density
@@ -210,7 +210,8 @@ BUGS = [
     Bug("means without the states at both ends", DRIVEN,
         returned(Block, "_edge", lambda edge, _: type(edge)(*(0.0 * item for item in edge)))),
     Bug("given forces as at the begin of a step", DRIVEN,
-        returned(block, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0]))),
+        both(returned(band_limited, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0])),
+             instead(block, "panel_weights", band_limited.panel_weights.__wrapped__))),
     Bug("a step that does not know given forces", DRIVEN,
         instead(automatic, "resolving_step", lambda model, begin, end, longest: longest)),
     Bug("a slow load taken for motion", DRIVEN, called(moments, "_open_flow", without_turns)),

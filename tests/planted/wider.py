@@ -9,12 +9,12 @@ import numpy as np
 
 import impactlab.plan.plan
 from impactlab.integrators.kicks import HALF_STEP
-from impactlab.linear import given_functions
+from impactlab.linear import band_limited, given_functions
 from impactlab.simulation import block, simulate, steps
 from impactlab.statistics import joint_moments, moments, rare, regression
 from impactlab.step_size import automatic
 from planted.dynamics import column
-from planted.plant import Bug, both, instead, returned
+from planted.plant import Bug, Plant, both, instead, returned
 from planted.wider_scenes import CLAMP, DASHPOT, DECAY, FAST, GUST, LOADED, RESONANCE, SELDOM
 
 UNMEASURED = instead(simulate, "worth_measuring", lambda *_: False)
@@ -37,6 +37,12 @@ def first_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values[..., 0], np.zeros_like(values[..., 0])
 
 
+def in_panels(rule: Any) -> Plant:
+    """What steps see of a harmonic force by another rule."""
+    weights = instead(block, "panel_weights", band_limited.panel_weights.__wrapped__)  # those not kept
+    return both(instead(band_limited, "mean_and_slope", rule), weights)
+
+
 def longest(model: Any, begin: float, end: float, step: float) -> float:
     """The step as it is, however fast given functions vary."""
     return step
@@ -55,8 +61,8 @@ BUGS = [
     Bug("force of a strong dashpot at the velocity before the kick", DASHPOT, column(HALF_STEP, 0.0)),
     Bug("force of a dashpot at the velocity after the kick", CLAMP, both(column(HALF_STEP, 2.0), UNMEASURED)),
     Bug("step that does not see how fast a force varies", FAST, instead(automatic, "resolving_step", longest)),
-    Bug("given force at the beginning of a step", RESONANCE, instead(block, "mean_and_slope", first_only)),
-    Bug("given force as constant over a step", FAST, instead(block, "mean_and_slope", mean_only)),
+    Bug("given force at the beginning of a step", RESONANCE, in_panels(first_only)),
+    Bug("given force as constant over a step", FAST, in_panels(mean_only)),
     Bug("density of noise at the beginning of a step that does not see how fast it varies", GUST,
         both(instead(automatic, "resolving_step", longest), instead(block, "looked_at", nothing_is),
              instead(block, "mean_and_slope", first_only))),
