@@ -312,5 +312,6 @@ def _apart(values: np.ndarray, others: np.ndarray) -> float:
 
 def _flat(reading: Reading) -> np.ndarray:
     """Return the statistics that a tolerance is for, and balances as what should be 1."""
-    statistics = [value for name, value in reading.values.items() if name != "contact_rate"]
-    return np.concatenate([*statistics, *(1.0 + reading.balances[name] for name in RELATIVE_BALANCES)])
+    with np.errstate(all="ignore"):  # of a density that grows without end
+        statistics = [value for name, value in reading.values.items() if name != "contact_rate"]
+        return np.concatenate([*statistics, *(1.0 + reading.balances[name] for name in RELATIVE_BALANCES)])
