@@ -34,8 +34,11 @@ def write_study(name: str, folder: Path) -> None:
     from impactlab.studies.discovery import GROUP
 
     module = name.replace("-", "_")
-    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(module):
-        raise InvalidInput(f"The name of a study is of small letters, digits and '-', such as my-study, not {name!r}.")
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
+        known = "starts with a small letter, and has small letters, digits and single '-' in between"
+        raise InvalidInput(f"The name of a study {known}, such as my-study, not {name!r}.")
+    if keyword.iskeyword(module):
+        raise InvalidInput(f"{name!r} is a word of Python's language; choose another name, such as my-{name}.")
     taken = any(entry.name == name for entry in entry_points(group=GROUP))
     if taken or importlib.util.find_spec(module) is not None:
         what = f"a study {name!r}" if taken else f"a module {module!r}"

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from impactlab.plotting.held import error_of, rows, variable
+import impactlab
+from impactlab.plotting.held import error_of, law_with, rows, variable
 from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style
 
 
@@ -68,9 +69,8 @@ def spectrum(
     NoExactReference
         If the motion of the reference is not linear.
     """
-    name, argument = f"spectrum_{quantity}", "" if quantity == "displacement" else repr(quantity)
-    what, inner = f"spectrum of the {quantity.replace('_', ' ')}", f"{quantity}_frequency"
-    data = variable(result, name, what, f"il.Spectrum({argument})", [inner])
+    name, inner, record = f"spectrum_{quantity}", f"{quantity}_frequency", f"il.{impactlab.Spectrum(quantity)!r}"
+    data = variable(result, name, f"spectrum of the {quantity.replace('_', ' ')}", record, [inner])
     frequencies = result[inner].values
     inside = frequencies > 0.0
     axes = axes_of(ax)
@@ -79,7 +79,7 @@ def spectrum(
         error = error_of(result, name, place)[inside]
         band(axes, frequencies[inside], np.where(value > 0.0, value, np.nan), error, label=label, ls=dashes(index))
         if reference is not None:
-            linear = reference.spectrum(label, quantity.removeprefix("point_"), frequencies[inside])
+            linear = law_with("spectrum", reference)(label, quantity.removeprefix("point_"), frequencies[inside])
             axes.plot(frequencies[inside], linear, color=axes.lines[-1].get_color(), ls=(0, (2, 2)), lw=0.8)
             axes.lines[-1].set_label(f"{label}, linear")
     axes.set(xscale="log", yscale="log", xlabel=label_text("angular frequency", "rad s-1"))
@@ -142,7 +142,9 @@ def peaks(
             color=color, fmt="D", zorder=3,
         )  # fmt: skip
         if reference is not None:
-            exact = np.array([reference.crossing_rate(name, "contact_force", float(item)) for item in force])
+            exact = np.array(
+                [law_with("crossing_rate", reference)(name, "contact_force", float(item)) for item in force]
+            )
             falling = np.arange(len(exact)) >= np.argmax(exact)
             axes.plot(1.0 / exact[falling], force[falling], color="black", ls=(0, (4, 2.5)), lw=1.0)
     if reference is not None:

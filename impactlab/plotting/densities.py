@@ -10,7 +10,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from impactlab.plotting.held import configuration, contact_weights, error_of, rows, variable
+import impactlab
+from impactlab.plotting.held import configuration, contact_weights, error_of, law_with, rows, variable
 from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, legend_above, style
 
 
@@ -70,9 +71,8 @@ def density(
     InvalidInput
         If the result holds no such density, or a name is unknown.
     """
-    name, argument = f"density_{quantity}", "" if quantity == "displacement" else repr(quantity)
-    inner = f"{quantity}_bin"
-    data = variable(result, name, f"density of the {quantity.replace('_', ' ')}", f"il.Density({argument})", [inner])
+    name, inner, record = f"density_{quantity}", f"{quantity}_bin", f"il.{impactlab.Density(quantity)!r}"
+    data = variable(result, name, f"density of the {quantity.replace('_', ' ')}", record, [inner])
     axes, top, reached = axes_of(ax), 0.0, []
     for index, (label, place) in enumerate(rows(data, names)):
         center, value = result[f"{quantity}_center"].sel(place).values, data.sel(place).values
@@ -82,7 +82,7 @@ def density(
         reached.append(center[value > (0.0 if log else VISIBLE) * value.max()][[0, -1]])
         if reference is not None:
             edges = result[f"{quantity}_edges"].sel(place).values
-            exact = reference.bin_density(label, quantity.removeprefix("point_"), edges)
+            exact = law_with("bin_density", reference)(label, quantity.removeprefix("point_"), edges)
             axes.plot(center, exact, color="black", ls=(0, (4, 2.5)), lw=1.0)
     if reference is not None:
         axes.lines[-1].set_label("exact")
@@ -139,7 +139,7 @@ def joint_density(
     root.colorbar(mesh, ax=axes, label=label_text("joint density", str(data.attrs["units"])))
     if reference is not None:
         x, y = (0.5 * (edge[1:] + edge[:-1]) for edge in edges)
-        exact = reference.joint_density(first, second, x[:, None], y[None, :])
+        exact = law_with("joint_density", reference)(first, second, x[:, None], y[None, :])
         levels = exact.max() * (10.0 ** np.arange(-4.0, 0.0) if log else np.linspace(0.1, 0.9, 5))
         axes.contour(x, y, exact.T, levels, colors="black", linewidths=0.7, linestyles="dashed")
         axes.plot([], [], color="black", lw=0.7, ls="--", label="exact")

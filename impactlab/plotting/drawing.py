@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -83,7 +84,18 @@ def _draw(ax: Axes, measures: Measures) -> Axes:
         symbols.text(ax, left + 0.8, y, [measures.ground_text(name, motion)], FORCE, ha="left", va="center")
     for index, note in enumerate(reversed(measures.notes)):
         symbols.text(ax, left + 0.1, bottom + 0.06 + 0.18 * index, [note], ha="left", va="bottom")
+    _shrink(ax, measures)
     return ax
+
+
+def _shrink(ax: Axes, measures: Measures) -> None:
+    """Make the letters as small as the drawing is, where axes that are given are smaller than it."""
+    root = ax.get_figure(root=True)
+    assert root is not None
+    inches = np.array(ax.get_window_extent().size) / root.dpi
+    scale = min(1.0, *(inches / measures.size))
+    for text in ax.texts:
+        text.set_fontsize(scale * text.get_fontsize())
 
 
 def _draw_body(ax: Axes, measures: Measures, name: str) -> None:

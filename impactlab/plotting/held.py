@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.components.component import suggestion
+from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
@@ -60,12 +61,29 @@ def rows(data: xr.DataArray, names: str | Iterable[str] | None = None) -> Iterat
     dimension, known = names_of(data)
     whole = dimension in data.dims
     recorded = [name for name in known if np.isfinite(data.sel({dimension: name} if whole else {}).values).any()]
-    wanted = recorded if names is None else [names] if isinstance(names, str) else list(names)
-    for name in wanted:
+    for name in recorded if names is None else several(names):
         if name not in recorded:
             why = "was not recorded" if name in known else f"is not in the result; {suggestion(str(name), recorded)}"
             raise InvalidInput(f"{name!r} {why}")
         yield name, {dimension: name} if whole else {}
+
+
+def several(names: Any) -> list[Any]:
+    """Return one or several names as a list, of which there must be one."""
+    if isinstance(names, str | Combination):
+        return [names]
+    found = list(names) if isinstance(names, Iterable) else []
+    if not found:
+        raise InvalidInput(f"A plot takes the name of a body, point or contact, or a list of names, not {names!r}.")
+    return found
+
+
+def law_with(method: str, reference: Any) -> Any:
+    """Return the function of a law that is drawn beside a result, or refuse what has none."""
+    if not hasattr(reference, method):
+        what = method.replace("_", " ")
+        raise InvalidInput(f"reference is a law that knows the {what}, such as il.exact(network), not {reference!r}.")
+    return getattr(reference, method)
 
 
 def error_of(result: xr.Dataset, name: str, place: Mapping[str, Any]) -> np.ndarray:

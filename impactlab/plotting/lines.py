@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from impactlab.components.component import suggestion
 from impactlab.errors import InvalidInput
-from impactlab.plotting.held import LABELS, error_of, known_dataset
+from impactlab.plotting.held import LABELS, error_of, known_dataset, several
 from impactlab.plotting.style import (
     axes_of,
     band,
@@ -164,7 +164,7 @@ def _lines(
     for dimension in LABELS:
         if dimension in data.dims:
             known = data[dimension].values.tolist()
-            wanted = known if names is None else [names] if isinstance(names, str) else list(names)
+            wanted = known if names is None else several(names)
             for name in wanted:
                 if name not in known:
                     raise InvalidInput(f"There is no {dimension} {name!r}; {suggestion(name, known)}")

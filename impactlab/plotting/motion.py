@@ -13,7 +13,7 @@ from impactlab.components.component import positive, suggestion
 from impactlab.components.sides import Combination
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
-from impactlab.plotting.held import contact_weights, known_dataset, rows, variable
+from impactlab.plotting.held import contact_weights, known_dataset, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend, number_text, style
 
 Place = str | Combination
@@ -69,7 +69,7 @@ def trajectory(
     one = one_realization(result, realization)
     data = variable(one, quantity, "trajectories", "il.Trajectory(interval=…)", ["time"])
     axes = axes_of(ax)
-    given = [name for name, _ in rows(data)] if names is None else _several(names)
+    given = [name for name, _ in rows(data)] if names is None else several(names)
     if quantity != "contact_force":
         _shade(axes, one, given)
     for index, name in enumerate(given):
@@ -153,7 +153,7 @@ def stroboscopic(
     InvalidInput
         If the result holds no trajectories, the name is unknown, or the period is no whole number of intervals.
     """
-    some = known_dataset(result) if realization is None else one_realization(result, realization)
+    some = _of_some_time(result) if realization is None else one_realization(result, realization)
     x, v = series(some, "displacement", name), series(some, "velocity", name)
     times = some["time"].values
     wanted = np.arange(times[0], times[-1] * (1.0 + 1e-9), positive("period", period))
@@ -193,7 +193,7 @@ def series(result: xr.Dataset, quantity: str, name: Place) -> np.ndarray:
 
 def one_realization(result: Any, realization: int) -> xr.Dataset:
     """Return one realization of a result."""
-    dataset = known_dataset(result)
+    dataset = _of_some_time(result)
     if "realization" not in dataset.dims:
         return dataset
     if realization not in dataset["realization"].values:
@@ -201,8 +201,12 @@ def one_realization(result: Any, realization: int) -> xr.Dataset:
     return dataset.sel(realization=realization)
 
 
-def _several(names: Place | Iterable[Place]) -> list[Place]:
-    return [names] if isinstance(names, Place) else list(names)
+def _of_some_time(result: Any) -> xr.Dataset:
+    """Return a result; trajectories of which less than two samples were selected are refused."""
+    dataset = known_dataset(result)
+    if "time" in dataset and dataset["time"].size < 2:
+        raise InvalidInput("Less than two samples are left; select more, such as result.sel(time=slice(2.0, 3.0)).")
+    return dataset
 
 
 def _closed(result: xr.Dataset, names: Iterable[Place]) -> dict[str, np.ndarray]:

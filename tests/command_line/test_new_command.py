@@ -52,7 +52,8 @@ def test_the_settings_of_the_file_are_the_defaults(monkeypatch):
     [
         (["Strange"], "small letters"),
         (["../strange"], "small letters"),
-        (["class"], "small letters"),
+        (["3d"], "starts with a small letter"),
+        (["class"], "'class' is a word of Python's language"),
         (["numpy"], "a module 'numpy'"),
         (["two-system"], "a study 'two-system'"),
         (["strange", "--folder", "there"], "there exists already"),

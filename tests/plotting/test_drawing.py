@@ -201,6 +201,16 @@ def test_into_axes_that_are_given():
     assert not axes[0].texts
 
 
+def test_letters_shrink_with_the_axes():
+    network = il.Network({"a": BODY})
+    whole = draw_network(network)
+    small = Figure(figsize=0.5 * whole.get_size_inches())
+    drawn = draw_network(network, small.add_axes((0.0, 0.0, 1.0, 1.0)))
+    sizes = [[text.get_fontsize() for text in figure.axes[0].texts] for figure in (whole, drawn)]
+    assert sizes[0][0] == 10.0
+    np.testing.assert_allclose(sizes[1], 0.5 * np.array(sizes[0]))
+
+
 def test_only_networks_are_drawn():
     with pytest.raises(il.InvalidInput, match=r"is of an il\.Network"):
         draw_network(BODY)

@@ -263,7 +263,7 @@ def test_profile_along_a_chain(result, exact, ax):
     ("draw", "error"),
     [
         (il.plot.density, r"no density of the displacement; ask for it with simulate\(…, record=\[il\.Density\(\)\]\)"),
-        (lambda data: il.plot.density(data, quantity="velocity"), r"record=\[il\.Density\('velocity'\)\]"),
+        (lambda data: il.plot.density(data, quantity="velocity"), r"record=\[il\.Density\(quantity='velocity'\)\]"),
         (il.plot.joint_density, r"no joint density; .* record=\[il\.JointDensity\(first, second\)\]"),
         (il.plot.spectrum, r"no spectrum of the displacement; .* record=\[il\.Spectrum\(\)\]"),
         (il.plot.peaks, r"no peak forces; .* record=\[il\.PeakForces\(\)\]"),
@@ -292,3 +292,23 @@ def test_points_of_sweeps_are_selected(result):
         il.plot.trajectory(result, quantity="velocty")
     with pytest.raises(il.InvalidInput, match="ax must be axes of Matplotlib"):
         il.plot.density(result, ax=Figure())
+
+
+@pytest.mark.parametrize(
+    ("draw", "error"),
+    [
+        (lambda data: il.plot.density(data, quantity="velocty"), "quantity: did you mean 'velocity'"),
+        (lambda data: il.plot.spectrum(data, quantity="velocty"), "quantity: did you mean 'velocity'"),
+        (lambda data: il.plot.density(data, 1), "or a list of names, not 1"),
+        (lambda data: il.plot.density(data, []), "or a list of names, not"),
+        (lambda data: il.plot.trajectory(data, 1), "or a list of names, not 1"),
+        (lambda data: il.plot.density(data, reference=data.attrs), "a law that knows the bin density"),
+        (lambda data: il.plot.peaks(data, reference="exact"), "a law that knows the crossing rate, .* not 'exact'"),
+        (lambda data: il.plot.trajectory(data.sel(time=slice(90.0, None))), "Less than two samples are left"),
+        (lambda data: il.plot.stroboscopic(data.isel(time=3), "two", 1.0), "Less than two samples are left"),
+        (lambda data: il.animate(data.isel(time=[3])), "Less than two samples are left"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told(result, draw, error):
+    with pytest.raises(il.InvalidInput, match=error):
+        draw(result)
