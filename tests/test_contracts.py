@@ -16,6 +16,7 @@ import impactlab as il
 from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
+from impactlab.components.component import undefined
 from impactlab.kernels.jit import evaluate
 from impactlab.kernels.memory import with_states
 
@@ -34,7 +35,7 @@ def subclasses(family):
 
 
 def is_abstract(cls):
-    return cls in (il.Component, il.Oscillator) or any(getattr(cls, name, None) is None for name in cls.required)
+    return cls in (il.Component, il.Oscillator) or bool(undefined(cls))
 
 
 def type_of(field):

@@ -70,7 +70,7 @@ class Component:
     """What to cite where the class is used, entries of BibTeX with empty lines between them; not inherited."""
 
     required: ClassVar[tuple[str, ...]] = ()
-    """Names of what a class must define; one without is abstract."""
+    """Names of attributes and methods that a class must define; one without is abstract."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -86,8 +86,7 @@ class Component:
         _REGISTRY.setdefault(cls.__name__, {})[cls.__module__] = cls
 
     def __new__(cls, /, *values: Any, **fields: Any) -> Self:
-        missing = [name for name in cls.required if getattr(cls, name, None) is None]
-        if missing:
+        if missing := undefined(cls):
             raise InvalidInput(
                 f"{cls.__name__} is abstract: it does not define {', '.join(missing)}. "
                 f"Use one of its subclasses or define {missing[0]} in one of your own."
@@ -348,6 +347,12 @@ def _is_property(cls: type[Component], name: str) -> bool:
     return isinstance(getattr(cls, name, None), (property, functools.cached_property))
 
 
+def undefined(cls: type[Component]) -> list[str]:
+    """Return what a class must still define, in the order of ``required``."""
+    found = [(name, getattr(cls, name, None)) for name in cls.required]
+    return [name for name, item in found if item is None or getattr(item, "__isabstractmethod__", False)]
+
+
 def _check_states(cls: type[Component]) -> None:
     """Refuse states without a start or without a kernel that updates them, and what has no meaning with states."""
     names, updates = cls.state_names(), getattr(cls, UPDATE, None) is not None
@@ -366,7 +371,7 @@ def _check_states(cls: type[Component]) -> None:
             raise InvalidInput(
                 f"The state {declared.place} {wrong}: write {declared.name}: float = il.state(0.0, units=...)."
             )
-    if not updates and all(getattr(cls, name, None) is not None for name in cls.required):
+    if not updates and not undefined(cls):
         form = f"{UPDATE}({', '.join(cls.kernels[UPDATE])}, then states and other fields by name)"
         raise InvalidInput(f"{cls.__name__} has states ({some}), but no {form}, which returns their new values.")
     for potential in _POTENTIALS:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Collection, Iterable, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from impactlab.components.component import Component
 
@@ -21,13 +21,15 @@ class Term(NamedTuple):
     damping: float  # (N s m-1)
 
 
-class Structure(Component, ABC):
+class Structure(Component):
     """A body of several coordinates, which a network knows as ``name.coordinate``.
 
     Coordinates are linear oscillators, connected by springs and dampers. Points are weighted sums of coordinates, which
     can be named wherever a coordinate can. A kind of one's own is a class with fields of its own (`parameter`) that
     defines :meth:`bodies` and :meth:`terms`. All names are those within the structure.
     """
+
+    required: ClassVar[tuple[str, ...]] = ("bodies", "terms")
 
     @abstractmethod
     def bodies(self) -> dict[str, dict[str, float]]:

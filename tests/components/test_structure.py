@@ -275,5 +275,5 @@ def test_structures_of_ones_own():
     one, other = (il.simulate(network, 5.0, realizations=64, step=0.01, spin_up=1.0, rng=1) for network in (own, same))
     for name in ("mean_square_displacement", "contact_ratio"):
         np.testing.assert_allclose(one[name], other[name], rtol=1e-10)
-    with pytest.raises(TypeError, match="abstract"):
+    with pytest.raises(il.InvalidInput, match="Unfinished is abstract: it does not define bodies, terms"):
         type("Unfinished", (il.Structure,), {})()
