@@ -129,7 +129,9 @@ def peaks(
     for name, place in rows(data, names):
         rate, error = data.sel(place).values, error_of(result, "crossing_rate", place)
         force = result["crossing_force"].sel(place).values
-        known = (np.arange(len(rate)) >= np.argmax(rate)) & (rate > SURE * error) & np.isfinite(force)
+        lost = ~((rate > SURE * error) & np.isfinite(force))
+        top = int(np.argmax(rate))
+        known = slice(top, top + int(np.argmax(np.append(lost[top:], True))))
         rate, error, force = rate[known], error[known], force[known]
         (line,) = axes.plot(1.0 / rate, force, label=name)
         color = line.get_color()
