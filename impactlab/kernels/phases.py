@@ -11,10 +11,10 @@ from impactlab.kernels.jit import kernel
 def turn(planes, first, second):  # type: ignore[no-untyped-def]
     """Multiply complex numbers by phases of two directions, in place.
 
-    Real and imaginary parts are planes of single precision, (waves, 2, center, first, second); the phases are single
-    complex numbers, (waves, center, first) and (waves, center, second).
+    Real and imaginary parts are planes, (waves, 2, center, first, second); the phases are complex numbers of the same
+    precision, (waves, center, first) and (waves, center, second).
     """
-    cosine, sine = np.empty(second.shape[2], np.float32), np.empty(second.shape[2], np.float32)
+    cosine, sine = np.empty(second.shape[2], planes.dtype), np.empty(second.shape[2], planes.dtype)
     for k in range(planes.shape[0]):
         for j in range(planes.shape[2]):
             for n in range(len(cosine)):

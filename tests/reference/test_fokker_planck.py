@@ -80,23 +80,25 @@ def test_errors_hold_the_exact_law(equal):
         assert (data[f"{name}_error"] <= 5e-3 * np.abs(data[name])).all(), name
 
 
-@pytest.mark.parametrize("sides", [("fast", "slow"), ("slow", "fast")])
-def test_a_body_that_follows_the_other_one_needs_few_functions(sides):
-    """The exact law at a frequency ratio of 64, whichever side of the contact the fast body is on."""
-    network = stiff(sides=sides)
-    solved, exact = il.fokker_planck(network, tolerance=3e-3), il.exact(network)
+@pytest.mark.parametrize(
+    ("ratio", "sides", "tolerance"), [(64.0, ("fast", "slow"), 3e-3), (128.0, ("slow", "fast"), 1e-4)]
+)
+def test_a_body_that_follows_the_other_one_needs_few_functions(ratio, sides, tolerance):
+    """The exact law, whichever side of the contact the fast body is on; 1e-4 needs double precision at 128."""
+    network = stiff(ratio, sides)
+    solved, exact = il.fokker_planck(network, tolerance=tolerance), il.exact(network)
     assert solved.basis["center"] <= 9
     assert solved.basis["first"] <= 9
     within_errors(solved, exact.statistics())
     assert (
-        solved.statistics().mean_square_displacement_error <= 3e-3 * exact.statistics().mean_square_displacement
+        solved.statistics().mean_square_displacement_error <= tolerance * exact.statistics().mean_square_displacement
     ).all()
-    for body, reach in (("fast", 0.03), ("slow", 2.0)):
+    for body, reach in (("fast", 2.0 / ratio), ("slow", 2.0)):
         places = np.linspace(-reach, reach, 9)
         for quantity, scale in (("displacement", 1.0), ("velocity", 2.0 / reach)):
             density = exact.density(body, quantity, scale * places)
             found = solved.density(body, quantity, scale * places)
-            np.testing.assert_allclose(found, density, atol=2e-3 * density.max())
+            np.testing.assert_allclose(found, density, atol=tolerance * density.max())
 
 
 def test_functions_shift_and_move_a_normal_law():

@@ -14,6 +14,10 @@ from impactlab.reference.fokker_planck.settings import LADDER, SHARES
 
 Values = dict[str, np.ndarray]
 
+_OF_RATE = 2.0
+"""Error of the rate of contacts over its changes: a density at one place has errors of its own, as large as its
+changes at a frequency ratio of 128."""
+
 RELATIVE_BALANCES = "balance_force", "balance_power"
 """Balances that are relative errors of statistics."""
 
@@ -51,10 +55,10 @@ class Convergence:
 
     @cached_property
     def total(self) -> Values:
-        """Errors of the statistics: all directions together; at least its changes for the rate of contacts."""
+        """Errors of the statistics: all directions together; for the rate of contacts at least twice its changes."""
         result = {name: self.together() * np.abs(value) for name, value in self.values.items()}
         own = [np.abs(self.coarser[name]["contact_rate"] - self.values["contact_rate"]) for name in Basis._fields]
-        result["contact_rate"] = np.maximum(np.sum(own, axis=0), result["contact_rate"])
+        result["contact_rate"] = np.maximum(_OF_RATE * np.sum(own, axis=0), result["contact_rate"])
         return result
 
     def insufficient(self, tolerance: float, directions: Sequence[str]) -> dict[str, float]:

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from impactlab.errors import NoExactReference
 from impactlab.machine import available
 from impactlab.reference.fokker_planck.pair import Pair
@@ -15,15 +17,12 @@ from impactlab.reference.fokker_planck.propagator import Basis
 INTERVAL = 0.2
 """Time between snapshots of a density, in slowest relaxation times."""
 
-_BYTES, _MOST_UNKNOWNS = 200.0, 2e7
-"""Memory that a point takes, with the snapshots of its density, and the largest number of points."""
+_NUMBERS, _MOST_UNKNOWNS = 50.0, 2e7
+"""Numbers that a point takes, with the snapshots of its density, and the largest number of points."""
 
 _SNAPSHOTS = 11.0
 """Snapshots for each decimal of accuracy that all grids of a level take together, as many as the finest one alone would
 make in that time: from 9 to 12 in pairs with frequency ratios from 16 to 128."""
-
-_TIMED = 8
-"""Steps of which the mean tells the speed."""
 
 _OVERRUN = 2.0
 """Part of the time after which a first grid is given up if it takes longer than was foreseen."""
@@ -34,12 +33,18 @@ def steps_between(pair: Pair, basis: Basis) -> int:
     return max(1, round(INTERVAL / pair.rate / basis.step))
 
 
-def check_memory(basis: Basis) -> None:
+def _gigabytes(pair: Pair, basis: Basis) -> float:
+    """Return the memory that a basis takes."""
+    return _NUMBERS * pair.real.itemsize * basis.unknowns / 1e9
+
+
+def check_memory(pair: Pair, basis: Basis) -> None:
     """Refuse a basis that does not fit into memory."""
-    most = min(_MOST_UNKNOWNS, 0.5 * available() / _BYTES)
+    needed = _gigabytes(pair, basis)
+    most = min(_MOST_UNKNOWNS, 0.5e-9 * available() / needed * basis.unknowns)
     if basis.unknowns > most:
         raise NoExactReference(
-            f"The grid would need {basis.unknowns:.3g} points ({_BYTES * basis.unknowns / 1e9:.3g} GB), "
+            f"The grid would need {basis.unknowns:.3g} points ({needed:.3g} GB), "
             f"but at most {most:.3g} are possible: {basis}. Give a larger tolerance=, or a basis=."
         )
 
@@ -67,13 +72,14 @@ class Budget:
         """Time that may still be spent (s)."""
         return self.allowed - self.spent
 
-    def measure(self, basis: Basis, step: Callable[[], object]) -> None:
-        """Time steps on the grid of a basis; the first one touches the memory, and does not count."""
-        step()
+    def timed(
+        self, basis: Basis, march: Callable[[np.ndarray, int], np.ndarray], density: np.ndarray, steps: int
+    ) -> np.ndarray:
+        """March some steps on the grid of a basis, the time of which is what further ones are foreseen to take."""
         begin = time.perf_counter()
-        for _ in range(_TIMED):
-            step()
-        self.point_seconds = (time.perf_counter() - begin) / _TIMED / basis.unknowns
+        result = march(density, steps)
+        self.point_seconds = (time.perf_counter() - begin) / steps / basis.unknowns
+        return result
 
     def foreseen(self, pair: Pair, basis: Basis, accuracy: float) -> float:
         """Return the time that a basis is foreseen to take with all coarser ones that tell its errors (s)."""
@@ -86,6 +92,6 @@ class Budget:
             raise OutOfTime
 
 
-def announced(basis: Basis, seconds: float) -> str:
+def announced(pair: Pair, basis: Basis, seconds: float) -> str:
     """Say what a basis is foreseen to take."""
-    return f"{basis.unknowns:.2g} points, up to {_BYTES * basis.unknowns / 1e9:.2g} GB and about {seconds:.2g} s"
+    return f"{basis.unknowns:.2g} points, up to {_gigabytes(pair, basis):.2g} GB and about {seconds:.2g} s"

@@ -60,7 +60,7 @@ class Hermite:
         for n in range(count):
             result += (shifts**n / math.factorial(n))[..., None, None] * power
             power = power @ self.raising(count)
-        return np.asarray((self.off @ result @ self.onto).astype(np.float32))
+        return np.asarray(self.off @ result @ self.onto)
 
     def read(self, places: np.ndarray) -> np.ndarray:
         """Return the matrix from probabilities of the nodes to those of the cells of equally spaced places."""
@@ -142,7 +142,7 @@ class Follower(Propagator):
         """Return the matrices of a part of the kick and of a shear of the second body."""
         first = self._functions[1].shifting(part * self.increments[0] / self.spreads[1])
         second = shifting(self.velocities[1], part * self.increments[1] - shear * self._displacement)
-        return first, np.ascontiguousarray(second.swapaxes(-1, -2), dtype=np.float32)
+        return first, np.ascontiguousarray(second.swapaxes(-1, -2))
 
     def marginals(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         of_place, of_velocity = (
@@ -185,15 +185,13 @@ class Follower(Propagator):
         before, after = np.exp(-1j * shears.before * wave * v), np.exp(-1j * shears.after * wave * v)
         after = after * np.exp(-0.5 * shears.spread * wave**2)
         shape = (len(wave), self.basis.center, len(v))
-        before, after = (
-            np.ascontiguousarray(np.broadcast_to(item, shape), dtype=np.complex64) for item in (before, after)
-        )
+        before, after = (np.ascontiguousarray(np.broadcast_to(item, shape)) for item in (before, after))
         return before, np.ascontiguousarray(self._friction(v, shears).T), after
 
     def drift(self, part: slice, one: np.ndarray, two: np.ndarray) -> None:
         rows = 2 * self.basis.center * self.basis.first
         before, friction, after = self._of_second
-        unity = np.ones((*before[part].shape[:2], self.basis.first), np.complex64)
+        unity = np.ones((*before[part].shape[:2], self.basis.first), complex)
         np.matmul(self.motion[part], two.reshape(len(two), rows, -1), out=one.reshape(len(one), rows, -1))
         turn(one, unity, before[part])
         np.matmul(one, friction, out=two)

@@ -27,7 +27,7 @@ class March:
         self._propagator, self._pool = propagator, pool
         self._nodes, *self._rest = propagator.basis[:4]
         self._waves = len(propagator.grid.modes.numbers)
-        self._buffers = [np.empty((2 * self._waves, *self._rest), np.float32) for _ in range(2)]
+        self._buffers = [np.empty((2 * self._waves, *self._rest), propagator.pair.real) for _ in range(2)]
 
     def __call__(self, density: np.ndarray, steps: int) -> np.ndarray:
         """Return the density after some steps, normalised."""

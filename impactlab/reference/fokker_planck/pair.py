@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,7 @@ class Pair:
     stiffness: np.ndarray  # (2,)
     intensity: np.ndarray  # (2,) two-sided spectral densities of the forces
     follows: bool = True  # whether the first body may be described as nearly Gaussian
+    precise: bool = True  # whether rounding to single precision would be a part of the error that is aimed at
 
     @classmethod
     def of(cls, network: Composition) -> Pair:
@@ -67,6 +69,11 @@ class Pair:
             np.array([body.stiffness for body in bodies]),
             np.array([float(network.excitations[name].call("intensity", 0.0)) for name in names]),
         )
+
+    @property
+    def real(self) -> np.dtype[Any]:
+        """Precision of the numbers of a density; grids of a body that follows are small."""
+        return np.dtype(np.float64 if self.precise or self.gaussian else np.float32)
 
     @property
     def temperatures(self) -> np.ndarray:

@@ -192,7 +192,7 @@ class Propagator:
     def _faded(self, matrices: np.ndarray) -> np.ndarray:
         """Take matrices at every node of the gap to 0 towards its ends."""
         fade = self.well.fade(self.gap, self.basis.box)
-        return np.asarray(matrices * fade.astype(np.float32)[:, None, None, None])
+        return np.asarray(matrices * fade.astype(matrices.dtype)[:, None, None, None])
 
     def in_kick(self, density: np.ndarray) -> np.ndarray:
         """Return the density of q, v₁ and v₂ in the middle of the kick."""
@@ -204,7 +204,8 @@ class Propagator:
 
     def _shifting(self, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the matrices that shift both velocities by amounts (body, gap, center); for the second transposed."""
-        first, second = (shifting(v, shift) for v, shift in zip(self.velocities, shifts, strict=True))
+        both = zip(self.velocities, shifts, strict=True)
+        first, second = (shifting(v, shift).astype(self.pair.real) for v, shift in both)
         return first, np.ascontiguousarray(second.swapaxes(-1, -2))
 
     def marginals(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,13 +215,15 @@ class Propagator:
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrices from nodes of the gap to real and imaginary parts of its waves, and back."""
-        return self.grid.modes.onto.astype(np.float32), self.grid.modes.off.astype(np.float32)
+        real = self.pair.real
+        return self.grid.modes.onto.astype(real), self.grid.modes.off.astype(real)
 
     @cached_property
     def around(self) -> tuple[np.ndarray, np.ndarray]:
         """Fourier transform of y and its inverse, for the real and the imaginary part one after the other."""
         waves, there = waves_of(self.center)
-        return planes(onto_waves(self.center, waves) * self._left(waves, "center")[:, None]), planes(there)
+        onto = onto_waves(self.center, waves) * self._left(waves, "center")[:, None]
+        return planes(onto).astype(self.pair.real), planes(there).astype(self.pair.real)
 
     def _left(self, waves: np.ndarray, direction: str) -> np.ndarray:
         """Return what absorption leaves of waves in a step."""
@@ -242,7 +245,8 @@ class Propagator:
             wave = wave[..., None]
             before, after = np.exp(-1j * shears.before * wave * v), np.exp(-1j * shears.after * wave * v)
             after = after * np.exp(-0.5 * shears.spread * wave**2)
-            result.append((before.astype(np.complex64), after.astype(np.complex64)))
+            kind = np.result_type(self.pair.real, np.complex64)
+            result.append((before.astype(kind), after.astype(kind)))
         return result
 
     @cached_property
@@ -254,7 +258,7 @@ class Propagator:
     def _friction(self, v: np.ndarray, shears: Shears) -> np.ndarray:
         waves, there = waves_of(v)
         left = self._left(waves, "velocity") * np.exp(-0.5 * shears.noise * waves**2)
-        return np.asarray(((there * left) @ onto_waves(shears.decay * v, waves)).real.astype(np.float32))
+        return np.asarray(((there * left) @ onto_waves(shears.decay * v, waves)).real.astype(self.pair.real))
 
     def drift(self, part: slice, one: np.ndarray, two: np.ndarray) -> None:
         """Carry some waves of the gap through the exact motion, in `two`; `one` is overwritten.
@@ -275,7 +279,7 @@ class Propagator:
     def start(self) -> np.ndarray:
         """Return the Gibbs density at the temperature of the box."""
         energy = np.exp(-self.well.energy(self.gap)) * self.grid.cells
-        return self.normalized(np.einsum("a,b,c,d->abcd", energy, *self._gibbs()).astype(np.float32))
+        return self.normalized(np.einsum("a,b,c,d->abcd", energy, *self._gibbs()).astype(self.pair.real))
 
     def _gibbs(self) -> list[np.ndarray]:
         """Return the Gibbs densities of y, v₁ and v₂."""
@@ -285,13 +289,13 @@ class Propagator:
         return [np.exp(-0.5 * each / temperature * x**2) for each, x in zip(coefficients, nodes, strict=True)]
 
     def normalized(self, density: np.ndarray) -> np.ndarray:
-        return density / np.float32(density.sum(dtype=float) * self.cell)
+        return density / float(density.sum(dtype=float) * self.cell)
 
     def taken_from(self, other: Propagator, density: np.ndarray) -> np.ndarray:
         """Return the density of another grid on this one; 0 outside of the other's box."""
         for axis, matrix in enumerate(self._taking(other)):
             if matrix is not None:
-                density = np.moveaxis(np.tensordot(matrix.astype(np.float32), density, axes=(1, axis)), 0, axis)
+                density = np.moveaxis(np.tensordot(matrix.astype(density.dtype), density, axes=(1, axis)), 0, axis)
         return self.normalized(np.ascontiguousarray(density))
 
     def _taking(self, other: Propagator) -> list[np.ndarray | None]:
@@ -308,4 +312,4 @@ def shifting(v: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the matrices that shift densities at nodes of a velocity, (…, node, node), by amounts (…)."""
     waves, there = waves_of(v)
     phases = np.exp(-1j * shifts[..., None] * waves)
-    return np.ascontiguousarray(((phases[..., None, :] * there) @ onto_waves(v)).real, dtype=np.float32)
+    return np.ascontiguousarray(((phases[..., None, :] * there) @ onto_waves(v)).real)

@@ -28,8 +28,14 @@ from impactlab.reference.fokker_planck.settings import LADDER, coarser, finer, r
 _PILOTS = (0.6, 0.02), (0.8, 0.005)
 """Parts of the nodes with which the temperature of the box is found, and what is settled then."""
 
+_TIMED = 8
+"""Steps that tell the speed before the first grid."""
+
 _STANDARD, _LEAST = 1e-4, 0.5
 """Tolerance that the rule is for, its nodes going with the logarithm of the tolerance; and the least part of them."""
+
+_ROUNDED = 5e-4
+"""Tolerance from which on densities have single precision, in half the time: rounding then leaves errors up to 10⁻⁴."""
 
 _MARGIN = 1.25
 """Temperature of the box, relative to the larger mean kinetic energy."""
@@ -84,7 +90,7 @@ def fokker_planck(
     tolerance : float
         Relative error that is aimed at, for all default statistics but the rate of contacts.
     max_seconds : float, optional
-        Time that may be spent (s). Steps on a coarse grid are timed, which tells how long finer ones will take: the
+        Time that may be spent (s). Steps on coarser grids are timed, which tells how long finer ones will take: the
         finest grid that is foreseen to be done in time is solved, and what was reached is returned with a warning and
         its own errors. A pair is refused if not even the coarsest grid would be done, or if the first one is not
         after twice the time. By default any time is allowed, with a warning where a grid will take more than an hour.
@@ -116,7 +122,7 @@ def fokker_planck(
     budget = Budget(math.inf if max_seconds is None else positive("max_seconds", max_seconds))
     from threadpoolctl import threadpool_limits
 
-    pair = Pair.of(network)
+    pair = replace(Pair.of(network), precise=tolerance < _ROUNDED)
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores()) as pool:
         try:
             return _Solver(pair, tolerance, budget, pool).solved(network, given)
@@ -175,7 +181,8 @@ class _Solver:
         well = self.pair.well(float(self.pair.temperatures[bodies].max()))
         last = self._propagator(well, rule(self.pair, well, _PILOTS[0][0])._replace(**given))
         density, march = last.start(), March(last, self.pool)
-        self.budget.measure(last.basis, lambda: march(density, 1))
+        for steps in (1, _TIMED):  # the first one touches the memory
+            self.budget.timed(last.basis, march, density, steps)
         self._in_time(well, given)
         for part, settled in _PILOTS:
             pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
@@ -195,16 +202,16 @@ class _Solver:
                 return basis, accuracy
         left = f"{max(self.budget.left, 0.0):.2g} s"
         raise NoExactReference(
-            f"Even a coarse grid would take {announced(basis, foreseen)}, but {left} are left. Give a larger "
-            "max_seconds=."
+            f"Even a coarse grid would take {announced(self.pair, basis, foreseen)}, but {left} are left. Give a "
+            "larger max_seconds=."
         )
 
     def _announce(self, basis: Basis, accuracy: float) -> None:
         """Tell what a basis is foreseen to take."""
         foreseen = self.budget.foreseen(self.pair, basis, accuracy)
-        say(None, f"fokker_planck: {announced(basis, foreseen)}")
+        say(None, f"fokker_planck: {announced(self.pair, basis, foreseen)}")
         if foreseen > _LONG and math.isinf(self.budget.allowed):
-            warn(f"The grid has {announced(basis, foreseen)}. Give max_seconds= for a coarser one.")
+            warn(f"The grid has {announced(self.pair, basis, foreseen)}. Give max_seconds= for a coarser one.")
 
     def _in_spite(
         self, reached: FokkerPlanckReference | None, fine: Propagator | None, accuracy: float
@@ -216,13 +223,13 @@ class _Solver:
         foreseen = self.budget.foreseen(self.pair, fine.basis, accuracy)
         warn(
             f"The tolerance of {self.tolerance:g} was not reached {spent}: {reached.errors.summary()}. The next grid "
-            f"takes {announced(fine.basis, foreseen)}; give a larger max_seconds= or tolerance=."
+            f"takes {announced(self.pair, fine.basis, foreseen)}; give a larger max_seconds= or tolerance=."
         )
         return reached
 
     def _propagator(self, well: Well, basis: Basis) -> Propagator:
         """Return the propagator of a basis that fits into memory."""
-        check_memory(basis)
+        check_memory(self.pair, basis)
         return propagator_of(well, basis)
 
     def _converged(self, fine: Propagator, density: np.ndarray, accuracy: float) -> tuple[np.ndarray, Convergence]:
@@ -256,7 +263,7 @@ class _Solver:
         snapshots, calm = [density], 0
         for _ in range(_MOST):
             self.budget.check()
-            snapshots.append(march(snapshots[-1], steps))
+            snapshots.append(self.budget.timed(propagator.basis, march, snapshots[-1], steps))
             density = propagator.normalized(_extrapolated(snapshots))
             found = Reading(propagator, density)
             last, values = values, _flat(found)
@@ -301,7 +308,7 @@ def _extrapolated(snapshots: list[np.ndarray]) -> np.ndarray:
     weights /= weights.sum()
     density = np.zeros_like(snapshots[0])
     for weight, snapshot in zip(weights, snapshots[1:], strict=True):
-        density += np.float32(weight) * snapshot
+        density += float(weight) * snapshot
     return density
 
 

@@ -38,4 +38,4 @@ def interpolation(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def planes(matrix: np.ndarray) -> np.ndarray:
     """Return the matrix that does to real and imaginary parts, one after the other, what a complex one does."""
-    return np.block([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]]).astype(np.float32)
+    return np.block([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]])
