@@ -25,6 +25,7 @@ _HOME = {
         "Oscillator",
     ],
     "components.self_excited": ["RayleighOscillator", "VanDerPolOscillator"],
+    "components.prescribed": ["PrescribedMotion"],
     "components.sides": ["WALL", "Combination"],
     "components.contact": [
         "Contact",

@@ -68,6 +68,7 @@ from impactlab.components.oscillator import Oscillator as Oscillator
 from impactlab.components.plastic import AdhesiveContact as AdhesiveContact
 from impactlab.components.plastic import ThorntonContact as ThorntonContact
 from impactlab.components.plastic import WaltonBraunContact as WaltonBraunContact
+from impactlab.components.prescribed import PrescribedMotion as PrescribedMotion
 from impactlab.components.self_excited import RayleighOscillator as RayleighOscillator
 from impactlab.components.self_excited import VanDerPolOscillator as VanDerPolOscillator
 from impactlab.components.sides import WALL as WALL

@@ -106,6 +106,10 @@ class Links(ABC):
     def exchanges(self, mass: np.ndarray) -> Exchanges:
         """Return which coordinates exchange energy along links; a wall takes nothing."""
 
+    @abstractmethod
+    def held(self, flags: np.ndarray) -> Links:
+        """Return the links where coordinates with a flag are as fixed as a wall."""
+
     def any(self, flags: np.ndarray) -> np.ndarray:
         """Whether each link has a coordinate with a flag, (link,) of bool."""
         return self.largest(flags.astype(float)) > 0.0
@@ -150,6 +154,10 @@ class Pairs(Links):
 
     def chosen(self, rows: np.ndarray | slice) -> Pairs:
         return Pairs(self.count, self.pairs[rows])
+
+    def held(self, flags: np.ndarray) -> Pairs:
+        fixed = np.append(flags, False)[self.pairs]
+        return Pairs(self.count, np.where(fixed, self.count, self.pairs)) if flags.any() else self
 
     def gap(self, q: np.ndarray) -> np.ndarray:
         first, second = self.pairs.T
@@ -254,6 +262,13 @@ class Combinations(Links):
         begin = np.append(0, np.cumsum(numbers))
         entries = np.repeat(first - begin[:-1], numbers) + np.arange(begin[-1])
         return Combinations(self.count, begin, self.slots[entries], self.weights[entries])
+
+    def held(self, flags: np.ndarray) -> Combinations:
+        if not flags.any():
+            return self
+        moving = ~flags[self.slots]
+        begin = np.append(0, np.cumsum(np.bincount(self.rows[moving], minlength=len(self))))
+        return Combinations(self.count, begin, self.slots[moving], self.weights[moving])
 
     def gap(self, q: np.ndarray) -> np.ndarray:
         return self._sums(self.weights.reshape(-1, *[1] * (q.ndim - 1)) * q[self.slots])

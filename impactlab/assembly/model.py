@@ -34,6 +34,8 @@ class Described(Protocol):
     @property
     def points(self) -> Mapping[str, Mapping[str, float]]: ...
     @property
+    def prescribed(self) -> Mapping[str, Excitation]: ...
+    @property
     def contacts(self) -> Mapping[str, Contact]: ...
     @property
     def couplings(self) -> Mapping[str, Coupling]: ...
@@ -149,6 +151,12 @@ class Model:
     def natural_frequencies(self) -> np.ndarray:
         """Undamped natural frequencies of the bodies without contacts (rad s-1), (body,)."""
         return np.asarray(np.sqrt(self.stiffness / self.mass))
+
+    @cached_property
+    def prescribed(self) -> np.ndarray:
+        """Whether the motion of each body is given, (body,) of bool."""
+        given = self.network.prescribed
+        return np.array([name in given for name in self.bodies], dtype=bool)
 
     @cached_property
     def excited(self) -> np.ndarray:
@@ -348,7 +356,7 @@ class Model:
         return self.sources["intensity"].matrix(self.initial_densities, self.initial_intensities, slots)
 
     def connected(self) -> np.ndarray:
-        """Label of the connected part of each body, (body,) of int; walls do not connect."""
+        """Label of the connected part of each body, (body,) of int; walls and bodies of given motion do not connect."""
         return self._labels
 
     @cached_property
@@ -359,18 +367,30 @@ class Model:
         labels = self.connected()
         return np.isin(labels, labels[noisy])
 
+    def first_of(self, links: Links) -> np.ndarray:
+        """Return the body of each link that has the lowest slot, of those whose motion is not given, (link,)."""
+        result = links.first()
+        if self.prescribed.any():
+            lowest, free = np.full(len(links), self.wall), ~np.append(self.prescribed, True)[links.slots]
+            np.minimum.at(lowest, links.rows[free], links.slots[free])
+            result = np.where(lowest < self.wall, lowest, result)
+        return result
+
     def touching(self) -> np.ndarray:
         """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return connected_parts(self.ends)
+        return connected_parts(self.ends.held(self.prescribed))
 
     @cached_property
     def _labels(self) -> np.ndarray:
-        return connected_parts(self.links)
+        return connected_parts(self.links.held(self.prescribed))
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part."""
+        """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part.
+
+        Bodies of given motion are as walls to them.
+        """
         linear = np.asarray(self.coupling.any(axis=0))
-        links, (stiffness, damping) = self.coupled.chosen(linear), self.coupling[:, linear]
+        links, (stiffness, damping) = self.coupled.chosen(linear).held(self.prescribed), self.coupling[:, linear]
         labels = connected_parts(links)
         part_of_link = labels[links.first()]
         result = []
@@ -384,7 +404,8 @@ class Model:
 def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[Excitation]]:
     """Return the excitations by what they define."""
     given = network.excitations
-    bodies = {name: item for name in slots if isinstance(item := given.get(name), Excitation)}
+    own = {**given, **network.prescribed}
+    bodies = {name: item for name in slots if isinstance(item := own.get(name), Excitation)}
     shared = network.sources
     return {
         kind: Sources.of(

@@ -17,11 +17,12 @@ from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import declared_by
 from impactlab.components.literature import in_one_line, parts
 from impactlab.components.oscillator import Oscillator
+from impactlab.components.prescribed import PrescribedMotion
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
 FAMILIES: dict[str, Any] = {
-    "bodies": (Oscillator, Structure),
+    "bodies": (Oscillator, Structure, PrescribedMotion),
     "contact laws": (ContactLaw,),
     "couplings": (CouplingLaw,),
     "excitations": (Excitation, Source, BaseMotion),

@@ -16,6 +16,7 @@ from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
+from impactlab.components.prescribed import PrescribedBody, PrescribedMotion
 from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
@@ -32,7 +33,7 @@ _NOT_IN_FILES = ("Cc", "Cs")
 """Categories of Unicode that labels of arrays and files cut off or cannot hold: control characters, surrogates."""
 
 FAMILIES: dict[str, tuple[type[Component], ...]] = {
-    "oscillators": (Oscillator, Structure),
+    "oscillators": (Oscillator, Structure, PrescribedMotion),
     "contacts": (Contact,),
     "excitations": (Excitation, Source, BaseMotion),
     "couplings": (Coupling,),
@@ -63,7 +64,7 @@ class Composition:
 
     def __init__(
         self,
-        oscillators: Family[Oscillator] | Family[Oscillator | Structure],
+        oscillators: Family[Oscillator] | Family[Oscillator | Structure | PrescribedMotion],
         contacts: Family[Contact] | None = None,
         excitations: Family[Excitation | Source | BaseMotion] | None = None,
         couplings: Family[Coupling] | None = None,
@@ -77,6 +78,7 @@ class Composition:
         bodies, terms, points = _with_structures(self._oscillators)
         self._check_names(bodies, terms, points)
         self._check_held()
+        self._check_prescribed(bodies)
         self._expanded = _Expanded(
             bodies,
             points,
@@ -138,12 +140,33 @@ class Composition:
                     "its spring holds it: add stops or a coupling, or use il.DoubleWellOscillator."
                 )
 
+    def _check_prescribed(self, bodies: Mapping[str, Oscillator]) -> None:
+        """Refuse bodies of given motion that are random, pushed, or in touch with nothing that is free to move."""
+        given = {name: body.displacement for name, body in bodies.items() if isinstance(body, PrescribedBody)}
+        for name, displacement in given.items():
+            if displacement.kind != "force":
+                raise InvalidInput(
+                    f"The displacement of {name!r} must be a given function of time such as "
+                    f"il.Harmonic(0.01, frequency=50.0), not {displacement!r}."
+                )
+        for name, item in self._excitations.items():
+            for body in given.keys() & ({name} if isinstance(item, Excitation) else set(item.on)):
+                what = "has an excitation" if name == body else f"is driven by {name!r}"
+                raise InvalidInput(f"{body!r} {what}, but moves as it is given, whatever force acts on it.")
+        if len(given) == len(bodies):
+            raise InvalidInput("All bodies move as they are given; a network needs one that is free to move.")
+        for name, link in [*self._contacts.items(), *self._couplings.items()] if given else ():
+            if given.keys() >= set(named_by(link)):
+                raise InvalidInput(f"Both sides of {name!r} move as they are given, so that it does nothing.")
+
     def _forces(self, name: str, item: Excitation | Source | BaseMotion) -> Excitation | Source:
         """Return an excitation; in the place of a motion of the ground, the source of forces on all that follows it."""
         if not isinstance(item, BaseMotion):
             return item
         inertia: dict[str, float] = {}
         for place, body in self._oscillators.items():
+            if isinstance(body, PrescribedMotion | PrescribedBody):  # beside the ground
+                continue
             whole = not item.on or place in item.on
             if not isinstance(body, Structure):
                 inertia |= {place: body.mass} if whole else {}
@@ -174,6 +197,12 @@ class Composition:
     def points(self) -> Mapping[str, Shares]:
         """The weights of the bodies in the displacement of each point of a structure, by the name of the point."""
         return MappingProxyType(self._expanded.points)
+
+    @property
+    def prescribed(self) -> Mapping[str, Excitation]:
+        """The displacements of bodies whose motion is given, by their names."""
+        bodies = self._expanded.bodies.items()
+        return {name: body.displacement for name, body in bodies if isinstance(body, PrescribedBody)}
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
@@ -249,7 +278,7 @@ class Composition:
     def replace(
         self,
         *,
-        oscillators: Mapping[str, Oscillator | Structure | None] | None = None,
+        oscillators: Mapping[str, Oscillator | Structure | PrescribedMotion | None] | None = None,
         contacts: Mapping[str, Contact | None] | None = None,
         excitations: Mapping[str, Excitation | Source | BaseMotion | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
@@ -354,6 +383,8 @@ def _with_structures(
     points: dict[str, Shares] = {}
     for name, body in given.items():
         structure = isinstance(body, Structure)
+        if isinstance(body, PrescribedMotion):
+            body = PrescribedBody(displacement=body.displacement)
         own = {place: LinearOscillator(**numbers) for place, numbers in body.bodies().items()} if structure else {}
         for place, item in (_named(name, own) if structure else {name: body}).items():
             if place in bodies:

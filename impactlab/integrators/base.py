@@ -145,6 +145,9 @@ class Integrator(Component):
             raise InvalidInput(f"{type(self).__name__} knows no rigid contacts such as {name!r}; use il.ExactFlow().")
         if model.rubbing.any():
             self._check_friction(model)
+        if model.prescribed.any() and not self.takes_response:
+            name = model.bodies[int(model.prescribed.argmax())]
+            raise InvalidInput(f"{type(self).__name__} knows no given motion, as of {name!r}; use il.ExactFlow().")
         for kind, sources in model.sources.items():
             if kind not in self.handles and sources.names:
                 name, excitation = sources.named()[0]

@@ -158,6 +158,7 @@ class ExactFlow(Integrator):
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
+        moved = model.coupled.any(model.prescribed)
         of_structures = model.coupled.chosen(model.matrix_terms).numbers() > 0
         parts = [
             linear & model.coupled.any(np.isin(np.arange(model.wall), slots))
@@ -165,6 +166,7 @@ class ExactFlow(Integrator):
             if len(slots) <= (MOST_OF_STRUCTURE if of_structures[slots].any() else MOST_COUPLED)
             and not model.time_varying
             and not model.interrupted[slots].any()
+            and not (moved & model.coupled.any(np.isin(np.arange(model.wall), slots))).any()
         ]
 
         def flowing(chosen: list[np.ndarray]) -> Model:

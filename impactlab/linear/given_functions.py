@@ -5,7 +5,7 @@ Laws that depend on time are such functions as well, at places where they are lo
 
 from __future__ import annotations
 
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -46,6 +46,12 @@ SHORTER = 0.7
 
 _PLACES_OF_LAWS = 0.0, 1.0
 """Where laws that depend on time are looked at: at rest, and where most of them act (m)."""
+
+_DIFFERENCES = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
+"""Weights of the differences of values so many spacings after and before a time in the derivative there."""
+
+_FORWARD = np.array([-761 / 280, 8, -14, 56 / 3, -35 / 2, 56 / 5, -14 / 3, 8 / 7, -1 / 8])
+"""Weights of values so many spacings after a time in the derivative there."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -136,11 +142,19 @@ def laws_in_time(model: Model) -> dict[str, list[tuple[Component, str, float]]]:
     return result
 
 
+def with_given_motions(model: Model, displacement: np.ndarray, time: float) -> np.ndarray:
+    """Return displacements, (body,) or (body, realization), with those of bodies of given motion at a time (s)."""
+    result = displacement.copy()
+    for slot, item in zip(np.flatnonzero(model.prescribed), model.network.prescribed.values(), strict=True):
+        result[slot] = item.call("force", np.clip(np.array([time]), *item.acts_between))[0]
+    return result
+
+
 @kept
 def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
     """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
     result: dict[Excitation | LawInTime, str] = {}
-    for item in model.network.excitations.values():
+    for item in (*model.network.excitations.values(), *model.network.prescribed.values()):
         excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):
@@ -195,14 +209,14 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     Around times that are drawn in proportion to the square of a function, it is compared with the linear function of
     time by which a step would know it; the relative difference must be below `UNSEEN` at the share `MOST` of them. So
     what matters is where the function is large, however short that is, and how fast it varies there, not any period; of
-    laws it is what differs from their mean. A function that varies at any step is refused.
+    laws and displacements it is what differs from their mean. A function that varies at any step is refused.
     """
-    step, of_time = longest, kinds_of(model)
+    step, of_time, moved = longest, kinds_of(model), {*model.network.prescribed.values()}
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
     for excitation, kind in of_time.items():
         earliest, latest = span_of(excitation, begin, end)
         times, values = look(model, excitation, earliest, latest)
-        mean_of_law = values.mean() if isinstance(excitation, LawInTime) else 0.0
+        mean_of_law = values.mean() if isinstance(excitation, LawInTime) or excitation in moved else 0.0
         varying = np.abs(values - mean_of_law) > (FAINT * np.abs(values).max() if mean_of_law else 0.0)
         if not (np.isfinite(values).all() and varying.any()):
             continue
@@ -242,6 +256,36 @@ def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[st
         if abs(last - first) > max(0.5 * change[place], UNSEEN * np.abs(values).max()):
             found.append(type(item.law).__name__)
     return sorted(set(found))
+
+
+@kept
+def largest_speed(model: Model, slot: int, begin: float, end: float) -> float:
+    """Return the largest speed of a body of given motion (m s-1)."""
+    (displacement, _), *_ = model.sources["force"].on(slot)
+    first, last = span_of(displacement, begin, end)
+    times = irregular_times(first, last, _looks(kinds_of(model)))
+    _, v = motion_at(lambda at: displacement.call("force", at), displacement, times, (last - first) / LOOKS)
+    return float(np.abs(v).max(initial=0.0))
+
+
+def motion_at(
+    function: Callable[[np.ndarray], np.ndarray], displacement: Excitation, times: np.ndarray, step: float,
+    begins: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return displacement and velocity of a given motion at some times, by a function of any times.
+
+    It rests before and after the time in which it acts. The derivative is that of the polynomial of eighth order
+    through displacements up to half a step (s) before and after. Where it `begins`, that at the first time is through
+    those of the step after: a motion may begin with a jump of its velocity.
+    """
+    spacing, middle = step / (2 * len(_DIFFERENCES)), len(_DIFFERENCES)
+    places = spacing * np.arange(-middle, middle + 1)
+    x = function(np.clip(times[:, None] + places, *displacement.acts_between))
+    v = (x[:, middle + 1 :] - x[:, middle - 1 :: -1]) @ _DIFFERENCES / spacing
+    if begins:
+        first = times[0] + spacing * np.arange(len(_FORWARD))
+        v[0] = function(np.clip(first, *displacement.acts_between)) @ _FORWARD / spacing
+    return x[:, middle], v
 
 
 @kept

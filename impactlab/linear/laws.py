@@ -305,7 +305,7 @@ def flowing_systems(model: Model) -> tuple[tuple[np.ndarray, LinearSystem], ...]
 def flexibility(model: Model) -> np.ndarray:
     """Return the displacement of each body by a unit force on it, infinite for a free one (m N-1), (body,)."""
     with np.errstate(divide="ignore"):
-        result = 1.0 / model.stiffness
+        result = np.where(model.prescribed, 0.0, 1.0 / model.stiffness)
     for slots, system in coupled_systems(model):
         result[slots] = system.flexibility()
     return result

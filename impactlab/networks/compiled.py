@@ -31,7 +31,7 @@ class CompiledNetwork:
     Raises
     ------
     InvalidInput
-        If a law has states, a contact is rigid, or dry friction sticks.
+        If a law has states, a contact is rigid, dry friction sticks, or the motion of a body is given.
     """
 
     def __init__(self, network: Composition) -> None:
@@ -50,6 +50,9 @@ class CompiledNetwork:
         if self.model.rubbing.any():
             name = self.model.couplings[int(self.model.rubbing.argmax())]
             raise InvalidInput(f"A right-hand side knows no sticking, as in {name!r}; use il.simulate.")
+        if self.model.prescribed.any():
+            name = self.model.bodies[int(self.model.prescribed.argmax())]
+            raise InvalidInput(f"A right-hand side knows no given motion, as of {name!r}; use il.simulate.")
         self._module = build(generate(self.model))
         members = self.model.members
         self._parameters = with_states(members.parameters, members.states, 1, np.zeros)

@@ -74,7 +74,7 @@ def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
         if system.covariance is not None and system.intensity.any():
             relative += model.ends.mixed(system.covariance[len(slots) :, len(slots) :], slots)
     mobility = model.ends.squares(1.0 / model.mass)
-    return np.asarray(stiffening.energy[model.ends.first()] * mobility > COLDER * relative)
+    return np.asarray(stiffening.energy[model.first_of(model.ends)] * mobility > COLDER * relative)
 
 
 def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:

@@ -91,7 +91,7 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
     energy that a body brings (J), at rest and at the speeds that this energy gives; those of couplings and residual
     forces must be finite at 0. Equal laws are looked at once.
     """
-    speed = np.sqrt(2.0 * energy[model.ends.first()] * model.ends.squares(1.0 / model.mass))
+    speed = np.sqrt(2.0 * energy[model.first_of(model.ends)] * model.ends.squares(1.0 / model.mass))
     contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
     _check(contacts, np.linspace(0.0, 1.0, max(4, min(PLACES, VALUES // max(1, len(contacts))))), everywhere=True)
     _check(_others(model), np.array([0.0, -1.0, 1.0]), everywhere=False)

@@ -175,7 +175,7 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
         reach = model.clearance / np.sqrt(2.0 * model.ends.squares(variance))
     open_ = np.array([0.5 * math.erfc(-item) for item in np.where(np.isnan(reach), 0.0, reach).tolist()])
     attempts = np.zeros(labels.max() + 1)
-    np.add.at(attempts, labels[model.ends.first()], -np.log(np.maximum(open_, 1e-300)))
+    np.add.at(attempts, labels[model.first_of(model.ends)], -np.log(np.maximum(open_, 1e-300)))
     return np.asarray(attempts > MOST_ATTEMPTS)
 
 
@@ -334,4 +334,4 @@ def _without_dampers(model: Model) -> tuple[np.ndarray, np.ndarray]:
     of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in model.contact_laws]
     of_laws = np.flatnonzero([*of_contacts, *(law.dissipative for law in model.coupling_laws)])
     heated = np.isinf(linear_variances(linear)[1]) & ~np.isin(labels, labels[linear.damping > 0.0])
-    return heated, np.isin(labels, labels[model.links.first()[of_laws]])
+    return heated, np.isin(labels, labels[model.first_of(model.links)[of_laws]])

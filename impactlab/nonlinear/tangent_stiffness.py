@@ -14,7 +14,7 @@ from impactlab.components.contact import ContactLaw, HertzContact, LinearContact
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
-from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, look, span_of
+from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, largest_speed, look, span_of
 from impactlab.linear.laws import flexibility, hottest, impulse_energies, other_variances, spread, white_variances
 from impactlab.nonlinear.profiles import COLUMNS, REACH, Profiles, of_force
 
@@ -51,9 +51,25 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     heat = np.maximum(heat, impulse_energies(model))
     if isinstance(start, np.ndarray):
         heat = np.maximum(heat, energy_of(model, start))
-    for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()}):
+    heat[model.prescribed] = 0.0
+    for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()} - {*np.flatnonzero(model.prescribed)}):
         heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
-    return hottest(model, heat)
+    return _with_given_motion(model, heat, -spin_up, duration) if model.prescribed.any() else hottest(model, heat)
+
+
+def _with_given_motion(model: Model, heat: np.ndarray, begin: float, end: float) -> np.ndarray:
+    """Return energies of all bodies, (body,), with what given motion between two times brings to those that it moves.
+
+    An elastic collision gives twice its speed. Bodies of given motion have no energy of their own.
+    """
+    moved = np.append(np.zeros_like(heat), 0.0)
+    of_links = [model.links.slots[model.links.rows == row] for row in range(len(model.links))]
+    for slot in np.flatnonzero(model.prescribed).tolist():
+        speed = largest_speed(model, slot, begin, end)
+        for slots in (slots for slots in of_links if slot in slots):
+            others = slots[slots < model.wall]
+            moved[others] = np.maximum(moved[others], 2.0 * model.mass[others] * speed**2)
+    return hottest(model, np.where(model.prescribed, 0.0, np.maximum(heat, moved[:-1])))
 
 
 def moments(model: Model, begin: float, end: float) -> np.ndarray:
@@ -79,7 +95,8 @@ def energy_of(model: Model, start: np.ndarray) -> np.ndarray:
     Of states of several realizations, (2, body, realization), each part is the largest.
     """
     displacement, velocity = start.reshape(2, len(model.mass), -1)
-    energy = 0.5 * model.stiffness[:, None] * displacement**2 + 0.5 * model.mass[:, None] * velocity**2
+    mass = np.where(model.prescribed, 0.0, model.mass)[:, None]
+    energy = 0.5 * model.stiffness[:, None] * displacement**2 + 0.5 * mass * velocity**2
     result = np.append(energy.max(axis=1), 0.0)
     contacts = _Contacts(model.contact_laws, np.zeros(len(model.ends)))
     couplings = _Forces(model.coupling_laws, np.zeros(len(model.coupled)))
@@ -149,7 +166,7 @@ class Stiffening:
         of_contacts = Profiles.of(found[3:]), places
         rest = model.ends.pushes(force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
-        springs, heats = model.coupling[0], energy[model.coupled.first()]
+        springs, heats = model.coupling[0], energy[model.first_of(model.coupled)]
         none, laws, oscillators = np.zeros_like(springs), model.coupling_laws, [*model.network.oscillators.values()]
         couplings, of_couplings = _beside_springs(_Forces, laws, springs == 0.0, none, heats, times)
         bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy, times)
@@ -161,7 +178,7 @@ def _contact_rows(model: Model, energy: np.ndarray) -> list[tuple[Any, ...]]:
     """Return law, time, energy, overlap and compliance of each contact."""
     overlap = np.maximum(-model.clearance, 0.0)
     compliance = np.where(overlap > 0.0, model.ends.squares(flexibility(model)), 0.0)
-    columns = (item.tolist() for item in (energy[model.ends.first()], overlap, compliance))
+    columns = (item.tolist() for item in (energy[model.first_of(model.ends)], overlap, compliance))
     return list(zip(model.contact_laws, np.zeros(len(model.ends)).tolist(), *columns, strict=True))
 
 

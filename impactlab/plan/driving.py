@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput, warn
 from impactlab.integrators.arguments import Coloured, Filters, Group, Shots
 from impactlab.integrators.base import Integrator
@@ -27,6 +28,24 @@ BLOCKS = 3
 """Blocks of states that are kept, and of work space."""
 
 
+class GivenMotion(NamedTuple):
+    """The motion of a body that is given."""
+
+    slot: int
+    force: int  # number of its displacement among the given forces
+    displacement: Excitation
+    mass: float  # (kg)
+
+    def pushes(self, x: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
+        """Return mean and slope of the force that moves the free body so in some steps, in turn, (2 step,).
+
+        Displacements and velocities are those at the ends of all steps.
+        """
+        mean = np.diff(v) / step
+        slope = 3.0 * mean - 6.0 * (np.diff(x) - step * v[:-1]) / step**2
+        return self.mass * np.stack([mean, slope], axis=1).ravel()
+
+
 @dataclass(frozen=True, eq=False)
 class Driving:
     """Forces between kicks that bodies respond to in a known way: functions of time, and coloured noises."""
@@ -40,6 +59,7 @@ class Driving:
     highest: np.ndarray  # (force,) angular frequency up to which each given force is a sum of cosines (rad s-1)
     coloured: ColouredNoises
     interrupted: np.ndarray  # (body,) whether rigid contacts or dry friction act between kicks
+    motions: tuple[GivenMotion, ...] = ()  # given forces that are displacements of bodies of given motion
 
     @classmethod
     def of(cls, model: Model, coloured: ColouredNoises) -> Driving:
@@ -48,7 +68,13 @@ class Driving:
         given = model.sources["force"]
         number, body, weight = given.drives
         highest = np.array([item.highest_frequency for item in given.excitations], dtype=float)
-        return cls(lines_of(model), moved, body, number, weight, highest, coloured, model.interrupted)
+        motions = [
+            GivenMotion(int(slot), int(force), given.excitations[force], float(model.mass[slot]))
+            for force, slot in zip(number, body, strict=True)
+            if model.prescribed[slot]
+        ]
+        interrupted = model.interrupted
+        return cls(lines_of(model), moved, body, number, weight, highest, coloured, interrupted, tuple(motions))
 
     def __bool__(self) -> bool:
         return bool(self.series or len(self.forced) or self.interrupted.any())

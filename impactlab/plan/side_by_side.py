@@ -45,6 +45,7 @@ def obstacle(planned: Planned) -> str:
         "coloured noise": bool(plan.driving.coloured),
         "rigid contacts": bool(model.rigid.any()),
         "dry friction that sticks": bool(model.rubbing.any()),
+        "bodies of given motion": bool(model.prescribed.any()),
         "laws with states": model.remembering,
         "links with weights": not model.ends.plain or not model.coupled.plain,
         "fields that are rows of numbers": bool(model.members.samples.size),

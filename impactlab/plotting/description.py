@@ -92,6 +92,9 @@ def _bodies(network: Composition) -> Iterator[list[str]]:
         density = spectral_density(network, name)
         heated = density is not None and density > 0.0 and body.damping > 0.0
         frequency, mass = body.natural_frequency, plain(with_units(body.mass, "kg"))
+        if name in network.prescribed:
+            yield [name, "", "moves as given", "", ""]
+            continue
         yield [
             name, mass, plain(with_units(frequency, "rad s-1")) if frequency else "free",
             f"{body.damping_ratio:.3g}" if frequency else "",

@@ -13,6 +13,7 @@ import impactlab
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import LinearCoupling
 from impactlab.components.excitation import BaseMotion
+from impactlab.components.prescribed import PrescribedMotion
 from impactlab.components.sides import is_difference
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import (
@@ -61,6 +62,8 @@ class Measures:
         body: Any = self.members[name]
         if is_structure(body):
             return structure_lines(body)
+        if isinstance(body, PrescribedMotion):
+            return ["moves as given"]
         own = numbers(body, ("mass", "damping", "stiffness", *body.state_names()))
         return [rf"$m$ = {with_units(body.mass, 'kg')}", *own]
 
@@ -135,7 +138,7 @@ class Measures:
             if name == ELLIPSIS:
                 continue
             body: Any = self.members[name]
-            if not is_structure(body):
+            if not (is_structure(body) or isinstance(body, PrescribedMotion)):
                 found += [
                     (kind, None, [rf"${letter}$ = {with_units(value, units)}"])
                     for kind, letter, value, units in (

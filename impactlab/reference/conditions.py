@@ -63,6 +63,9 @@ def _judged(network: Composition) -> tuple[list[Law | Subsystem], frozenset[str]
     reasons: list[str] = []
     untouched: frozenset[str] = frozenset()
     for subsystem in subsystems_of(network):
+        if subsystem.given_motions:
+            reasons += subsystem.given_motions
+            continue
         if subsystem.is_linear:
             part = LinearPart(subsystem)
             why = part.reasons

@@ -73,7 +73,7 @@ class LinearPart:
     @cached_property
     def reasons(self) -> list[str]:
         """Why there is no law."""
-        return list(self._varying()) or list(self._unstable())
+        return self.subsystem.given_motions or list(self._varying()) or list(self._unstable())
 
     @cached_property
     def law(self) -> GaussianLaw:

@@ -38,6 +38,12 @@ class Subsystem:
     couplings: Mapping[str, Coupling]
 
     @cached_property
+    def given_motions(self) -> list[str]:
+        """Why there is no law where the motion of a body is given; nothing where none is."""
+        names = [name for name in self.network.prescribed if name in self.bodies]
+        return [f"{name!r} moves as it is given, so that no law is stationary." for name in names]
+
+    @cached_property
     def stiffness(self) -> dict[tuple[str, ...], float]:
         """Stiffness of the couplings between two bodies, and of what holds one to the ground (N m-1)."""
         result: dict[tuple[str, ...], float] = {}

@@ -24,8 +24,9 @@ from impactlab.kernels.sums import SLOTS
 from impactlab.linear.band_limited import PLACES as PANEL_PLACES
 from impactlab.linear.band_limited import POINTS, panel_steps, panel_weights
 from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, looked_at, mean_and_slope
+from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, looked_at, mean_and_slope, motion_at
 from impactlab.nonlinear.force_checks import LARGEST
+from impactlab.plan.driving import GivenMotion
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
@@ -120,6 +121,7 @@ class Block:
             self.series = self._of_series(*self._start_with_cosines())
         else:
             self._start(np.arange(len(self.realizations)))
+        self._put_given_motions(self.state.x, self.state.v)
         given = (self.state.x[:-1].copy(), self.state.v[:-1].copy()) if kicks and plan.start.given else None
         if kicks:
             self._half_kick(plan.start.given)
@@ -127,6 +129,12 @@ class Block:
             self._accept()
         if given is not None:
             self._begin_on_path(*given)
+
+    def _put_given_motions(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Put displacements and velocities of bodies of given motion among others, (body and wall, lane) each."""
+        for motion in self.plan.driving.motions:
+            place, speed = self._moved(motion, 0)
+            x[motion.slot], v[motion.slot] = place[0], speed[0]
 
     def _of_series(self, slots: np.ndarray, samples: np.ndarray) -> Series:
         """Return the series of a block: samples of sums of cosines on some slots, and coloured noises."""
@@ -196,6 +204,7 @@ class Block:
         for slots, moved in self._draw_filters(lanes, attempt):
             x[slots] += moved[0]
             v[slots] += moved[1]
+        self._put_given_motions(x, v)
         return x, v
 
     def _draw_filters(self, lanes: np.ndarray, attempt: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -456,7 +465,22 @@ class Block:
         for steps in np.unique(steps_of[steps_of > 0]).tolist():
             rows = np.flatnonzero(steps_of == steps)
             both[:, rows] = self._in_panels(count, steps)[:, rows]
+        for motion in plan.driving.motions:
+            x, v = self._moved(motion, count)
+            both[:, motion.force] = motion.pushes(x, v, plan.clock.step)
         return both
+
+    def _moved(self, motion: GivenMotion, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacement and velocity of a body of given motion now and after each of the next steps."""
+        plan = self.plan
+        times = (self.now + np.arange(count + 1) - plan.clock.spin_up_steps) * plan.clock.step
+
+        def displacement(at: np.ndarray) -> np.ndarray:
+            values = np.empty((at.size, plan.driving.given))
+            self.module.forcing(at.ravel(), plan.forces.parameters, plan.forces.indices, values)
+            return values[:, motion.force].reshape(at.shape)
+
+        return motion_at(displacement, motion.displacement, times, plan.clock.step, begins=self.now == 0)
 
     def _in_panels(self, count: int, steps: int) -> np.ndarray:
         """Return the same by panels of some steps, which begin at multiples of these whatever steps are asked for."""

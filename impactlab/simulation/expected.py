@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model
 from impactlab.linear.damping import damped
+from impactlab.linear.given_functions import with_given_motions
 from impactlab.linear.laws import relaxation_time
 from impactlab.nonlinear.force_checks import look_at_all, stiffening_of
 from impactlab.nonlinear.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
@@ -36,6 +37,8 @@ class Expected:
         """Estimate energies and relaxation times; choose the spin-up if none is given."""
         start, linear = start_of(request.initial, model), relaxation_time(damped(model)[1])
         spin_up, automatic = _usual_spin_up(model, request, start)
+        if isinstance(start, np.ndarray) and model.prescribed.any():
+            start = np.stack([with_given_motions(model, start[0], -spin_up), start[1]])
         energy = energies(model, start, request.duration, spin_up)
         stiffening = stiffening_of(model, energy, -spin_up, request.duration)
         relaxed = Relaxation.of(model, stiffening)
@@ -61,7 +64,8 @@ def _usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> t
     if request.spin_up is not None:
         return request.spin_up, False
     # a free motion or one from a given state is a transient, of which all counts
-    automatic = isinstance(start, str) and bool(model.network.excitations or model.timed.any())
+    led = model.timed.any() or model.prescribed.any()
+    automatic = isinstance(start, str) and bool(model.network.excitations or led)
     return RELAXATION_TIMES * relaxation_time(damped(model)[1]) if automatic else 0.0, automatic
 
 

@@ -15,7 +15,7 @@ from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import FrictionFlow, RigidFlow, WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
-from impactlab.linear.given_functions import jumping_laws
+from impactlab.linear.given_functions import jumping_laws, with_given_motions
 from impactlab.machine import uncollected
 from impactlab.nonlinear.closings import jitter
 from impactlab.nonlinear.relaxation import closing_rates
@@ -76,6 +76,8 @@ def make_plan(model: Model, request: Request) -> Plan:
     impacts = RigidImpacts.of(model, steps.step, request.seed)
     if isinstance(start.state, np.ndarray):
         impacts.check(model, start.state[0])
+    elif start.state == "rest" and model.prescribed.any():
+        impacts.check(model, with_given_motions(model, start.rest, -expected.spin_up))
     _warn(model, request, expected, steps, integrator, impacts)
     observed = _observed(model, request, steps, window)
     driving = Driving.of(model, ColouredNoises.of(model, integrator, steps.step, request.seed, request.coarse))

@@ -105,6 +105,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     moved = np.append(coarse.noise.random, False)
     if not coarse.steady or not moved.any():  # else what a start has left of a body that nothing moves is no motion
         moved[:] = True
+    moved[:-1] &= ~model.prescribed
 
     names = [name for name in BIASED if name in of_coarse and len(of_coarse[name])]
     limit = limit_of(sum(len(of_coarse[name]) for name in names))
@@ -245,7 +246,7 @@ def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:
     """Slots of bodies, or of one body of each contact."""
-    return model.ends.first() if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
+    return model.first_of(model.ends) if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
 
 
 def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:

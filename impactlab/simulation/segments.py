@@ -96,7 +96,8 @@ class _Pair:
         starts, ends, coarse, fine = [], [], [], []
         for begin in (plan.clock.spin_up_steps + np.array(begins)).tolist():
             if begin > self.coarse.now:
-                self.coarse.now = max(self.coarse.now, begin - run_up)  # the state of one time is a start at another
+                if not plan.driving.motions:  # the state of one time is a start at another
+                    self.coarse.now = max(self.coarse.now, begin - run_up)
                 self._run_up(begin - self.coarse.now)
             starts.append(_State.of(self.coarse))
             coarse.append(tuple(map(together, self.coarse.segment(steps))))

@@ -48,10 +48,10 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     of the energy that the bodies bring, at some indentations, extensions or displacements.
     """
     mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
-    depths, of_contacts = np.multiply.outer(stiffening.penetration, DEPTHS), energy[model.ends.first()]
+    depths, of_contacts = np.multiply.outer(stiffening.penetration, DEPTHS), energy[model.first_of(model.ends)]
     along, times = model.ends.squares(mobility), stiffening.times
     contacts = _rates(model.contact_laws, "force", depths, along, of_contacts, times, 1.0)
-    of_couplings = energy[model.coupled.first()]
+    of_couplings = energy[model.first_of(model.coupled)]
     extensions, along = _places(of_couplings, stiffening.couplings), model.coupled.squares(mobility)
     couplings = _rates(model.coupling_laws, "force", extensions, along, of_couplings, times)
     bodies, residual = np.zeros(len(model.mass)), np.flatnonzero(model.residual)

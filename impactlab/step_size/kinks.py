@@ -52,9 +52,9 @@ def _decays(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """
     mass, items, labels = model.mass, _items(model), model.connected()
     own = items.squares(model.damping / mass**2) / items.squares(1.0 / mass)
-    of_item = labels[items.first()]
+    of_item = labels[model.first_of(items)]
     total = np.bincount(labels, model.damping / mass)
-    np.add.at(total, labels[model.coupled.first()], model.coupling[1] * model.coupled.squares(1.0 / mass))
+    np.add.at(total, labels[model.first_of(model.coupled)], model.coupling[1] * model.coupled.squares(1.0 / mass))
     kicked = np.concatenate([np.ones(len(model.ends), dtype=bool), ~model.coupling.any(axis=0), model.residual])
     uncooled = np.zeros(len(total), dtype=bool)
     uncooled[of_item[kicked & (own == 0.0)]] = True
@@ -77,7 +77,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     early = contact_forces([laws[slot] for slot in heated], 0.1 * depth[:, None])[:, 0] / (0.1 * depth * tangent)
     # how often the gap crosses the point of contact, by Rice's formula
     spring = 1.0 / compliance + np.where(clearance < 0.0, tangent, 0.0)
-    often = _often(clearance, stiffening.energy[model.ends.first()[heated]], compliance)
+    often = _often(clearance, stiffening.energy[model.first_of(model.ends)[heated]], compliance)
     rate = np.sqrt(mobility * spring) / (2.0 * math.pi) * often
     counted = (rate > 0.0) & (early > 0.0)
     with np.errstate(over="ignore", divide="ignore"):  # a contact that closes once in 10^300 s heats nothing
@@ -174,7 +174,7 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
     And through all contacts of free bodies, of which Rice's formula knows nothing.
     """
     contacts, items = len(model.ends), _items(model)
-    temperature = stiffening.energy[items.first()]
+    temperature = stiffening.energy[model.first_of(items)]
     counted = (temperature > 0.0) & (temperature < np.inf) & ((decay > 0.0) | (total > 0.0))
     stiffness, exponent = powers_of(model)
     smooth, free = exponent >= 1.0, np.isinf(_compliance(model, model.ends))
@@ -211,7 +211,7 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
         math.sqrt(2.0) * thermal,
         decay[slots],
         total[slots],
-        model.connected()[items.first()[slots]].astype(float),
+        model.connected()[model.first_of(items)[slots]].astype(float),
     )
 
 
@@ -244,11 +244,12 @@ def _density(
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:
     """Warn of a step at which the energy of bodies that no friction cools may change by more than `WANDERING`."""
     labels = model.connected()
-    slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), model.coupled.first()[model.coupling[1] > 0.0]])
+    braked = model.first_of(model.coupled)[model.coupling[1] > 0.0]
+    slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), braked])
     free = ~np.isin(labels, labels[slowed]) & (not model.dissipative)
     if not free.any():
         return
-    slots = _items(model).first()
+    slots = model.first_of(_items(model))
     largest = _kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(

@@ -24,7 +24,7 @@ def test_every_law_and_load_is_there():
     bases = il.Oscillator, il.ContactLaw, il.CouplingLaw, il.Excitation
     public = {name: getattr(il, name) for name in il.__all__}
     known = {name for name, item in public.items() if isinstance(item, type) and issubclass(item, bases)}
-    others = {"LinearStructure", "ModalStructure", "Source", "BaseMotion"}
+    others = {"LinearStructure", "ModalStructure", "PrescribedMotion", "Source", "BaseMotion"}
     assert {entry.name for entry in il.catalogue()} == (known - ABSTRACT) | others
     (hertz,) = (entry for entry in il.catalogue("contact laws") if entry.name == "HertzContact")
     assert hertz.parameters == ("stiffness [N m-3/2]",)

@@ -90,11 +90,11 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
         ({"contacts": {"": il.Contact("a", "b", LAW)}}, r"contacts: a name must be a non-empty string"),
         (
             {"oscillators": {"a": LAW}},
-            r"oscillators: 'a' must be an il.Oscillator or il.Structure, not HertzContact",
+            r"oscillators: 'a' must be an il.Oscillator or il.Structure or il.PrescribedMotion, not HertzContact",
         ),
         (
             {"oscillators": {"a": il.LinearOscillator}},
-            r"oscillators: 'a' must be an il.Oscillator or il.Structure, not <class",
+            r"oscillators: 'a' must be an il.Oscillator or il.Structure or il.PrescribedMotion, not <class",
         ),
         ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact, not HertzContact"),
         (

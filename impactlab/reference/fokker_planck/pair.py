@@ -251,6 +251,9 @@ def _reasons(network: Composition) -> Iterator[str]:
     for name in network.sources:
         yield f"it has the source {name!r}; each body's own noise alone is allowed."
     for name, body in network.oscillators.items():
+        if name in network.prescribed:
+            yield f"{name!r} moves as it is given; bodies under white noise are allowed."
+            continue
         if body.has_kernel("residual"):
             yield f"{name!r} has a residual force; linear bodies are allowed."
         if not body.damping:
