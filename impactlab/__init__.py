@@ -23,6 +23,7 @@ _HOME = {
         "InvertedOscillator",
         "LinearOscillator",
         "Oscillator",
+        "ParametricOscillator",
     ],
     "components.self_excited": ["RayleighOscillator", "VanDerPolOscillator"],
     "components.prescribed": ["PrescribedMotion"],

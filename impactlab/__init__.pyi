@@ -65,6 +65,7 @@ from impactlab.components.oscillator import DuffingOscillator as DuffingOscillat
 from impactlab.components.oscillator import InvertedOscillator as InvertedOscillator
 from impactlab.components.oscillator import LinearOscillator as LinearOscillator
 from impactlab.components.oscillator import Oscillator as Oscillator
+from impactlab.components.oscillator import ParametricOscillator as ParametricOscillator
 from impactlab.components.plastic import AdhesiveContact as AdhesiveContact
 from impactlab.components.plastic import ThorntonContact as ThorntonContact
 from impactlab.components.plastic import WaltonBraunContact as WaltonBraunContact

@@ -61,6 +61,7 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
         "DuffingOscillator": il.DuffingOscillator(mass=1.0, damping=0.1, stiffness=1.0, cubic=2.0),
         "InvertedOscillator": il.InvertedOscillator(repulsion=1.0),
         "LinearOscillator": il.LinearOscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        "ParametricOscillator": il.ParametricOscillator(0.5, stiffness=1.0, frequency=2.0),
         "RayleighOscillator": il.RayleighOscillator(stiffness=1.0, growth=0.5, speed=0.6),
         "VanDerPolOscillator": il.VanDerPolOscillator(stiffness=1.0, growth=0.5, width=0.6),
     },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar, Self
@@ -149,6 +150,35 @@ class InvertedOscillator(Oscillator):
     @staticmethod
     def residual_potential(displacement, repulsion):  # type: ignore[no-untyped-def]
         return -0.5 * repulsion * displacement * displacement
+
+
+class ParametricOscillator(Oscillator):
+    """Body on a spring whose stiffness varies: residual force ``stiffness depth cos(ω t) x``.
+
+    E. Mathieu, J. Math. Pures Appl. 13 (1868) 137. The equation of motion is
+    ``mass x'' + damping x' + stiffness (1 + depth cos(ω t)) x = forces``, with the time t since the beginning of the
+    measurement. With little damping it grows without end where ω is near twice the natural frequency, and
+    ``depth > 4 damping_ratio``; where it does not, noise moves it with moments of the period of ω.
+
+    Parameters
+    ----------
+    depth : float
+        Amplitude of the stiffness over its mean; a spring with a depth above 1 repels the body now and then.
+    frequency : float
+        Angular frequency ω of the stiffness (rad s-1).
+    """
+
+    citation = article(
+        "Mathieu, É.", "Mémoire sur le mouvement vibratoire d'une membrane de forme elliptique",
+        "J. Math. Pures Appl.", 13, 1868, "137",
+    )  # fmt: skip
+
+    depth: float = parameter(minimum=0.0)
+    frequency: float = parameter(units="rad s-1", above=0.0)
+
+    @staticmethod
+    def residual(displacement, time, stiffness, depth, frequency):  # type: ignore[no-untyped-def]
+        return stiffness * depth * math.cos(frequency * time) * displacement
 
 
 class DoubleWellOscillator(Oscillator):
