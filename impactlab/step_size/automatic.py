@@ -13,7 +13,7 @@ from impactlab.linear.given_functions import resolving_step
 from impactlab.nonlinear.closings import counts_closings
 from impactlab.nonlinear.profiles import STABLE_REACH
 from impactlab.nonlinear.tangent_stiffness import Stiffening
-from impactlab.step_size.dissipation import damping_step
+from impactlab.step_size.dissipation import damping_step, slope_step
 from impactlab.step_size.kinks import kink_step
 
 FURTHER = 2.0
@@ -65,6 +65,8 @@ def choose_step(
         step = min(step, kink_step(model, stiffening), series_step(model), impact_step(model))
         if counts_closings(model, integrator, start, stiffening, step):
             step = min(step, stopping_step(model))
+    else:
+        step = min(step, slope_step(model, stiffening))
     if end > begin:
         step = resolving_step(model, begin, end, step)
     if not math.isfinite(step):

@@ -25,6 +25,13 @@ DEPTHS = (0.0, 0.25, 0.5, 1.0)
 PLACES = (-1.5, -0.75, 0.0, 0.75, 1.5)
 """Displacements and extensions at which others are looked at, in standard deviations."""
 
+SLOPE = 0.5
+"""Steepest slope of a force in the velocity, over the mass, times a step up to which an explicit method resolves it."""
+
+NEAR_REST = np.concatenate([-np.logspace(0.5, -3.0, 36), np.logspace(-3.0, 0.5, 36)])
+"""Velocities between which that slope is looked at, in standard deviations: to within 1/1000 of rest. Where a force
+turns faster, an explicit method chatters about rest with velocities of about that size."""
+
 SPEEDS = np.linspace(-3.0, 3.0, 65)
 """Velocities, in standard deviations."""
 
@@ -60,6 +67,33 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     displacements = _places(energy, model.stiffness + stiffening.bodies)[residual]
     bodies[residual] = _rates(bent, "residual", displacements, mobility[residual], energy[residual], times)
     return contacts, couplings, bodies
+
+
+@kept
+def slope_step(model: Model, stiffening: Stiffening) -> float:
+    """Return the step at which an explicit method resolves the steepest slope in velocities of what always acts (s).
+
+    That of smooth dry friction is at rest, far above its mean.
+    """
+    mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
+    of_couplings, along = energy[model.first_of(model.coupled)], model.coupled.squares(mobility)
+    oscillators, residual = list(model.network.oscillators.values()), np.flatnonzero(model.residual)
+    members = [
+        *((law, "force") for law in model.coupling_laws),
+        *((oscillators[slot], "residual") for slot in residual),
+    ]
+    numbers = np.append(of_couplings, energy[residual]), np.append(along, mobility[residual])
+    steepest = 0.0
+    for (member, kernel), heat, lightness in dict.fromkeys(
+        zip(members, *(row.tolist() for row in numbers), strict=True)
+    ):
+        if _VELOCITIES.isdisjoint(member.kernel(kernel)[1]) or heat == 0.0:
+            continue
+        speed = math.sqrt(heat * lightness) * NEAR_REST
+        for time in stiffening.times:
+            force = call_each([member], kernel, np.zeros((1, len(speed))), speed[None], np.full((1, 1), time))[0]
+            steepest = max(steepest, lightness * float((np.diff(force) / np.diff(speed)).max()))
+    return SLOPE / steepest if steepest > 0.0 else math.inf
 
 
 def _places(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

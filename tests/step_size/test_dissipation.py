@@ -9,6 +9,7 @@ from impactlab_numerics.laws.oscillators import (
     FrictionOscillator,
     ViscousOscillator,
 )
+from scipy.integrate import solve_ivp
 
 import impactlab as il
 from impactlab.assembly.build import build
@@ -174,3 +175,22 @@ def _damping_ratio(restitution):
 
 def test_limits_are_parts_of_a_step():
     assert 0.0 < OF_BODIES < OF_CONTACTS < 1.0
+
+
+@pytest.mark.parametrize(("velocity", "most"), [(1e-2, 1e-6), (1e-4, 2e-4)])
+def test_an_explicit_method_resolves_smooth_dry_friction(velocity, most):
+    """Whose slope at rest is far above its mean: paths that slip and nearly stick, at the automatic step."""
+    network = il.Network(
+        {"a": il.LinearOscillator(damping=0.05, stiffness=4.0)},
+        excitations={"a": il.Harmonic(1.5, frequency=0.6)},
+        couplings={"f": il.Coupling("a", il.WALL, il.FrictionCoupling(1.0, velocity=velocity))},
+    )
+    options = {"initial": {"displacement": {"a": 0.3}}, "integrator": il.RungeKutta4(), "record": il.Trajectory(1.0)}
+    path = il.simulate(network, 20.0, **options)
+
+    def right_side(t, y):
+        return [y[1], 1.5 * math.sin(0.6 * t) - 4.0 * y[0] - 0.05 * y[1] - math.tanh(y[1] / velocity)]
+
+    exact = solve_ivp(right_side, (0.0, 20.0), [0.3, 0.0], "Radau", path.time.values, rtol=1e-9, atol=1e-11).y
+    np.testing.assert_allclose(path.displacement[0, :, 0], exact[0], atol=most)
+    np.testing.assert_allclose(path.velocity[0, :, 0], exact[1], atol=most)
