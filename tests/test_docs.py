@@ -51,7 +51,17 @@ def readme_command(name: str) -> str:
     return found[0]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name)
+LONG = {"how_we_know.md", "plots.md"}
+"""Pages of many runs, whose functions have tests of their own."""
+
+WITH_CODE = [
+    pytest.param(page, id=page.name, marks=[pytest.mark.campaign] if page.name in LONG else [])
+    for page in PAGES
+    if blocks(page, "python")
+]
+
+
+@pytest.mark.parametrize("page", WITH_CODE)
 def test_python_blocks_run_and_print_what_is_shown(page: Path, tmp_path: Path) -> None:
     (tmp_path / "page.py").write_text(script(page), encoding="utf-8")
     printed = python("page.py", folder=tmp_path)

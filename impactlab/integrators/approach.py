@@ -8,7 +8,7 @@ from impactlab.integrators.arguments import Account, Closings, History, Noise, P
 from impactlab.integrators.kicks import SHIFT, kick, slot_of
 from impactlab.kernels.arrays import address_of, borrow, call, dense
 from impactlab.kernels.flow import flow
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating, kernel
 from impactlab.kernels.jump import (
     Piece,
     add_to,
@@ -30,7 +30,7 @@ from impactlab.kernels.scalars import scalar
 from impactlab.kernels.sums import SLOTS, count_closings, empty_slots, read_peaks
 
 
-@kernel
+@allocating
 def approach(functions, tables, noise, state, history, sums, steps, interval):  # type: ignore[no-untyped-def]
     """Carry the lanes that may touch over an interval; return how many of them took its last steps one by one.
 
@@ -156,7 +156,7 @@ def halve_level(jumps, level, number, address, work):  # type: ignore[no-untyped
     halve(noise.gain[level], noise.rest[level], jumps.transition[level - 1], noise.rows, normals, whole, first)
 
 
-@kernel
+@allocating
 def step_by_step(functions, tables, noise, state, history, sums, steps, first):  # type: ignore[no-untyped-def]
     """Carry the lanes of a leaf over it, step by step, and add contacts and kicks to the sums of the block."""
     forces = functions.forces  # apart: numba warns of tuples that begin with a function
@@ -206,7 +206,7 @@ def step_by_step(functions, tables, noise, state, history, sums, steps, first): 
     copy(v, whole.v)
 
 
-@kernel
+@allocating
 def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-untyped-def]
     """Add contacts and kicks of some lanes in the steps of a leaf, from a first one on, to the sums of their block."""
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]

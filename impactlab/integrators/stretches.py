@@ -157,4 +157,4 @@ def stretching(layout: Layout) -> tuple[Any, int]:
     }  # fmt: skip
     own = build(inlined_forces(layout.text)).forces
     function = composed(without_lanes(stretch), layout.version, forces=own, **numbers)
-    return part(void(pointer_to(OF_ONE.stretch), i8), function)  # type: ignore[no-any-return]
+    return part(void(pointer_to(OF_ONE.stretch), i8), function, True)  # type: ignore[no-any-return]

@@ -89,11 +89,17 @@ def scattered(function: Function) -> Function:
     return _kernel(function, scattered, Compiler)
 
 
-def _kernel(function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler]) -> Function:
+def allocating(function: Function) -> Function:
+    """Compile as `kernel` does, a function that makes arrays, which must be counted."""
+    return _kernel(function, allocating, Apart, counting=True)
+
+
+def _kernel(
+    function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler], counting: bool = False
+) -> Function:
     with _cached_here():
-        compiled = numba.njit(nogil=True, cache=True, error_model="numpy", pipeline_class=pipeline, forceinline=True)(
-            function
-        )
+        options = _options(counting, pipeline)
+        compiled = numba.njit(nogil=True, cache=True, forceinline=True, **options)(function)
     _dispatchers.append(compiled)
     _kernels[compiled] = made_by
     return compiled  # type: ignore[no-any-return]
@@ -116,12 +122,12 @@ def composed(function: Function, version: str, **names: Any) -> Function:
 
 
 def maker(item: Any) -> Callable[[Function], Function] | None:
-    """Return `kernel`, `scattered` or `inlined` for what one of them returned, else nothing."""
+    """Return `kernel`, `scattered`, `allocating` or `inlined` for what one of them returned, else nothing."""
     return _kernels.get(item) if isinstance(item, Hashable) else None
 
 
 @cache
-def loop(signature: Any, function: Function) -> Function:
+def loop(signature: Any, function: Function, counting: bool = False) -> Function:
     """Compile a loop for one signature, which may hold a `FORCES`, when it is first wanted.
 
     Arguments must have the types of the signature: to find that out takes 60 µs a call, which is more than many do.
@@ -129,7 +135,7 @@ def loop(signature: Any, function: Function) -> Function:
     if DISABLED:
         return function
     with _cached_here():
-        compiled: Any = numba.njit(signature, nogil=True, cache=True, error_model="numpy")(function)
+        compiled: Any = numba.njit(signature, nogil=True, cache=True, **_options(counting))(function)
     _dispatchers.append(compiled)
     (found,) = compiled.overloads.values()
     return found.entry_point  # type: ignore[no-any-return]
@@ -137,7 +143,7 @@ def loop(signature: Any, function: Function) -> Function:
 
 def timetable(function: Function) -> Function:
     """Compile a generated function of time: (times, parameters, indices, result[time, row])."""
-    return loop(void(f8[::1], f8[::1], i8[::1], f8[:, ::1]), function)
+    return loop(void(f8[::1], f8[::1], i8[::1], f8[:, ::1]), function, True)
 
 
 def evaluate(forces: Any, x: np.ndarray, v: np.ndarray, *arrays: np.ndarray) -> None:
@@ -198,7 +204,7 @@ def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]
     """Compile a function that kernels receive as an argument of one fixed type."""
 
     def decorate(function: Function) -> Function:
-        compiled: Any = function if DISABLED else _callback(function_type.signature, function)
+        compiled: Any = function if DISABLED else _callback(function_type.signature, function, True)
         compiled._numba_type_ = function_type  # else numba makes it anew for each call
         return compiled  # type: ignore[no-any-return]
 
@@ -206,17 +212,26 @@ def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]
 
 
 @cache
-def part(signature: Any, function: Function) -> Any:
+def part(signature: Any, function: Function, counting: bool = False) -> Any:
     """Compile a function that loops `call`, and return it with its address, which holds as long as it does."""
-    compiled: Any = function if DISABLED else _callback(signature, function)
+    compiled: Any = function if DISABLED else _callback(signature, function, counting)
     return compiled, compiled if DISABLED else compiled.address
 
 
-def _callback(signature: Any, function: Function) -> Any:
+def _callback(signature: Any, function: Function, counting: bool) -> Any:
     with _cached_here():
-        compiled: Any = numba.cfunc(signature, cache=True, error_model="numpy", pipeline_class=Apart)(function)
+        compiled: Any = numba.cfunc(signature, cache=True, **_options(counting, Apart))(function)
     _dispatchers.append(compiled)
     return compiled
+
+
+def _options(counting: bool, pipeline: type[Compiler] = Compiler) -> dict[str, Any]:
+    """Return options of numba; references are counted only where arrays are made.
+
+    Elsewhere callers hold all arrays. A loop takes records of many, and most of its text would count them: the compiler
+    needs some seconds to find that it can go.
+    """
+    return {"error_model": "numpy", "pipeline_class": pipeline, "no_cfunc_wrapper": True, "_nrt": counting}
 
 
 def compilations() -> int:

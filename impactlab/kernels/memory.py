@@ -38,7 +38,7 @@ ACCEPT, ACCEPT_OF_ONE = _accepting(BLOCK), _accepting(BLOCK_OF_ONE)
 
 def accepting(signature: Any) -> Callable[[Function], Any]:
     """Compile a function of the type `ACCEPT`, and return it with its address."""
-    return lambda function: part(signature, function)
+    return lambda function: part(signature, function, True)
 
 
 def accept(function: Any, single: bool, x: np.ndarray, v: np.ndarray, *arrays: np.ndarray) -> None:

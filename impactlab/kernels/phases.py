@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating
 
 
-@kernel
+@allocating
 def turn(planes, first, second):  # type: ignore[no-untyped-def]
     """Multiply complex numbers by phases of two directions, in place.
 

@@ -25,7 +25,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating, kernel
 from impactlab.kernels.scalars import scalar
 
 _M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -162,7 +162,7 @@ def fill_steps(noise, group, normals):  # type: ignore[no-untyped-def]
                 normals[part, row, lane] = noise.distinct[part, number, lane]
 
 
-@kernel
+@allocating
 def fill_streams(noise, group, normals):  # type: ignore[no-untyped-def]
     """Do so for every stream of the noise."""
     if not noise.coarse:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating, kernel
 from impactlab.kernels.random import philox
 from impactlab.kernels.scalars import scalar
 
@@ -99,7 +99,7 @@ def _add(words, real, imaginary, frequencies, x, y, u, v):  # type: ignore[no-un
         v[index] += a * frequencies[index]
 
 
-@kernel
+@allocating
 def _add_lines(phases, first, spacing, lines, sums):  # type: ignore[no-untyped-def]
     """Write to `sums`, (row, part, bin), the sums of all lines there: first, first + spacing, … are in bin 0.
 
@@ -128,7 +128,7 @@ def _join(real, imaginary, mirrored_real, mirrored_imaginary, spectrum):  # type
         spectrum[k] = complex(0.5 * (real[k] + mirrored_real[k]), 0.5 * (imaginary[k] - mirrored_imaginary[k]))
 
 
-@kernel
+@allocating
 def fill_spectrum(phases, lowest, samples, lines, spectrum):  # type: ignore[no-untyped-def]
     """Write what an inverse real FFT, not normalized, takes to ``Re Σ a_n exp(2πi (lowest + n) t/samples)``.
 

@@ -118,6 +118,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.campaign
 def test_kernel_in_a_script_that_is_changed(scene, run_python, tmp_path):
     """With and without potential, and in a spawned worker that never sees the class."""
     script = tmp_path / "script.py"

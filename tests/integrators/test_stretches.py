@@ -58,7 +58,13 @@ def measured(network, in_registers, **options):
     return [result.bodies, result.contacts, result.products, result.points, *kept, *(item.copy() for item in state)]
 
 
-@pytest.mark.parametrize("name", NETWORKS)
+DISTINCT = {"harmonic", "damped", "chain", "couplings"}
+"""Networks that have all kinds of forces and noise between them; each takes a second to compile."""
+
+WHICH = [name if name in DISTINCT else pytest.param(name, marks=pytest.mark.campaign) for name in NETWORKS]
+
+
+@pytest.mark.parametrize("name", WHICH)
 def test_steps_in_registers_have_the_bits_of_the_loop(name):
     records = [il.Trajectory(0.012)]
     own, others = (measured(NETWORKS[name], item, realizations=1, records=records) for item in (True, False))
