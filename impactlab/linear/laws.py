@@ -79,6 +79,12 @@ def filtered_motions(model: Model, systems: tuple[tuple[np.ndarray, LinearSystem
     )
 
 
+def filter_labels(model: Model) -> list[str]:
+    """Return the names of the states of all filters, such as "left.0", in the order of :func:`filtered_motions`."""
+    filters = model.sources["filter"].named()
+    return [f"{name}.{number}" for name, item in filters for number in range(len(filter_of(item).input))]
+
+
 def impulsive_motions(
     model: Model, systems: tuple[tuple[np.ndarray, LinearSystem], ...]
 ) -> tuple[ImpulsiveMotion, ...]:

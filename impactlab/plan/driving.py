@@ -18,7 +18,15 @@ from impactlab.kernels.random import addresses, fill_normals, streams_of
 from impactlab.kernels.series import NEAR
 from impactlab.linear.cosine_series import sample_count, sampling_seconds
 from impactlab.linear.cosines import Lines, regular_lines
-from impactlab.linear.laws import coupled_systems, filtered_motions, flowing_systems, lines_of, responding, responses
+from impactlab.linear.laws import (
+    coupled_systems,
+    filter_labels,
+    filtered_motions,
+    flowing_systems,
+    lines_of,
+    responding,
+    responses,
+)
 from impactlab.plan.filter_tables import tables_of_forces, tables_of_responses, tables_of_shots
 
 MOST_TOGETHER = 500
@@ -160,6 +168,7 @@ class ColouredNoises:
     starts: tuple[FilterStart, ...]
     envelopes: int  # how many have one
     states: int  # of all filters
+    labels: tuple[str, ...]  # names of the states
 
     @classmethod
     def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> Self:
@@ -192,6 +201,7 @@ class ColouredNoises:
             _starts(model, counts, seed),
             int(modulated.sum()),
             sum(counts),
+            tuple(filter_labels(model)),
         )
 
     def __bool__(self) -> bool:

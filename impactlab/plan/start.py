@@ -13,14 +13,14 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
-from impactlab.linear.laws import correlated_systems, linear_variances, white_variances
+from impactlab.linear.laws import correlated_systems, filter_labels, linear_variances, white_variances
 from impactlab.plan.subdomains import Tile
 
 WORDS = "stationary", "rest"
 """Starts that have a name."""
 
-QUANTITIES, STATE = ("displacement", "velocity"), "state"
-"""What may be given of bodies at the start, and of laws."""
+QUANTITIES, STATE, FILTER = ("displacement", "velocity"), "state", "filter_state"
+"""What may be given of bodies at the start, of laws, and of filters of noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,8 @@ class Start:
     rest: np.ndarray  # (body,) displacements of bodies that start at rest (m)
     laws: np.ndarray | None = None
     """States that laws begin with beside a given state, (state, realization) or (state, 1); None for their own."""
+    filters: np.ndarray | None = None
+    """The same of filters of noise, NaN for those that are drawn; None for all of them."""
 
     @classmethod
     def of(
@@ -93,7 +95,7 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
         return "stationary" if np.isfinite(variances).all() and not varying else "rest"
     if isinstance(initial, str) and initial == "rest":
         return "rest"
-    if not isinstance(initial, Mapping) or set(initial) - {*QUANTITIES, STATE}:
+    if not isinstance(initial, Mapping) or set(initial) - {*QUANTITIES, STATE, FILTER}:
         raise InvalidInput(
             'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
             f"or a result that has il.FinalState() or the path of its file, not {initial!r}."
@@ -130,6 +132,21 @@ def states_of(initial: Any, model: Model) -> np.ndarray | None:
         known_name("state of a law", label, labels)
         states[labels.index(label)] = _numbers(f"initial state {label!r}", value)
     return states
+
+
+def filters_of(initial: Any, model: Model) -> np.ndarray | None:
+    """Return the states that filters of noise begin with, as `states_of` those of laws; NaN for filters of others."""
+    values = _by_name(initial, FILTER) if isinstance(initial, Mapping) else {}
+    if not values:
+        return None
+    labels = filter_labels(model)
+    result = np.full((len(labels), realizations_of(initial)), np.nan)
+    for name in {label.rpartition(".")[0] for label in labels}:
+        own = [label for label in labels if label.rpartition(".")[0] == name]
+        if set(own) == {label for label in values if label.rpartition(".")[0] == name}:
+            for label in own:
+                result[labels.index(label)] = _numbers(f"initial filter state {label!r}", values[label])
+    return result
 
 
 def realizations_of(initial: Any) -> int:

@@ -9,6 +9,9 @@ from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables
 from impactlab.results.snapshot import QUANTITIES, STATES
 
+FILTERS = "final_filter_state"
+"""Name of the variable that has the states of filters of noise."""
+
 FINAL = {"displacement": QUANTITIES["displacement"], "velocity": QUANTITIES["velocity"], "state": STATES}
 """What is kept, by what `initial=` calls it."""
 
@@ -19,7 +22,7 @@ def name_of(quantity: str) -> str:
 
 
 class FinalState(Record):
-    """Displacements and velocities of the bodies, and states of laws, at the end of each realization.
+    """Displacements and velocities of bodies, and states of laws and filters of noise, at the end of each realization.
 
     With them a result can be the start of another run, ``simulate(..., initial=result)``.
     """
@@ -36,6 +39,10 @@ class FinalState(Record):
                 attributes["long_name"] += " at the end"
                 values = end[:, snapshot.place(quantity.name)]
                 variables[name_of(name)] = ("realization", quantity.dimension), values, attributes
+        if labels := plan.driving.coloured.labels:
+            attributes = {"units": "1", "long_name": "state of a filter of noise at the end"}
+            variables["filter_state"] = ("filter_state",), np.array(labels), {"long_name": "state of a filter"}
+            variables[FILTERS] = ("realization", "filter_state"), end[:, snapshot.size :], attributes
         return variables
 
 

@@ -31,6 +31,7 @@ from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
+from impactlab.simulation.filter_states import filter_states
 from impactlab.simulation.smooth_path import Laws, SmoothPath
 
 ATTEMPTS = 100
@@ -217,9 +218,17 @@ class Block:
             rows = start.draw(np.ascontiguousarray(self.realizations[lanes]), attempt)
             count = start.states.stop - start.states.start
             for kept in self.coloured.kept:
-                kept[start.states, lanes] = rows[:count]
+                kept[start.states, lanes] = self._given_or(rows[:count], start.states, lanes)
             result.append((start.slots, rows[count:].reshape(2, -1, len(lanes))))
         return result
+
+    def _given_or(self, drawn: np.ndarray, states: slice, lanes: np.ndarray) -> np.ndarray:
+        """Return states of a filter in some lanes, (row, lane): those that are given, else what was drawn."""
+        given = self.plan.start.filters
+        if given is None:
+            return drawn
+        known = given[states][:, self.realizations[lanes] % given.shape[1]]
+        return np.where(np.isnan(known), drawn, known)
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
         """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
@@ -293,13 +302,15 @@ class Block:
         return beyond
 
     def _final(self) -> np.ndarray:
-        """Return a snapshot from which another run can go on, with velocities as `_begin_on_path` takes them."""
+        """Return a snapshot from which another run can go on, with velocities as `_begin_on_path` takes them, and the
+        states of filters.
+        """
         final, plan, bodies = self._snapshot(), self.plan, len(self.plan.system.bodies)
         if plan.method.integrator.kicks and plan.method.interval == 1:
             state, half = self.state, 0.5 * plan.clock.step / plan.system.linear[0][:, None]
             v = state.v[:-1] - half * state.total[:-1]
             final[bodies : 2 * bodies] = v - self._beyond_path(state.reading[:-1], v)
-        return final
+        return np.concatenate([final, filter_states(self.coloured, self.now * plan.method.integrator.samples_per_step)])
 
     def _evaluate(self, x: np.ndarray, v: np.ndarray) -> None:
         state = self.state

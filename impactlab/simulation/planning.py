@@ -6,6 +6,7 @@ Spin-up and start are chosen in `impactlab.simulation.expected`, the step in `im
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from impactlab.plan.observed import WINDOW, Observed
 from impactlab.plan.plan import Plan
 from impactlab.plan.points import Points
 from impactlab.plan.realizations import Realizations, block_shape, most_lanes
-from impactlab.plan.start import Start, states_of
+from impactlab.plan.start import Start, filters_of, states_of
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
 from impactlab.simulation.expected import Expected
@@ -65,6 +66,7 @@ def make_plan(model: Model, request: Request) -> Plan:
     )  # fmt: skip
     # half width of the band about contact whose flux is the contact rate; contact-free intervals stay out of it
     window = WINDOW * gap_scale(model, stiffening.penetration)
+    start = replace(start, filters=filters_of(request.initial, model))
     steps = Steps.of(model, request, expected, start, window)
     # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
     # at one moment of each step

@@ -12,9 +12,10 @@ import xarray as xr
 
 from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
+from impactlab.linear.laws import filter_labels
 from impactlab.networks.network import Network
-from impactlab.plan.start import WORDS
-from impactlab.records.final_state import FINAL, name_of
+from impactlab.plan.start import FILTER, WORDS
+from impactlab.records.final_state import FILTERS, FINAL, name_of
 from impactlab.results.dataset import configuration_of, part_of
 
 
@@ -25,7 +26,7 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
     """
     named = isinstance(initial, str) and initial not in WORDS and Path(initial).is_file()
     if isinstance(initial, os.PathLike) or named:
-        initial = part_of(initial, [name_of(quantity) for quantity in FINAL])
+        initial = part_of(initial, [*(name_of(quantity) for quantity in FINAL), FILTERS])
     if not isinstance(initial, xr.Dataset | xr.DataTree):
         return initial
     configuration = configuration_of(initial)
@@ -41,7 +42,19 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
             "np.random.default_rng(…) to both runs."
         )
     known = {"displacement": model.bodies, "velocity": model.bodies, "state": [label for label, _ in model.states]}
-    return {quantity: _values(initial, quantity, list(names)) for quantity, names in known.items()}
+    found = {quantity: _values(initial, quantity, list(names)) for quantity, names in known.items()}
+    return {**found, FILTER: _filter_states(initial)} if filter_labels(model) else found
+
+
+def _filter_states(source: Any) -> dict[str, list[float]]:
+    """Return the final states of the filters of noise by name; nothing if there were none."""
+    if FILTERS not in source:
+        return {}
+    states = source[FILTERS]
+    if "realization" not in states.dims:  # one that was selected
+        states = states.expand_dims("realization")
+    labels = map(str, states[FILTER].values)
+    return dict(zip(labels, states.transpose(FILTER, "realization").values.tolist(), strict=True))
 
 
 def _values(source: Any, quantity: str, known: list[str]) -> dict[str, list[float]]:

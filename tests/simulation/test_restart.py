@@ -263,3 +263,33 @@ def test_a_sweep_up_and_down_finds_both_branches():
     assert up[1.4] > 4.0 * down[1.4]
     for frequency in (0.8, 1.0, 1.6):
         assert abs(up[frequency] / down[frequency] - 1.0) < 0.02
+
+
+def test_coloured_noise_goes_on():
+    """The force is the same before and after, and forgets as it does within a run; that of another name is drawn anew.
+
+    Forces are the changes of velocities over a step, in which the noise forgets 1 % of itself.
+    """
+    noise = il.OrnsteinUhlenbeckNoise.from_variance(1.0, correlation_time=2.0)
+    network = il.Network({"a": il.LinearOscillator(damping=0.1, stiffness=4.0)}, excitations={"a": noise})
+    options = {"step": 0.02, "realizations": 2000, "record": [END, il.Trajectory(0.02)]}
+    first = il.simulate(network, 2.0, rng=1, initial={}, **options)
+    end = first.final_filter_state.sel(filter_state="a.0")
+    assert first.final_filter_state.dims == ("realization", "filter_state")
+    assert float(end.var()) == pytest.approx(1.0, abs=3.0 * math.sqrt(2.0 / 2000))
+
+    def force(path, begin):
+        v, x = (path[name][:, begin : begin + 2, 0].values for name in ("velocity", "displacement"))
+        return (v[:, 1] - v[:, 0]) / 0.02 + 4.0 * x.mean(axis=1) + 0.1 * v.mean(axis=1)
+
+    second = il.simulate(network, 0.1, rng=2, initial=first, **options)
+    before, after = force(first, 99), force(second, 0)
+    assert np.corrcoef(before, after)[0, 1] > 0.98
+    for values in (before, after):
+        assert np.corrcoef(values, end)[0, 1] > 0.99
+    assert np.corrcoef(second.final_filter_state[:, 0], end)[0, 1] == pytest.approx(math.exp(-0.05), abs=0.01)
+    other = network.replace(excitations={"a": None, "wind": il.Source(noise, on="a")})
+    anew = il.simulate(other, 0.1, rng=2, initial=first, **options)
+    assert abs(np.corrcoef(force(anew, 0), end)[0, 1]) < 0.1
+    begin = json.loads(second.attrs["impactlab_configuration"])["simulate"]["initial"]
+    assert begin["filter_state"]["a.0"] == end.values.tolist()
