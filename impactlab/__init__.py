@@ -35,6 +35,7 @@ _HOME = {
         "LinearContact",
         "PowerLawContact",
         "RigidContact",
+        "RoundContact",
         "backlash",
     ],
     "components.excitation": ["BaseMotion", "Excitation", "ShinozukaNoise", "Source", "WhiteNoise"],

@@ -20,6 +20,7 @@ from impactlab.components.contact import HertzContact as HertzContact
 from impactlab.components.contact import LinearContact as LinearContact
 from impactlab.components.contact import PowerLawContact as PowerLawContact
 from impactlab.components.contact import RigidContact as RigidContact
+from impactlab.components.contact import RoundContact as RoundContact
 from impactlab.components.contact import backlash as backlash
 from impactlab.components.correlated import correlated as correlated
 from impactlab.components.coupling import CoulombFrictionCoupling as CoulombFrictionCoupling

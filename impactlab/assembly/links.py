@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
@@ -58,6 +59,10 @@ class Links(ABC):
     @abstractmethod
     def gap(self, q: np.ndarray) -> np.ndarray:
         """Return the elongations ``w·q``, (link, …), from (coordinate, …) with or without the wall."""
+
+    def rates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the rates of the elongations at some displacements and velocities, (link, …)."""
+        return self.gap(v)
 
     @abstractmethod
     def squares(self, values: np.ndarray) -> np.ndarray:
@@ -328,8 +333,179 @@ class Combinations(Links):
         return np.asarray(np.add.reduceat(entries, self.begin[:-1], axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class RoundLinks(Links):
+    """Links of which some have an elongation in a plane, ``sqrt((w_x·q − x₀)² + (w_y·q − y₀)²) − sqrt(x₀² + y₀²)``.
+
+    It is 0 at rest, as that of all links. Such a link is *round*: its force acts along the radius, which is x or y, or
+    something between. What springs along it add to a matrix is not more than two equal ones, along x and along y; other
+    numbers are the largest of all radii.
+
+    Attributes
+    ----------
+    along : Combinations
+        Directions: both of a round link, one of any other.
+    link : (direction,) ndarray of int
+        Link of each direction, in increasing order.
+    center : (direction,) ndarray
+        Coordinates x₀ and y₀ of the centers (m), 0 of links that are not round.
+    mobility : (coordinate,) ndarray
+        Inverse masses.
+    """
+
+    count: int
+    along: Combinations
+    link: np.ndarray
+    center: np.ndarray
+    mobility: np.ndarray
+    slots: np.ndarray = field(init=False)
+    weights: np.ndarray = field(init=False)
+    pairs: np.ndarray = field(init=False)
+
+    plain: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for name in ("slots", "weights"):
+            object.__setattr__(self, name, getattr(self.along, name))
+        object.__setattr__(self, "pairs", self._whole.pairs)
+
+    def __len__(self) -> int:
+        return int(self.link.max(initial=-1)) + 1
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.asarray(self.link[self.along.rows])
+
+    @cached_property
+    def first_direction(self) -> np.ndarray:
+        """Number of the first direction of each link, (link,)."""
+        return np.searchsorted(self.link, np.arange(len(self)))
+
+    @cached_property
+    def round(self) -> np.ndarray:
+        """Numbers of the links that are round."""
+        return np.flatnonzero(np.bincount(self.link, minlength=len(self)) == 2)
+
+    @cached_property
+    def _whole(self) -> Combinations:
+        """The coordinates of each link, of whatever direction."""
+        begin = np.append(self.along.begin[:-1][self.first_direction], self.along.begin[-1])
+        return Combinations(self.count, begin, self.slots, self.weights)
+
+    def chosen(self, rows: np.ndarray | slice) -> RoundLinks:
+        links = np.arange(len(self))[rows]
+        numbers = np.bincount(self.link, minlength=len(self))[links]
+        begin = np.append(0, np.cumsum(numbers))
+        places = np.repeat(self.first_direction[links] - begin[:-1], numbers) + np.arange(begin[-1])
+        link = np.repeat(np.arange(len(links)), numbers)
+        return RoundLinks(self.count, self.along.chosen(places), link, self.center[places], self.mobility)
+
+    def held(self, flags: np.ndarray) -> Links:
+        """See `Links.held`: as if no link were round, for what only asks which coordinates are on it."""
+        return self._whole.held(flags) if flags.any() else self
+
+    def joined_with(self, other: Links) -> RoundLinks:
+        """Return these links and, after them, others that are not round."""
+        both = joined(self.along, other)
+        assert isinstance(both, Combinations)
+        link = np.append(self.link, len(self) + np.arange(len(other)))
+        return RoundLinks(self.count, both, link, np.pad(self.center, (0, len(other))), self.mobility)
+
+    def gap(self, q: np.ndarray) -> np.ndarray:
+        place = self.along.gap(q)
+        place -= self.center.reshape(-1, *[1] * (q.ndim - 1))
+        result, first = place[self.first_direction], self.first_direction[self.round]
+        at_rest = np.hypot(self.center[first], self.center[first + 1]).reshape(-1, *[1] * (q.ndim - 1))
+        result[self.round] = np.hypot(place[first], place[first + 1]) - at_rest
+        return np.asarray(result)
+
+    def rates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        place, speed = self.along.gap(q), self.along.gap(v)
+        place -= self.center.reshape(-1, *[1] * (q.ndim - 1))
+        result, x = speed[self.first_direction], self.first_direction[self.round]
+        distance = np.hypot(place[x], place[x + 1])
+        along = place[x] * speed[x] + place[x + 1] * speed[x + 1]
+        result[self.round] = np.divide(along, distance, out=np.zeros_like(along), where=distance > 0.0)
+        return np.asarray(result)
+
+    def squares(self, values: np.ndarray) -> np.ndarray:
+        xx, yy, xy = self.in_plane(values)
+        with np.errstate(invalid="ignore"):
+            largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+        result = self.along.squares(values)[self.first_direction]
+        result[self.round] = np.where(np.isfinite(largest), largest, xx + yy)
+        return np.asarray(result)
+
+    def in_plane(self, values: np.ndarray) -> np.ndarray:
+        """Return ``Σ w_x² a``, ``Σ w_y² a`` and ``Σ w_x w_y a`` of the round links, (3, round link)."""
+        x = self.first_direction[self.round]
+        squares, mixed = self.along.squares(values), np.zeros(len(x))
+        for place, (one, other) in enumerate(zip(self._weights_by_slot(x), self._weights_by_slot(x + 1), strict=True)):
+            mixed[place] = sum(weight * other[slot] * values[slot] for slot, weight in one.items() if slot in other)
+        return np.stack([squares[x], squares[x + 1], mixed])
+
+    def _weights_by_slot(self, directions: np.ndarray) -> list[dict[int, float]]:
+        ranges = (slice(*self.along.begin[item : item + 2]) for item in directions)
+        return [dict(zip(self.slots[some].tolist(), self.weights[some].tolist(), strict=True)) for some in ranges]
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        return self.along.others(values)
+
+    def mixed(self, covariance: np.ndarray, slots: np.ndarray) -> np.ndarray:
+        return np.asarray(np.maximum.reduceat(self.along.mixed(covariance, slots), self.first_direction))
+
+    def with_strengths(self, values: np.ndarray, strength: np.ndarray) -> np.ndarray:
+        return self.along.with_strengths(values, strength[self.link])
+
+    def pushes(self, force: np.ndarray) -> np.ndarray:
+        """See `Links.pushes`: at rest, where nothing pushes a body in the center anywhere."""
+        way, x = np.ones(len(self.link)), self.first_direction[self.round]
+        distance = np.hypot(self.center[x], self.center[x + 1])
+        for item in (x, x + 1):
+            way[item] = -np.divide(self.center[item], distance, out=np.zeros(len(x)), where=distance > 0.0)
+        return self.along.pushes(way * force[self.link])
+
+    def first(self) -> np.ndarray:
+        return self._whole.first()
+
+    def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
+        return self._whole.largest(values, wall)
+
+    def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
+        return self.along.springs(strength[self.link], slots)
+
+    def with_row_sums(self, values: np.ndarray, strength: np.ndarray, inverse_mass: np.ndarray) -> np.ndarray:
+        return self.along.with_row_sums(values, strength[self.link], inverse_mass)
+
+    def exchanges(self, mass: np.ndarray) -> Exchanges:
+        return self._whole.exchanges(mass)
+
+    def laid_out(self) -> tuple[Combinations, np.ndarray, np.ndarray]:
+        """Return what `impactlab.kernels.combinations` reads: weights of links, the round ones, and their centers.
+
+        After the links, of which the round ones have no weights, come those along all x, along all y, and the same
+        times the inverse masses. Of each round link there are its number and those along x and y.
+        """
+        x = self.first_direction[self.round]
+        linear = np.delete(self.first_direction, self.round)
+        begin = np.zeros(len(self), dtype=np.int64)
+        begin[np.delete(np.arange(len(self)), self.round)] = np.diff(self.along.begin)[linear]
+        places = np.concatenate([linear, x, x + 1, x, x + 1])
+        chosen = self.along.chosen(places)
+        numbers = np.concatenate([begin, np.diff(chosen.begin)[len(linear) :]])
+        weights, slots = chosen.weights.copy(), chosen.slots
+        last = slice(int(chosen.begin[len(linear) + 2 * len(x)]), None)
+        weights[last] *= self.mobility[slots[last]]
+        numbered = np.arange(len(x))
+        rounds = np.stack([self.round, len(self) + numbered, len(self) + len(x) + numbered], axis=1)
+        centers = np.stack([self.center[x], self.center[x + 1]], axis=1)
+        return Combinations(self.count, np.append(0, np.cumsum(numbers)), slots, weights), rounds, centers
+
+
 def joined(one: Links, other: Links) -> Links:
     """Return some links and, after them, others between the same coordinates."""
+    if isinstance(one, RoundLinks):
+        return one.joined_with(other)
     if isinstance(one, Pairs) and isinstance(other, Pairs):
         return Pairs(one.count, np.concatenate([one.pairs, other.pairs]))
     begin, slots, weights = np.zeros(1, dtype=np.int64), [], []

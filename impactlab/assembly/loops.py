@@ -6,8 +6,12 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from impactlab.assembly.members import HEADER, LEADING, PLACES, Kind
+from impactlab.assembly.members import HEADER, LEADING, PLACES, SLIDING, Kind
+from impactlab.components.contact import SlidingFriction
 from impactlab.components.evaluation import ELAPSED, TIME, UPDATE
+
+FRICTION = "SlidingFriction_force"
+"""Name of the kernel of the friction of contacts in a plane."""
 
 _TAKEN = frozenset({
     "above", "after", "at", "begin", "below", "body", "clear", "clearance", "contact_force", "count", "differences",
@@ -18,6 +22,11 @@ _TAKEN = frozenset({
     "range", "rate", "refined", "response", "result", "row", "rows",
     "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "time", "times",
     "total", "v", "velocity", "x",
+    "distance", "mixed", "rubbing", "sliding", *SLIDING,
+    *(f"{name}_{one}" for one in "xy" for name in (
+        "along", "begin", "center", "end", "mobile", "mobile_begin", "mobile_end", "mobility", "off", "push", "speed",
+        "toward",
+    )), "mobility_xy",
 })  # fmt: skip
 
 _SLOWING = '''
@@ -172,6 +181,11 @@ def _times(sign: str, count: int) -> str:
     return ("", f" {sign} count")[count] if count < 2 else f" {sign} {count} * count"
 
 
+def friction_loop() -> Loop:
+    """Return what stands for the kind of the friction of contacts in a plane, over which there is no loop."""
+    return Loop(0, Kind("rubbing", SlidingFriction, "force"), FRICTION, False, False)
+
+
 def slowing(loop: Loop) -> str:
     """Write the function that solves a force for the velocity that it changes."""
     component, kernel = loop.kind.component, loop.kind.kernel
@@ -302,11 +316,85 @@ def _residual_loop(loop: Loop) -> str:
     return loop.runs(*response, slices=slices) + _over_lanes("forces_on", lines)
 
 
+def _in_plane(*lines: str) -> list[str]:
+    """Return lines for x, then for y; `#` stands for the direction."""
+    return [line.replace("#", direction) for direction in "xy" for line in lines]
+
+
+def _round_loop(loop: Loop) -> str:
+    """Write the loop over some contacts in a plane."""
+    moving = loop.kind.slows or loop.kind.role == "rubbing"
+    begin = ["at = indices[0]", "slots = at + indices[at]"]
+    begin += _in_plane("begin_#, end_# = indices[at + 1 + along_# + member], indices[at + 2 + along_# + member]")
+    begin += moving * _in_plane(
+        "mobile_begin_#, mobile_end_# = indices[at + 1 + mobile_# + member], indices[at + 2 + mobile_# + member]"
+    )
+    sums = ["off_# = -center_#", "for entry in range(begin_#, end_#):"]
+    sums += ["    off_# += parameters[entry] * x[indices[slots + entry], lane]"]
+    pushes = ["for entry in range(begin_#, end_#):"]
+    pushes += ["    total[indices[slots + entry], lane] -= parameters[entry] * push_#"]
+    closed = [
+        "toward_x, toward_y = off_x / distance, off_y / distance",
+        *([*_in_the_middle(), *_solved(loop)] if moving else [f"force = {loop.call({'indentation': 'gap'})}"]),
+        *_in_plane("push_# = force * toward_#"),
+        *["push_x -= toward_y * rubbing", "push_y += toward_x * rubbing"] * (loop.kind.role == "rubbing"),
+        *_in_plane(*pushes),
+    ]
+    lines = [
+        *_in_plane(*sums),
+        "distance = math.sqrt(off_x * off_x + off_y * off_y)",
+        "gap = distance - clearance",
+        "force = gap - gap",
+        "if not gap <= 0.0:",
+        *(f"    {line}" for line in closed),
+        "gaps[member, lane] = gap",
+        "forces_of[member, lane] = force",
+    ]
+    slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
+    return loop.runs(*begin, slices=slices) + _over_lanes("gaps", lines)
+
+
+def _in_the_middle() -> list[str]:
+    """Find the rates along the radius and across it in the middle of a kick by all forces before this one."""
+    return [
+        *_in_plane(
+            "speed_# = 0.0",
+            "for entry in range(begin_#, end_#):",
+            "    speed_# += parameters[entry] * v[indices[slots + entry], lane]",
+            "for entry in range(mobile_begin_#, mobile_end_#):",
+            "    speed_# += half_step * parameters[entry] * total[indices[slots + entry], lane]",
+        ),
+        "rate = toward_x * speed_x + toward_y * speed_y",
+        "sliding = toward_x * speed_y - toward_y * speed_x",
+    ]
+
+
+def _solved(loop: Loop) -> list[str]:
+    """Solve the force of a contact in a plane for the velocity that it changes, and its friction.
+
+    Where one moves the body along the other, as of different masses along x and y, the two are found in turn, twice.
+    """
+    kind, rubbing = loop.kind, loop.kind.role == "rubbing"
+    xy, xx, yy = "toward_x * toward_y", "toward_x * toward_x", "toward_y * toward_y"
+    mixed = f"mixed = half_step * ({xy} * (mobility_y - mobility_x) + ({xx} - {yy}) * mobility_xy)"
+    along = f"response = half_step * ({xx} * mobility_x + {yy} * mobility_y + 2.0 * {xy} * mobility_xy)"
+    across = f"response = half_step * ({yy} * mobility_x + {xx} * mobility_y - 2.0 * {xy} * mobility_xy)"
+    if not rubbing:
+        return [along, f"force = {loop.over_kick('gap', 'rate')}"]
+    friction = f"rubbing = {FRICTION}_over_kick(force, sliding - mixed * force, response, {', '.join(SLIDING)})"
+    if not kind.slows:
+        return [mixed, across, f"force = {loop.call({'indentation': 'gap'})}", friction]
+    each = [along, f"force = {loop.over_kick('gap', 'rate - mixed * rubbing')}", across, friction]
+    return [mixed, "rubbing = 0.0", "for _ in range(2):", *(f"    {line}" for line in each)]
+
+
 FORCE_LOOPS = {
     "force": _contact_loop,
     "coupling": _coupling_loop,
     "combination": _combination_loop,
     "residual": _residual_loop,
+    "round": _round_loop,
+    "rubbing": _round_loop,
 }
 """What writes the forces of each role, in their order."""
 

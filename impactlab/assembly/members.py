@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
-from impactlab.assembly.links import Combinations, Links, joined
+from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
 from impactlab.components.component import Component, finite
 from impactlab.components.evaluation import TIME, UPDATE
 
@@ -22,19 +22,28 @@ LEADING = {
     "coupling": ("first", "second"),
     "combination": ("link",),
     "residual": ("body",),
+    "round": ("slot", "along_x", "along_y", "mobile_x", "mobile_y"),
+    "rubbing": ("slot", "along_x", "along_y", "mobile_x", "mobile_y"),
     "forcing": ("row",),
     "intensity": ("row",),
     "modulation": ("row",),
 }
 """Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's, and 'combination' a coupling's
-where links have weights."""
+where links have weights. 'round' are contacts in a plane, 'rubbing' those with friction: their links along x and y, and
+the same times inverse masses."""
 
 
 Table = tuple[np.ndarray, np.ndarray]
 """Members of a kind: their indices, (member, leading), and their parameters, (member, parameter)."""
 
-LAWS = "force", "coupling", "combination", "residual"
+LAWS = "force", "coupling", "combination", "residual", "round", "rubbing"
 """Roles of the kinds whose forces depend on the motion, which may have states."""
+
+ROUND = "round", "rubbing"
+"""Roles of contacts in a plane."""
+
+SLIDING = "friction_coefficient", "surface_velocity", "friction_velocity"
+"""Parameters of those that rub: the fields of `impactlab.components.contact.SlidingFriction`."""
 
 
 class Rows(NamedTuple):
@@ -102,6 +111,10 @@ class Kind:
     @property
     def leading(self) -> tuple[str, ...]:
         """Names of the parameters before those that are fields."""
+        if self.role in ROUND:
+            own = "clearance", "center_x", "center_y"
+            mobility = ("mobility_x", "mobility_y", "mobility_xy") * (self.slows or self.role == "rubbing")
+            return *own, *mobility, *SLIDING * (self.role == "rubbing")
         leading = ("clearance",) if self.role == "force" else ()
         return (*leading, "mobility") if self.slows else leading
 
@@ -109,7 +122,7 @@ class Kind:
     def slows(self) -> bool:
         """Whether the force of a contact or a residual depends on a velocity, which a kick then changes."""
         own = self.component.arguments(self.kernel)[0]
-        return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual")
+        return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual", *ROUND)
 
 
 @functools.cache
@@ -145,15 +158,16 @@ class Members:
     kinds: tuple[Kind, ...]  # in canonical order
     tables: tuple[Table, ...]  # members of each kind
     parameters: np.ndarray
-    """Of all kinds, run by run, one name after the other; before them the weights of links that have some, and samples.
-    In the place of a field that is a row of numbers stand the place of its first one and how many they are.
+    """Of all kinds, run by run, one name after the other; before them the weights of links that have some, the centers
+    of round ones, and samples. In the place of a field that is a row of numbers stand the place of its first one and
+    how many they are.
     """
     indices: np.ndarray
     """Members whose indices follow each other make a run, along which loops vectorise. Three places: of what
-    `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or, thrice, of what
-    `impactlab.kernels.combinations` reads); for each kind the number of its runs and the place of the first; then, at
-    these places, the runs: indices of the first member, number of members, place of the parameters and, of kinds that
-    have them, of the states, in rows from the end.
+    `impactlab.kernels.kick.differences` and `gather` read, and of the ends of contacts (or of what
+    `impactlab.kernels.combinations` reads: links, nothing, and round links); for each kind the number of its runs and
+    the place of the first; then, at these places, the runs: indices of the first member, number of members, place of
+    the parameters and, of kinds that have them, of the states, in rows from the end.
     """
     states: np.ndarray  # states of all members at the start, run by run, one name after the other
     samples: np.ndarray  # numbers of all rows that are fields
@@ -163,7 +177,7 @@ class Members:
         """Lay out the members of each kind, with contacts and couplings along some links."""
         kinds = tuple(sorted(rows, key=_canonical))
         links = ends if ends.plain else joined(ends, coupled)
-        samples = Samples(len(links.weights) if isinstance(links, Combinations) else 0)
+        samples = Samples(len(_of_links(links)[1]))
         tables = tuple(_table(kind, rows[kind], samples) for kind in kinds)
         starts = [_numbers(rows[kind].components, kind.states) for kind in kinds]
         return cls(kinds, tables, *packed(tables, links, samples.numbers, starts=starts), samples.numbers)
@@ -215,13 +229,13 @@ def packed(
     The forces on a body are added in the order of the contacts, or in another `order`, (contact,). States at the start
     are (member, state) of each kind, none where nothing is given.
     """
-    columns, header = [samples], []
-    if isinstance(links, Combinations):
-        table = np.concatenate([[len(links) + 2], links.begin, links.slots])
-        tables, columns = [table, table[:0], table[:0]], [links.weights, samples]
-    else:
+    of_links, numbers_of_links = _of_links(links)
+    columns, header = [numbers_of_links, samples], []
+    if links.plain:
         ends = links.pairs
         tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
+    else:
+        tables = [of_links[0], of_links[0][:0], of_links[1]]
     states, left = [np.zeros(0)], sum(start.size for start in starts)
     for kind, (leading, numbers) in enumerate(members):
         *begins, counts = runs(*leading.T)
@@ -239,6 +253,21 @@ def packed(
     heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
     indices = np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
     return np.concatenate(columns), indices, np.concatenate(states)
+
+
+def _of_links(links: Links) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return two tables of links with weights, and their numbers: weights, and centers of round ones.
+
+    The first table is that of all links, the second has the round ones: their number, and three entries of each.
+    """
+    if isinstance(links, RoundLinks):
+        all_, rounds, centers = links.laid_out()
+    elif isinstance(links, Combinations):
+        all_, rounds, centers = links, np.zeros((0, 3), dtype=np.int64), np.zeros(0)
+    else:
+        return [], np.zeros(0)
+    table = np.concatenate([[len(all_) + 2], all_.begin, all_.slots])
+    return [table, np.append(len(rounds), rounds)], np.concatenate([all_.weights, centers.ravel()])
 
 
 def _column(components: Sequence[Component], field: str) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -12,15 +12,15 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from impactlab.assembly.incidence import runs
-from impactlab.assembly.links import Combinations, Links, Pairs, connected_parts, joined
-from impactlab.assembly.members import LEADING, Kind, Members, Rows, by_kind
+from impactlab.assembly.links import Combinations, Links, Pairs, RoundLinks, connected_parts, joined
+from impactlab.assembly.members import LEADING, ROUND, SLIDING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
-from impactlab.components.contact import Contact, ContactLaw, RigidContact
+from impactlab.components.contact import Contact, ContactLaw, RigidContact, RoundContact
 from impactlab.components.coupling import CoulombFrictionCoupling, Coupling, CouplingLaw, MatrixTerm
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator
-from impactlab.components.sides import is_difference, weights_of
+from impactlab.components.sides import directions_of, is_difference, is_round, weights_of
 from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
@@ -36,7 +36,7 @@ class Described(Protocol):
     @property
     def prescribed(self) -> Mapping[str, Excitation]: ...
     @property
-    def contacts(self) -> Mapping[str, Contact]: ...
+    def contacts(self) -> Mapping[str, Any]: ...
     @property
     def couplings(self) -> Mapping[str, Coupling]: ...
     @property
@@ -61,7 +61,7 @@ class Model:
     damping: np.ndarray  # (N s m-1)
     stiffness: np.ndarray  # (N m-1)
     ends: Links  # what each contact acts along: its gap, but for the clearance
-    clearance: np.ndarray  # (contact,) (m)
+    clearance: np.ndarray  # (contact,) at rest (m)
     coupled: Links  # the same of the couplings; their extension is the negative of it
     coupling: np.ndarray  # (2, coupling) stiffness (N m-1) and damping (N s m-1) of the linear couplings, 0 for others
     flowing: np.ndarray  # (coupling,) which of them an integrator treats as a part of the bodies' linear motion
@@ -84,7 +84,7 @@ class Model:
             damping=np.array([body.damping for body in bodies]),
             stiffness=np.array([body.stiffness for body in bodies]),
             ends=ends,
-            clearance=np.array([contact.clearance for contact in network.contacts.values()]),
+            clearance=np.array([contact.clearance_at_rest for contact in network.contacts.values()]),
             coupled=coupled,
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
@@ -181,6 +181,11 @@ class Model:
         return np.array([isinstance(law, RigidContact) for law in self.contact_laws], dtype=bool)
 
     @cached_property
+    def round(self) -> np.ndarray:
+        """Whether each contact acts in a plane, (contact,) of bool."""
+        return np.array([is_round(contact) for contact in self.network.contacts.values()], dtype=bool)
+
+    @cached_property
     def impacted(self) -> np.ndarray:
         """Whether each body has a rigid contact, (body,) of bool."""
         result = np.zeros(len(self.bodies) + 1, dtype=bool)
@@ -224,7 +229,10 @@ class Model:
         """
         slowed = [np.zeros(0, dtype=np.int64)]
         for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
-            if kind.slows:
+            if kind.role in ROUND:
+                each = [np.unique(self.ends.chosen(row).slots) for row in leading[:, :1]]
+                slowed += each if kind.slows or kind.role == "rubbing" else []
+            elif kind.slows:
                 slowed.append(self.ends.chosen(leading[:, 0]).slots if kind.role == "force" else leading[:, 0])
             elif kind.role == "coupling" and "rate" in kind.kinematic:
                 slowed.append(np.repeat(leading, 2))
@@ -236,7 +244,9 @@ class Model:
     @cached_property
     def dissipative(self) -> bool:
         """Whether a force that does not flow depends on velocities or states."""
-        kinds = self.members.of_role("force", "residual")
+        kinds = self.members.of_role("force", "residual", *ROUND)
+        if self.members.of_role("rubbing"):
+            return True
         return any(kind.states or not {"rate", "velocity"}.isdisjoint(kind.kinematic) for kind in kinds) or any(
             law.dissipative and not flows for law, flows in zip(self.coupling_laws, self.flowing, strict=True)
         )
@@ -269,7 +279,7 @@ class Model:
         for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
             if not kind.timed:
                 continue
-            if kind.role == "force":
+            if kind.role == "force" or kind.role in ROUND:
                 result[self.ends.chosen(leading[:, 0]).slots] = True
             elif kind.role == "combination":
                 result[self.links.chosen(leading[:, 0]).slots] = True
@@ -423,15 +433,23 @@ def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
     Both are pairs if all that kick are differences: combinations that flow are only terms of a matrix.
     """
     slots = {name: slot for slot, name in enumerate(network.oscillators)}
+    contacts: list[Contact | RoundContact]
     contacts, couplings = list(network.contacts.values()), list(network.couplings.values())
     kicking = [item for name, item in network.couplings.items() if name not in flowing]
     plain = all(map(is_difference, [*contacts, *kicking]))
 
-    def links_of(items: Sequence[Contact | Coupling], plain: bool) -> Links:
+    def links_of(items: Sequence[Any], plain: bool) -> Links:
         if plain:
             return Pairs(len(slots), _pairs(slots, items))
-        combinations = [{slots[name]: weight for name, weight in weights_of(item).items()} for item in items]
-        return Combinations.of(combinations, len(slots))
+        directions = [item for link in items for item in directions_of(link)]
+        combinations = [{slots[name]: weight for name, weight in weights_of(item).items()} for item in directions]
+        along = Combinations.of(combinations, len(slots))
+        if not any(map(is_round, items)):
+            return along
+        link = np.repeat(np.arange(len(items)), [1 + is_round(item) for item in items])
+        center = [place for item in items for place in (item.center if is_round(item) else (0.0,))]
+        mobility = 1.0 / np.array([body.mass for body in network.oscillators.values()])
+        return RoundLinks(len(slots), along, link, np.array(center), mobility)
 
     return links_of(contacts, plain), links_of(couplings, plain and all(map(is_difference, couplings)))
 
@@ -467,8 +485,12 @@ def _members(
     bodies = list(network.oscillators.values())
     mobility = 1.0 / np.array([body.mass for body in bodies])
     contacts = list(network.contacts.values())
-    clearance = np.array([contact.clearance for contact in contacts])
-    add("force", [item.law for item in contacts], "force", np.arange(len(contacts)), clearance, ends.squares(mobility))
+    straight = np.flatnonzero([not is_round(contact) for contact in contacts])
+    clearance = np.array([contact.clearance for contact in contacts])[straight]
+    along = ends.squares(mobility)[straight]
+    add("force", [contacts[number].law for number in straight], "force", straight, clearance, along)
+    for role, laws, indices, columns in _in_plane(contacts, ends, len(network.couplings)):
+        add(role, laws, "force", indices, *columns)
     role = "coupling" if ends.plain else "combination"
     acting = {name: not isinstance(item.law, CoulombFrictionCoupling) for name, item in network.couplings.items()}
     kicking = [item for name, item in network.couplings.items() if acting[name] and name not in flowing]
@@ -484,6 +506,24 @@ def _members(
         excitations = [item for item in sources[family].excitations if item.has_kernel(kernel)]
         add(role, excitations, kernel, np.arange(len(excitations)))
     return result
+
+
+def _in_plane(
+    contacts: Sequence[Any], ends: Links, couplings: int
+) -> Iterator[tuple[str, list[ContactLaw], np.ndarray, np.ndarray]]:
+    """Give the roles of contacts in a plane, with their laws, indices and leading parameters."""
+    if not isinstance(ends, RoundLinks):
+        return
+    count, numbers = len(ends.round), np.arange(len(ends.round))
+    links = len(ends) + couplings + numbers + count * np.arange(4)[:, None]
+    mobility = ends.in_plane(ends.mobility)
+    for role, rubbing in zip(ROUND, (False, True), strict=True):
+        rows = np.flatnonzero([bool(contacts[slot].friction) is rubbing for slot in ends.round])
+        chosen = [contacts[slot] for slot in ends.round[rows]]
+        places = np.array([[item.clearance, *item.center] for item in chosen]).reshape(-1, 3).T
+        sliding = np.array([[getattr(item, name) for name in SLIDING] for item in chosen]).reshape(-1, len(SLIDING)).T
+        columns = np.concatenate([places, mobility[:, rows], sliding])
+        yield role, [item.law for item in chosen], np.stack([ends.round, *links])[:, rows].T, columns
 
 
 def kept(function: Callable[..., Result]) -> Callable[..., Result]:

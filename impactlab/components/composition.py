@@ -11,13 +11,13 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from impactlab.components.component import Component, classes_named, suggestion
-from impactlab.components.contact import Contact
+from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import Coupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.prescribed import PrescribedBody, PrescribedMotion
-from impactlab.components.sides import WALL, Combination, Side, named_by, weights_of_side
+from impactlab.components.sides import WALL, Combination, Side, directions_of, is_round, named_by, weights_of_side
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
@@ -34,7 +34,7 @@ _NOT_IN_FILES = ("Cc", "Cs")
 
 FAMILIES: dict[str, tuple[type[Component], ...]] = {
     "oscillators": (Oscillator, Structure, PrescribedMotion),
-    "contacts": (Contact,),
+    "contacts": (Contact, RoundContact),
     "excitations": (Excitation, Source, BaseMotion),
     "couplings": (Coupling,),
 }
@@ -49,7 +49,7 @@ class _Expanded(NamedTuple):
 
     bodies: dict[str, Oscillator]
     points: dict[str, Shares]
-    contacts: dict[str, Contact]
+    contacts: dict[str, Contact | RoundContact]
     excitations: dict[str, Excitation | Source]
     couplings: dict[str, Coupling]
 
@@ -65,7 +65,7 @@ class Composition:
     def __init__(
         self,
         oscillators: Family[Oscillator] | Family[Oscillator | Structure | PrescribedMotion],
-        contacts: Family[Contact] | None = None,
+        contacts: Family[Contact] | Family[Contact | RoundContact] | None = None,
         excitations: Family[Excitation | Source | BaseMotion] | None = None,
         couplings: Family[Coupling] | None = None,
     ) -> None:
@@ -205,12 +205,12 @@ class Composition:
         return {name: body.displacement for name, body in bodies if isinstance(body, PrescribedBody)}
 
     @property
-    def contacts(self) -> Mapping[str, Contact]:
+    def contacts(self) -> Mapping[str, Any]:
         """The contacts by name; in the place of points they have combinations."""
         return MappingProxyType(self._expanded.contacts)
 
     @property
-    def named_contacts(self) -> Mapping[str, Contact]:
+    def named_contacts(self) -> Mapping[str, Any]:
         """The contacts by name as they were given, with the names of points."""
         return MappingProxyType(self._contacts)
 
@@ -279,7 +279,7 @@ class Composition:
         self,
         *,
         oscillators: Mapping[str, Oscillator | Structure | PrescribedMotion | None] | None = None,
-        contacts: Mapping[str, Contact | None] | None = None,
+        contacts: Mapping[str, Contact | RoundContact | None] | None = None,
         excitations: Mapping[str, Excitation | Source | BaseMotion | None] | None = None,
         couplings: Mapping[str, Coupling | None] | None = None,
     ) -> Self:
@@ -430,13 +430,18 @@ def _without_points(name: str, link: Any, points: Mapping[str, Shares]) -> Any:
         weights = weights_of_side(given)
         return given if points.keys().isdisjoint(weights) else Combination(_of_bodies(weights, points))
 
-    kind, weights = type(link).__name__, [weights_of_side(item) for item in (link.first, link.second)]
-    difference = [_of_bodies(item, points) for item in weights]
-    if not all(difference[place] for place in (0, 1) if weights[place]) or difference[0] == difference[1]:
-        raise InvalidInput(
-            f"{kind} {name!r} of {link.first!r} with {link.second!r} acts on nothing: no weight is left of any body."
-        )
-    return link.replace(first=side(link.first), second=side(link.second))
+    for direction in directions_of(link):
+        weights = [weights_of_side(item) for item in (direction.first, direction.second)]
+        difference = [_of_bodies(item, points) for item in weights]
+        if not all(difference[place] for place in (0, 1) if weights[place]) or difference[0] == difference[1]:
+            raise InvalidInput(
+                f"{type(link).__name__} {name!r} of {direction.first!r} with {direction.second!r} acts on nothing: no "
+                "weight is left of any body."
+            )
+    if not is_round(link):
+        return link.replace(first=side(link.first), second=side(link.second))
+    pairs = (item if item is WALL else tuple(map(side, item)) for item in (link.first, link.second))
+    return link.replace(**dict(zip(("first", "second"), pairs, strict=True)))
 
 
 def _at_bodies(name: str, item: Excitation | Source, points: Mapping[str, Shares]) -> Excitation | Source:

@@ -1,4 +1,4 @@
-"""Contacts between two bodies, or a body and a wall, and the laws of their forces."""
+"""Contacts between two bodies, or a body and a wall, also in a plane, and the laws of their forces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from impactlab.components.component import Component, finite, positive, take_par
 from impactlab.components.evaluation import call_each
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.components.sides import Side, check_sides, plain_sides
+from impactlab.components.sides import WALL, Direction, Side, Wall, check_directions, check_sides, plain_sides
 from impactlab.errors import InvalidInput
 
 
@@ -262,6 +262,11 @@ class Contact(Component):
         check_sides(self)
         take_part(self, "law", ContactLaw, "a contact law such as il.HertzContact(1e4)")
 
+    @property
+    def clearance_at_rest(self) -> float:
+        """Distance to be closed from where all bodies are at 0 (m)."""
+        return self.clearance
+
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
 
@@ -296,3 +301,113 @@ def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, na
         f"{name}_upper": Contact(first, second, law, clearance=clearance),
         f"{name}_lower": Contact(second, first, law, clearance=clearance),
     }
+
+
+class SlidingFriction(Component):
+    """Coulomb friction of a closed contact, smooth about rest: ``coefficient N tanh((rate + surface)/scale)``.
+
+    Parameters
+    ----------
+    friction_coefficient : float
+        Coefficient of friction.
+    surface_velocity : float
+        Velocity of one surface beyond that of its body (m s-1).
+    friction_velocity : float
+        Velocity at which the friction is 0.76 of that of sliding (m s-1).
+    """
+
+    kernels: ClassVar[Mapping[str, tuple[str, ...]]] = {"force": ("normal_force", "rate", "time")}
+
+    friction_coefficient: float = parameter()
+    surface_velocity: float = parameter(units="m s-1", kw_only=True)
+    friction_velocity: float = parameter(units="m s-1", kw_only=True)
+
+    @staticmethod
+    def force(normal_force, rate, friction_coefficient, surface_velocity, friction_velocity):  # type: ignore[no-untyped-def]
+        return friction_coefficient * normal_force * math.tanh((rate + surface_velocity) / friction_velocity)
+
+
+class RoundContact(Component):
+    """A contact of a body that moves in a plane with the rim of a round clearance around it.
+
+    The body is at (x, y) relative to the second side. With ``r = sqrt((x − x₀)² + (y − y₀)²)`` the indentation is
+    ``δ = r − clearance``; for ``δ > 0`` the law's force F(δ, δ') pushes the body back along the radius. Friction acts
+    across it, ``friction_coefficient F tanh(s/friction_velocity)`` against the sliding velocity
+    ``s = v_t + surface_velocity``; v_t is the velocity of the body across the radius, positive from x to y. The surface
+    velocity of a rotor of radius R that spins from x to y at Ω is R Ω; then friction drives a backward whirl.
+
+    ``contact_force``, and what is summed of it, is the force of the law, without friction.
+
+    Parameters
+    ----------
+    first : pair of str or Combination
+        Names of the coordinates x and y.
+    second : WALL or pair of str or Combination
+        What is around the body: fixed, or with coordinates x and y of its own.
+    law : ContactLaw
+        Law of the force along the radius, without states; not `RigidContact`.
+    clearance : float
+        Radial clearance, the distance from the center at which the body touches (m).
+    center : pair of float
+        Place (x₀, y₀) of the center of the clearance (m).
+    friction_coefficient : float
+        Coefficient of Coulomb friction; 0 for none.
+    surface_velocity : float
+        Velocity of the surface of the body by its spin, R Ω (m s-1).
+    friction_velocity : float
+        Sliding velocity at which the friction is 0.76 of that of sliding (m s-1); with friction it must be given. The
+        smaller, the shorter the steps.
+
+    Raises
+    ------
+    InvalidInput
+        If x or y is missing, both are the same, or a value is not what it should be.
+    """
+
+    first: tuple[Side, Side] = parameter(kw_only=False)
+    second: tuple[Side, Side] | Wall = parameter(kw_only=False)
+    law: ContactLaw = parameter(kw_only=False)
+    clearance: float = parameter(units="m", above=0.0)
+    center: tuple[float, float] = parameter((0.0, 0.0), units="m")
+    friction_coefficient: float = parameter(0.0, minimum=0.0)
+    surface_velocity: float = parameter(0.0, units="m s-1")
+    friction_velocity: float = parameter(0.0, units="m s-1", minimum=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_directions(self)
+        take_part(self, "law", ContactLaw, "a contact law such as il.HertzContact(1e4)")
+        if isinstance(self.law, RigidContact) or self.law.state_names():
+            reason = "impacts are located along straight lines" if not self.law.state_names() else "it has states"
+            raise InvalidInput(f"RoundContact.law cannot be {type(self.law).__name__}: {reason}.")
+        if not isinstance(self.center, tuple) or len(self.center) != 2:
+            raise InvalidInput(f"RoundContact.center must be a pair of numbers (m), not {self.center!r}.")
+        object.__setattr__(self, "center", tuple(finite("RoundContact.center", item) for item in self.center))
+        if self.friction_coefficient and not self.friction_velocity:
+            raise InvalidInput(
+                "RoundContact with friction needs friction_velocity (m s-1), the sliding velocity at which friction is "
+                "0.76 of its largest value."
+            )
+
+    @property
+    def directions(self) -> tuple[Direction, Direction]:
+        """Both sides along x, and along y."""
+        second = (WALL, WALL) if isinstance(self.second, Wall) else self.second
+        return Direction(self.first[0], second[0]), Direction(self.first[1], second[1])
+
+    @property
+    def clearance_at_rest(self) -> float:
+        """Distance to be closed from where all bodies are at 0 (m)."""
+        return self.clearance - math.hypot(*self.center)
+
+    @property
+    def friction(self) -> SlidingFriction | None:
+        """Law of the friction, if there is any."""
+        if not self.friction_coefficient:
+            return None
+        return SlidingFriction(
+            self.friction_coefficient, surface_velocity=self.surface_velocity, friction_velocity=self.friction_velocity
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        return plain_sides(super().to_dict())

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 from impactlab.errors import InvalidInput
 
@@ -72,6 +72,23 @@ class Combination:
 Side = str | Combination | Wall
 
 
+class Direction(NamedTuple):
+    """The two sides of a round contact along x or y, as those of a contact."""
+
+    first: Side
+    second: Side
+
+
+def is_round(link: Any) -> bool:
+    """Whether a contact acts in a plane."""
+    return isinstance(link.first, tuple)
+
+
+def directions_of(link: Any) -> tuple[Any, ...]:
+    """Return what has the sides of a contact or a coupling: itself, or of a round contact both directions."""
+    return tuple(link.directions) if is_round(link) else (link,)
+
+
 def weights_of_side(side: Side) -> dict[str, float]:
     """Return the weights of the bodies, or points, in the displacement of a side; a wall has none."""
     if isinstance(side, Combination):
@@ -89,18 +106,19 @@ def weights_of(link: Any) -> dict[str, float]:
 
 def bodies_of(link: Any) -> tuple[str, ...]:
     """Return the names of the bodies of a contact or a coupling, those of its first side first."""
-    return tuple(weights_of(link))
+    return tuple(dict.fromkeys(name for direction in directions_of(link) for name in weights_of(direction)))
 
 
 def named_by(link: Any) -> Iterator[str]:
     """Give the names of all bodies that a contact or a coupling names, also of those whose weights cancel."""
-    for side in (link.first, link.second):
-        yield from weights_of_side(side)
+    for first, second in ((item.first, item.second) for item in directions_of(link)):
+        yield from weights_of_side(first)
+        yield from weights_of_side(second)
 
 
 def is_difference(link: Any) -> bool:
     """Whether both sides of a contact or coupling are bodies, or one is the wall."""
-    return not isinstance(link.first, Combination) and not isinstance(link.second, Combination)
+    return not isinstance(link.first, Combination | tuple) and not isinstance(link.second, Combination | tuple)
 
 
 def check_sides(link: Any) -> None:
@@ -129,6 +147,32 @@ def check_sides(link: Any) -> None:
         object.__setattr__(link, "second", named.get(-1.0, WALL))
 
 
+def check_directions(contact: Any) -> None:
+    """Refuse sides of a round contact that are not two different coordinates each; they may be given as data."""
+    kind = type(contact).__name__
+    for name in ("first", "second"):
+        place, given = f"{kind}.{name}", getattr(contact, name)
+        if name == "second" and (given is WALL or (isinstance(given, Mapping) and dict(given) == _WALL_DATA)):
+            object.__setattr__(contact, name, WALL)
+            continue
+        if not isinstance(given, tuple) or len(given) != 2:
+            other = " or il.WALL" if name == "second" else ""
+            raise InvalidInput(
+                f'{place} must be the two coordinates x and y, such as ("rotor.x", "rotor.y"){other}, not {given!r}.'
+            )
+        sides = tuple(_side(place, side) for side in given)
+        if sides[0] == sides[1] or WALL in sides:
+            wrong = "the wall" if WALL in sides else f"twice {sides[0]!r}"
+            raise InvalidInput(f"{place} must be two different coordinates, x and y; {wrong} was given.")
+        object.__setattr__(contact, name, sides)
+    for direction in contact.directions:
+        if not weights_of(direction):
+            raise InvalidInput(
+                f"A round contact of {direction.first!r} with {direction.second!r} acts on nothing: no weight is left "
+                "of their difference."
+            )
+
+
 def _side(place: str, side: Any) -> Side:
     if isinstance(side, Mapping) and dict(side) == _WALL_DATA:
         return WALL
@@ -145,6 +189,8 @@ def plain_sides(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
     if isinstance(value, Combination):
         return {_COMBINATION: dict(value.weights)}
     return dict(_WALL_DATA) if value is WALL else value

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.combinations import elongations
+from impactlab.kernels.combinations import elongations, round_rates
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TOUCHING, TURN, VV, XV, XX, F, V, X
@@ -47,6 +47,7 @@ def close_slot(history, slot, now, last, sums):  # type: ignore[no-untyped-def]
     """
     if sums.closings.before.shape[1] and sums.closings.weights.shape[0]:
         elongations(sums.indices, sums.closings.weights, history.v[slot], sums.flux.closing[0])
+        round_rates(sums.indices, sums.closings.weights, history.x[slot], history.v[slot], sums.flux.closing[0])
         count_closings_along(history.indentation[slot], sums.flux.closing[0], sums)
     elif sums.closings.before.shape[1]:
         count_closings(history.indentation[slot], history.v[slot], sums)

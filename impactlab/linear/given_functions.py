@@ -15,7 +15,7 @@ from impactlab.assembly.model import Model, kept
 from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME
 from impactlab.components.excitation import Excitation, Source
-from impactlab.components.sides import weights_of
+from impactlab.components.sides import directions_of, weights_of
 from impactlab.errors import InvalidInput
 from impactlab.kernels.functions_of_time import follow, look_closely
 from impactlab.linear.transitions import response_to_force, transition
@@ -134,8 +134,9 @@ def laws_in_time(model: Model) -> dict[str, list[tuple[Component, str, float]]]:
     for links, sign in ((network.contacts, -1.0), (network.couplings, 1.0)):
         for link in links.values() if model.timed.any() else ():
             if TIME in link.law.kernel("force")[1]:
-                for name, weight in weights_of(link).items():
-                    result[name].append((link.law, "force", sign * weight))
+                for direction in directions_of(link):
+                    for name, weight in weights_of(direction).items():
+                        result[name].append((link.law, "force", sign * weight))
     for name, body in network.oscillators.items():
         if body.has_kernel("residual") and TIME in body.kernel("residual")[1]:
             result[name].append((body, "residual", -1.0))

@@ -182,7 +182,8 @@ def _crowded(model: Model, labels: np.ndarray, own: np.ndarray) -> np.ndarray:
 def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Return how often each contact closes by Rice's formula if its bodies have the highest temperature (s-1).
 
-    Infinite where it is not known: nothing holds a body, or a residual force or a coupling may push it to the contact.
+    Infinite where it is not known: nothing holds a body, a residual force or a coupling may push it to the contact, or
+    the contact is one in a plane.
     """
     warmth, pushed = model.ends.largest(stiffening.energy), np.append(model.residual, False)
     pushed[model.ends.chosen(model.clearance < 0.0).slots] = True
@@ -192,7 +193,7 @@ def closing_rates(model: Model, stiffening: Stiffening) -> np.ndarray:
         variance = warmth * model.ends.squares(flexibility(model))
         velocity = np.sqrt(warmth * model.ends.squares(1.0 / model.mass))
         rate = _rice(velocity, variance, np.maximum(model.clearance, 0.0))
-    return np.where(model.ends.any(pushed[:-1]) | ~np.isfinite(variance), np.inf, rate)
+    return np.where(model.ends.any(pushed[:-1]) | model.round | ~np.isfinite(variance), np.inf, rate)
 
 
 def _together(model: Model) -> np.ndarray:

@@ -143,7 +143,8 @@ class _Contact:
     def sides(self) -> Iterator[str]:
         """Give the names of bodies and points."""
         for side in (self.first, self.second):
-            yield from [side] if isinstance(side, str) else side.get("combination", {})
+            for one in side if isinstance(side, list) else [side]:
+                yield from [one] if isinstance(one, str) else one.get("combination", {})
 
 
 class _Scene:

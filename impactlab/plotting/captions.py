@@ -82,8 +82,10 @@ def structure_lines(structure: Structure) -> list[str]:
     return lines
 
 
-def side_text(side: Side) -> str:
-    """Return the name of a side of a contact or a coupling, a combination as a sum."""
+def side_text(side: Side | tuple[Side, Side]) -> str:
+    """Return the name of a side of a contact or a coupling, a combination as a sum, and x and y of a round contact."""
+    if isinstance(side, tuple):
+        return f"({', '.join(map(side_text, side))})"
     if side is WALL:
         return "the wall"
     if not isinstance(side, Combination):

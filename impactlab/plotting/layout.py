@@ -10,7 +10,7 @@ import impactlab
 from impactlab.components.component import Component
 from impactlab.components.contact import Contact
 from impactlab.components.excitation import BaseMotion, Excitation, Source
-from impactlab.components.sides import WALL, Combination, weights_of_side
+from impactlab.components.sides import WALL, Combination, is_round, weights_of_side
 from impactlab.components.structure import Structure
 
 BODIES = 8
@@ -107,6 +107,9 @@ def in_a_row(pairs: Iterable[tuple[str, str]], names: list[str]) -> list[str]:
 def _placed(layout: Layout, item: Link) -> bool:
     """Put a contact or a coupling where it is drawn; whether there is such a place."""
     link, row = item.link, layout.row
+    if is_round(link):
+        layout.left_out.append(f"Not drawn: {item.name}, which acts in a plane")
+        return True
     sides = [[layout.owners[name] for name in weights_of_side(side)] for side in (link.first, link.second)]
     nodes = list(dict.fromkeys(itertools.chain(*sides)))
     if not all(node in row for node in nodes):

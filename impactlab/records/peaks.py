@@ -88,6 +88,11 @@ class PeakForces(Record):
         for name in (*names, *given):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
+            if model.round[known.index(name)]:
+                raise InvalidInput(
+                    f"PeakForces: {name!r} is a round contact, of which no crossings are recorded; name others in "
+                    "contacts=. Its largest force is peak_contact_force."
+                )
             if model.rigid[known.index(name)]:
                 raise InvalidInput(f"PeakForces: {name!r} is rigid, so that its impacts have impulses, but no forces.")
         heat = energies(model, "stationary", 1.0)

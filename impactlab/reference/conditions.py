@@ -10,7 +10,7 @@ from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact, RigidContact
 from impactlab.components.coupling import Coupling
 from impactlab.components.evaluation import TIME
-from impactlab.components.sides import is_difference
+from impactlab.components.sides import is_difference, is_round
 from impactlab.reference.combination import CombinationPart
 from impactlab.reference.gaussian import GaussianLaw
 from impactlab.reference.gibbs import GibbsLaw
@@ -70,6 +70,9 @@ def _judged(network: Composition) -> tuple[list[Law | Subsystem], frozenset[str]
             part = LinearPart(subsystem)
             why = part.reasons
             laws += [] if why else [part.law]
+        elif why := list(_round_reasons(subsystem)):
+            reasons += why
+            continue
         elif why := list(_gibbs_reasons(subsystem)):
             along = CombinationPart(subsystem)
             of_combination = list(_combination_reasons(along)) if along.fits else why
@@ -88,6 +91,13 @@ def _judged(network: Composition) -> tuple[list[Law | Subsystem], frozenset[str]
             laws.append(subsystem)
         reasons += why
     return laws, untouched, reasons
+
+
+def _round_reasons(subsystem: Subsystem) -> Iterator[str]:
+    """Say which contacts act in a plane, where densities of two displacements at a time would be needed."""
+    for name, contact in subsystem.contacts.items():
+        if is_round(contact):
+            yield f"{name!r} is a round contact; laws are known for contacts along one direction."
 
 
 def _gibbs_reasons(subsystem: Subsystem) -> Iterator[str]:

@@ -631,7 +631,7 @@ class Block:
         contacts = slice(self.plan.observed.contacts)
         ends, clearance = self.plan.system.ends.chosen(contacts), self.plan.system.clearance[contacts, None]
         self.sums.closings.before[0] = ends.gap(x) - clearance
-        self.sums.closings.before[1] = ends.gap(v)
+        self.sums.closings.before[1] = ends.rates(x, v)
 
     def segment(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""

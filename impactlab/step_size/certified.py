@@ -31,7 +31,7 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
         return False
     if model.varying or model.passes or model.remembering or model.rigid.any():
         return False
-    if model.sources["intensity"].joining:
+    if model.sources["intensity"].joining or model.round.any():
         return False
     if any(not law.linear[0] for law in model.coupling_laws):
         return False

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
+from impactlab.components.contact import contact_forces
 from impactlab.components.evaluation import call_each
+from impactlab.components.sides import is_round
 from impactlab.nonlinear.tangent_stiffness import Stiffening, of_unique
 
 OF_CONTACTS, OF_BODIES = 0.2, 0.07
@@ -58,6 +60,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     depths, of_contacts = np.multiply.outer(stiffening.penetration, DEPTHS), energy[model.first_of(model.ends)]
     along, times = model.ends.squares(mobility), stiffening.times
     contacts = _rates(model.contact_laws, "force", depths, along, of_contacts, times, 1.0)
+    contacts += _friction_rates(model, depths, along, of_contacts, times)
     of_couplings = energy[model.first_of(model.coupled)]
     extensions, along = _places(of_couplings, stiffening.couplings), model.coupled.squares(mobility)
     couplings = _rates(model.coupling_laws, "force", extensions, along, of_couplings, times)
@@ -73,7 +76,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
 def slope_step(model: Model, stiffening: Stiffening) -> float:
     """Return the step at which an explicit method resolves the steepest slope in velocities of what always acts (s).
 
-    That of smooth dry friction is at rest, far above its mean.
+    That of smooth dry friction is at rest, far above its mean; of contacts in a plane it counts as well.
     """
     mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
     of_couplings, along = energy[model.first_of(model.coupled)], model.coupled.squares(mobility)
@@ -83,7 +86,7 @@ def slope_step(model: Model, stiffening: Stiffening) -> float:
         *((oscillators[slot], "residual") for slot in residual),
     ]
     numbers = np.append(of_couplings, energy[residual]), np.append(along, mobility[residual])
-    steepest = 0.0
+    steepest = _steepest_friction(model, stiffening)
     for (member, kernel), heat, lightness in dict.fromkeys(
         zip(members, *(row.tolist() for row in numbers), strict=True)
     ):
@@ -94,6 +97,36 @@ def slope_step(model: Model, stiffening: Stiffening) -> float:
             force = call_each([member], kernel, np.zeros((1, len(speed))), speed[None], np.full((1, 1), time))[0]
             steepest = max(steepest, lightness * float((np.diff(force) / np.diff(speed)).max()))
     return SLOPE / steepest if steepest > 0.0 else math.inf
+
+
+def _friction_rates(
+    model: Model, depths: np.ndarray, along: np.ndarray, energy: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """Return the rates of the friction of contacts in a plane at some of their indentations, (contact,) (s-1)."""
+    slots, frictions = _frictions(model)
+    rates = np.zeros(len(model.ends))
+    if slots.size:
+        pressing = contact_forces([model.contact_laws[slot] for slot in slots], depths[slots])
+        rates[slots] = _rates(frictions, "force", pressing, along[slots], energy[slots], times, 1.0)
+    return rates
+
+
+def _steepest_friction(model: Model, stiffening: Stiffening) -> float:
+    """Return the largest rate of the friction of contacts in a plane, at rest and at their penetrations (s-1)."""
+    slots, frictions = _frictions(model)
+    if not slots.size:
+        return 0.0
+    laws, along = [model.contact_laws[slot] for slot in slots], model.ends.squares(1.0 / model.mass)[slots]
+    pressing = contact_forces(laws, stiffening.penetration[slots, None])[:, 0]
+    slopes = np.array([item.friction_coefficient / item.friction_velocity for item in frictions])
+    return float((along * slopes * pressing).max())
+
+
+def _frictions(model: Model) -> tuple[np.ndarray, list[Any]]:
+    """Return the contacts in a plane that have friction, and its laws."""
+    laws = [contact.friction if is_round(contact) else None for contact in model.network.contacts.values()]
+    slots = np.flatnonzero([law is not None for law in laws])
+    return slots, [laws[slot] for slot in slots]
 
 
 def _places(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impactlab.assembly.links import Combinations, Pairs, connected_parts, joined
+from impactlab.assembly.links import Combinations, Pairs, RoundLinks, connected_parts, joined
 
 COUNT = 5
 PAIRS = np.array([[0, 1], [5, 2], [3, 1], [4, 5], [0, 1]])
@@ -82,3 +82,50 @@ def test_joined():
     assert not both.plain
     np.testing.assert_allclose(both.gap(VALUES), np.append(pairs.gap(VALUES), weighted.gap(VALUES)))
     assert joined(pairs, pairs.chosen(slice(1))).plain
+
+
+# x is 2 q0 − q1/2 and y is 3 q1 + q2, around (0.3, −0.4); beside them a link that is not round
+PLANE = np.array([[2.0, -0.5, 0.0, 0.0, 0.0], [0.0, 3.0, 1.0, 0.0, 0.0]])
+CENTER = np.array([0.3, -0.4])
+round_ = RoundLinks(
+    COUNT,
+    Combinations.of([{4: 1.0}, *({slot: w for slot, w in enumerate(row) if w} for row in PLANE.tolist())], COUNT),
+    np.array([0, 1, 1]),
+    np.array([0.0, *CENTER]),
+    1.0 / VALUES,
+)
+
+
+def test_round_links_have_the_elongation_and_the_rate_of_a_radius():
+    speeds = VALUES[::-1].copy()
+    place = PLANE @ VALUES - CENTER
+    elongations = VALUES[4], np.hypot(*place) - 0.5
+    np.testing.assert_allclose(round_.gap(VALUES), elongations)
+    np.testing.assert_allclose(round_.gap(np.stack([VALUES, 0.0 * VALUES], axis=1)).T, [elongations, [0.0, 0.0]])
+    rate = place @ PLANE @ speeds / np.hypot(*place)
+    np.testing.assert_allclose(round_.rates(VALUES, speeds), [speeds[4], rate])
+    np.testing.assert_allclose(round_.pushes(np.array([0.0, 2.0])), 2.0 * (CENTER / 0.5) @ PLANE)  # as at rest
+
+
+def test_round_links_bound_all_radii():
+    of_plane = round_.chosen(np.array([1]))
+    angles = np.linspace(0.0, np.pi, 1001)
+    radii = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ PLANE
+    np.testing.assert_allclose(of_plane.squares(VALUES), [(radii**2 @ VALUES).max()], rtol=1e-5)
+    springs = of_plane.springs(np.array([7.0]))
+    for radius in radii:
+        assert np.linalg.eigvalsh(springs - 7.0 * np.outer(radius, radius)).min() > -1e-12
+
+
+def test_round_links_are_laid_out_with_and_without_masses():
+    joint = joined(round_, weighted)
+    assert isinstance(joint, RoundLinks)
+    table, rounds, centers = joint.laid_out()
+    dense = np.zeros((len(table), COUNT))
+    dense[table.rows, table.slots] = table.weights
+    expected = [np.eye(COUNT)[4], np.zeros(COUNT), *weighted.matrix(np.arange(COUNT)), *PLANE, *(PLANE / VALUES)]
+    np.testing.assert_allclose(dense, expected)
+    assert rounds.tolist() == [[1, 4, 5]]
+    assert centers.tolist() == [CENTER.tolist()]
+    assert connected_parts(round_).tolist() == [0, 0, 0, 1, 2]
+    assert joint.chosen(np.array([2, 1])).gap(VALUES).tolist() == [weighted.gap(VALUES)[0], round_.gap(VALUES)[1]]

@@ -256,3 +256,9 @@ def test_bands_and_bars_are_two_standard_errors():
     (bars,) = (item for item in axes.collections if not isinstance(item, PolyCollection))
     ends = np.array([segment[:, 1] for segment in bars.get_segments()])
     np.testing.assert_allclose(ends, np.stack([value - 2.0 * error, value + 2.0 * error], axis=1))
+
+
+def test_round_contacts_are_named():
+    pair = dict.fromkeys(("x", "y"), BODY)
+    figure = drawn(draw_network(il.Network(pair, {"rub": il.RoundContact(("x", "y"), il.WALL, LAW, clearance=0.1)})))
+    assert "Not drawn: rub, which acts in a plane" in texts(figure)
