@@ -83,7 +83,7 @@ def test_without_friction_angular_momentum_is_kept():
 
     It is looked at where the rotor flies freely, and its velocity is read without an estimate of a force's change.
     """
-    start = {"displacement": {"rotor.x": 0.07}, "velocity": {"rotor.x": 0.3, "rotor.y": 1.0}}
+    start = {"displacement": {"rotor.x": 0.03}, "velocity": {"rotor.x": 2.0, "rotor.y": 2.0}}
     ds = il.simulate(
         in_a_stator(), 10.0, step=2e-3, integrator=il.ExactFlow(measured=False), initial=start,
         record=il.Trajectory(0.01), realizations=1, rng=1,
@@ -91,7 +91,7 @@ def test_without_friction_angular_momentum_is_kept():
     (x, y), (v, w) = ds.displacement.values[0].T, ds.velocity.values[0].T
     free = np.hypot(x, y) < 0.045
     assert 100 < free.sum() < 900
-    np.testing.assert_allclose((x * w - y * v)[free], 0.07, rtol=1e-10)
+    np.testing.assert_allclose((x * w - y * v)[free], 0.03 * 2.0, rtol=1e-10)
 
 
 def test_means_against_radial_quadrature():
