@@ -47,6 +47,7 @@ SAMPLES = {
     "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
     "str": "text", "bool": True,
     "Sequence[float]": (1.0, 2.0), "Sequence[float] | np.ndarray": (1.0, 2.0), "float | Sequence[float]": (1.0, 2.0),
+    "tuple[Side, Side]": ("x", "y"), "tuple[Side, Side] | Wall": ("p", "q"),
     "Matrix": ((2.0, -1.0), (-1.0, 3.0)), "Vector | Matrix": ((2.0, 0.5), (0.5, 1.0)),
 }  # fmt: skip
 
