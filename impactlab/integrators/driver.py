@@ -21,7 +21,7 @@ from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_
 from impactlab.kernels.points import add_history_of_points, add_turns_of_points
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
-from impactlab.kernels.samples import Sample, add_nothing, adding, version_of
+from impactlab.kernels.samples import Sample, add_no_slots, adding, version_of
 from impactlab.kernels.scalars import scalar
 from impactlab.kernels.series import NEAR, bring_near
 from impactlab.kernels.single import without_lanes
@@ -135,7 +135,8 @@ def _coloured(series, first):  # type: ignore[no-untyped-def]
 def _add(account, index):  # type: ignore[no-untyped-def]
     history, sums = value_at(account)
     add_history(history, sums)
-    add_nothing(history, sums)
+    add_of_contacts(history.indentation, history.contact_force, sums.contacts)
+    add_of_bodies(history.x, history.v, sums.samples)
 
 
 def _add_points(account, index):  # type: ignore[no-untyped-def]
@@ -149,10 +150,17 @@ def _add_turns_of_points(account, now):  # type: ignore[no-untyped-def]
     add_turns_of_points(force, middle, now % sums.bodies.shape[0], sums.points, sums.turns)
 
 
+add_of_contacts = add_of_bodies = add_no_slots
+"""Stand for what statistics sample."""
+
+
 @cache
 def _adding(samples: tuple[Sample, ...]) -> Function:
     """Return the function that adds to all sums, with what statistics sample in the place of nothing."""
-    return composed(_add, version_of(samples), add_nothing=adding(samples))
+    parts = [
+        adding(tuple(item for item in samples if item.of_contacts == of_contacts)) for of_contacts in (True, False)
+    ]
+    return composed(_add, version_of(samples), add_of_contacts=parts[0], add_of_bodies=parts[1])
 
 
 def all_samples() -> tuple[Sample, ...]:

@@ -144,8 +144,9 @@ def _rows(typing_context, array, begin, count):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         shape, strides = (_unpack_tuple(builder, item) for item in (array.shape, array.strides))
-        items = builder.udiv(strides[0], array.itemsize)
-        data = builder.gep(array.data, [builder.mul(arguments[1], items)])
+        memory = builder.bitcast(array.data, ir.IntType(8).as_pointer())  # a number of items would take a division
+        begin = builder.gep(memory, [builder.mul(arguments[1], strides[0])])
+        data = builder.bitcast(begin, array.data.type)
         _populate_array(array, data, [arguments[2], *shape[1:]], strides, array.itemsize, None)
         return array._getvalue()
 

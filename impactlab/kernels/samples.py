@@ -37,33 +37,32 @@ def sample(first: Any, second: Any) -> Any:
     raise NotImplementedError
 
 
-def add_slots(first: Any, second: Any, sums: Any) -> None:
-    """Add what a function makes of two quantities, [slot, item, lane], to ``sums[item, lane]``."""
-    for a, b, c, d in ((0, 2, 4, 6), (1, 3, 5, 7)):
-        for item in range(sums.shape[0]):
-            for lane in range(sums.shape[1]):
-                of_a = sample(first[a, item, lane], second[a, item, lane])
-                of_b = sample(first[b, item, lane], second[b, item, lane])
-                of_c = sample(first[c, item, lane], second[c, item, lane])
-                of_d = sample(first[d, item, lane], second[d, item, lane])
-                sums[item, lane] = added(sums[item, lane], of_a, of_b, of_c, of_d)
-
-
 @inlined
-def add_nothing(history, sums):  # type: ignore[no-untyped-def]
+def add_nothing(sums, item, lane, first, second):  # type: ignore[no-untyped-def]
     """Add nothing."""
 
 
-def add_of_contacts(history, sums):  # type: ignore[no-untyped-def]
-    """Add what is sampled of contacts to its row, and all before it."""
-    add_nothing(history, sums)
-    add_slots(history.indentation, history.contact_force, sums.contacts[row])
+def add_sample(sums, item, lane, first, second):  # type: ignore[no-untyped-def]
+    """Add what a function makes of two quantities in four slots to its row, and all before it."""
+    add_nothing(sums, item, lane, first, second)
+    of_a, of_b = sample(first[0], second[0]), sample(first[1], second[1])
+    of_c, of_d = sample(first[2], second[2]), sample(first[3], second[3])
+    sums[row, item, lane] = added(sums[row, item, lane], of_a, of_b, of_c, of_d)
 
 
-def add_of_bodies(history, sums):  # type: ignore[no-untyped-def]
-    """Add what is sampled of bodies to its row, and all before it."""
-    add_nothing(history, sums)
-    add_slots(history.x, history.v, sums.samples[row])
+def add_slots(first, second, sums):  # type: ignore[no-untyped-def]
+    """Add what is sampled of two quantities, [slot, item, lane], to ``sums[row, item, lane]``."""
+    for a, b, c, d in ((0, 2, 4, 6), (1, 3, 5, 7)):
+        for item in range(sums.shape[1]):
+            for lane in range(sums.shape[2]):
+                p = first[a, item, lane], first[b, item, lane], first[c, item, lane], first[d, item, lane]
+                q = second[a, item, lane], second[b, item, lane], second[c, item, lane], second[d, item, lane]
+                add_nothing(sums, item, lane, p, q)
+
+
+@inlined
+def add_no_slots(first, second, sums):  # type: ignore[no-untyped-def]
+    """Add nothing of any slot."""
 
 
 row = 0
@@ -79,11 +78,14 @@ def version_of(samples: tuple[Sample, ...]) -> str:
 
 @cache
 def adding(samples: tuple[Sample, ...]) -> Function:
-    """Return the function that adds all that is sampled: (history, sums)."""
+    """Return the function that adds all that is sampled of bodies, or of contacts: (first, second, sums)."""
+    return kernel(composed(add_slots, version_of(samples), add_nothing=_chain(samples))) if samples else add_no_slots
+
+
+def _chain(samples: tuple[Sample, ...]) -> Function:
+    """Return the function that adds all samples of four slots: (sums, item, lane, first, second)."""
     if not samples:
         return add_nothing
-    last, version = samples[-1], version_of(samples)
-    own = {"sample": scalar(last.function), "added": larger if last.largest else added}
-    slots = kernel(composed(add_slots, version_of((last,)), **own))
-    link = add_of_contacts if last.of_contacts else add_of_bodies
-    return inlined(composed(link, version, add_nothing=adding(samples[:-1]), add_slots=slots, row=last.row))
+    last = samples[-1]
+    own = {"sample": scalar(last.function), "added": larger if last.largest else added, "row": last.row}
+    return inlined(composed(add_sample, version_of(samples), add_nothing=_chain(samples[:-1]), **own))

@@ -18,6 +18,8 @@ from impactlab.kernels.single import instead_of
 SLOTS = 8
 """Steps that are added together."""
 
+THIRD = 1.0 / 3.0
+
 GRAZING, HIDDEN, SLOWEST = 0.5, 0.037, 0.1
 """How near to contact a turning point must be for its number to tell what noise hides (in what noise moves the gap in a
 step), what noise hides there, and the least change of the closing velocity in a step that is told from none (both in
@@ -226,10 +228,10 @@ def weighted(depth, closing, half, curvature):  # type: ignore[no-untyped-def]
 
 
 @scalar
-def change_around(depth, closing, kick, half, curvature):  # type: ignore[no-untyped-def]
-    """What turns a weighted velocity into the mean of those before, in the middle of and after a kick."""
-    around = weighted(depth, closing + kick, half, curvature) + weighted(depth, closing - kick, half, curvature)
-    return (around - 2.0 * weighted(depth, closing, half, curvature)) / 3.0
+def weighted_around(depth, closing, kick, half, curvature):  # type: ignore[no-untyped-def]
+    """Mean of the weighted closing velocities before, in the middle of and after a kick."""
+    around = max(closing + kick, 0.0) + max(closing, 0.0) + max(closing - kick, 0.0)
+    return around * (THIRD - THIRD * curvature * depth * depth) if abs(depth) < half else 0.0
 
 
 @kernel
@@ -254,12 +256,13 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
         first, second = target.ends[contact, 0], target.ends[contact, 1]
         half = target.flux.window[contact]
         curvature = 5.0 / 3.0 / half**2
-        for lane in range(sums.shape[2]):
-            flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
-            flux += weighted(indentation[b, contact, lane], v[b, first, lane] - v[b, second, lane], half, curvature)
-            flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
-            flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
-            sums[FLUX, contact, lane] += flux
+        if target.flux.half_kick.shape[0] == 0:
+            for lane in range(sums.shape[2]):
+                flux = weighted(indentation[a, contact, lane], v[a, first, lane] - v[a, second, lane], half, curvature)
+                flux += weighted(indentation[b, contact, lane], v[b, first, lane] - v[b, second, lane], half, curvature)
+                flux += weighted(indentation[c, contact, lane], v[c, first, lane] - v[c, second, lane], half, curvature)
+                flux += weighted(indentation[d, contact, lane], v[d, first, lane] - v[d, second, lane], half, curvature)
+                sums[FLUX, contact, lane] += flux
         if target.flux.half_kick.shape[0] == 1:
             of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
             for slot in slots:
@@ -267,7 +270,7 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
                     closing = v[slot, first, lane] - v[slot, second, lane]
                     kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
                     depth = indentation[slot, contact, lane]
-                    sums[FLUX, contact, lane] += change_around(depth, closing, kick, half, curvature)
+                    sums[FLUX, contact, lane] += weighted_around(depth, closing, kick, half, curvature)
         if target.flux.half_kick.shape[0] > 1:  # friction slows bodies within a step
             of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
             late_first, late_second = target.flux.half_kick[1, first], target.flux.half_kick[1, second]
@@ -277,9 +280,7 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
                     kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
                     late = late_first * force[slot, first, lane] - late_second * force[slot, second, lane]
                     depth = indentation[slot, contact, lane]
-                    sums[FLUX, contact, lane] += change_around(depth, middle + late, kick, half, curvature)
-                    sums[FLUX, contact, lane] += weighted(depth, middle + late, half, curvature)
-                    sums[FLUX, contact, lane] -= weighted(depth, middle, half, curvature)
+                    sums[FLUX, contact, lane] += weighted_around(depth, middle + late, kick, half, curvature)
 
 
 @instead_of(add_flux)
@@ -304,29 +305,30 @@ def add_flux_of_one(history, slots, target):  # type: ignore[no-untyped-def]
             differences(target.indices, push, closing[place])
         else:
             differences(target.indices, history.v[slots[place]], closing[place])
-    for contact in range(sums.shape[1]):
-        half = target.flux.window[contact]
-        curvature = 5.0 / 3.0 / half**2
-        for lane in range(sums.shape[2]):
-            flux = weighted(indentation[a, contact, lane], closing[0, contact, lane], half, curvature)
-            flux += weighted(indentation[b, contact, lane], closing[1, contact, lane], half, curvature)
-            flux += weighted(indentation[c, contact, lane], closing[2, contact, lane], half, curvature)
-            flux += weighted(indentation[d, contact, lane], closing[3, contact, lane], half, curvature)
-            sums[FLUX, contact, lane] += flux
-    if target.flux.half_kick.shape[0]:
-        for place in range(4):
-            slot = slots[place]
-            for body in range(push.shape[0]):
-                of_body = target.flux.half_kick[0, body]
-                for lane in range(push.shape[1]):
-                    push[body, lane] = of_body * history.force[slot, body, lane]
-            differences(target.indices, push, kick)
-            for contact in range(sums.shape[1]):
-                half = target.flux.window[contact]
-                curvature = 5.0 / 3.0 / half**2
-                for lane in range(sums.shape[2]):
-                    depth, velocity = indentation[slot, contact, lane], closing[place, contact, lane]
-                    sums[FLUX, contact, lane] += change_around(depth, velocity, kick[contact, lane], half, curvature)
+    if target.flux.half_kick.shape[0] == 0:
+        for contact in range(sums.shape[1]):
+            half = target.flux.window[contact]
+            curvature = 5.0 / 3.0 / half**2
+            for lane in range(sums.shape[2]):
+                flux = weighted(indentation[a, contact, lane], closing[0, contact, lane], half, curvature)
+                flux += weighted(indentation[b, contact, lane], closing[1, contact, lane], half, curvature)
+                flux += weighted(indentation[c, contact, lane], closing[2, contact, lane], half, curvature)
+                flux += weighted(indentation[d, contact, lane], closing[3, contact, lane], half, curvature)
+                sums[FLUX, contact, lane] += flux
+        return
+    for place in range(4):
+        slot = slots[place]
+        for body in range(push.shape[0]):
+            of_body = target.flux.half_kick[0, body]
+            for lane in range(push.shape[1]):
+                push[body, lane] = of_body * history.force[slot, body, lane]
+        differences(target.indices, push, kick)
+        for contact in range(sums.shape[1]):
+            half = target.flux.window[contact]
+            curvature = 5.0 / 3.0 / half**2
+            for lane in range(sums.shape[2]):
+                depth, velocity = indentation[slot, contact, lane], closing[place, contact, lane]
+                sums[FLUX, contact, lane] += weighted_around(depth, velocity, kick[contact, lane], half, curvature)
 
 
 @kernel
