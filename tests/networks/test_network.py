@@ -96,7 +96,7 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             {"oscillators": {"a": il.LinearOscillator}},
             r"oscillators: 'a' must be an il.Oscillator or il.Structure or il.PrescribedMotion, not <class",
         ),
-        ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact, not HertzContact"),
+        ({"contacts": {"c": LAW}}, r"contacts: 'c' must be an il.Contact or il.RoundContact, not HertzContact"),
         (
             {"excitations": {"a": 16.0}},
             r"excitations: 'a' must be an il.Excitation or il.Source or il.BaseMotion, not 16.0",
