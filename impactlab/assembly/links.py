@@ -147,8 +147,10 @@ class Pairs(Links):
     plain: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        weights = np.ones(self.pairs.size)
+        weights[1::2] = -1.0
         object.__setattr__(self, "slots", self.pairs.ravel())
-        object.__setattr__(self, "weights", np.tile((1.0, -1.0), len(self.pairs)))
+        object.__setattr__(self, "weights", weights)
 
     def __len__(self) -> int:
         return len(self.pairs)

@@ -71,7 +71,7 @@ class Sources(Generic[Excitation]):
         """Return their names with them."""
         return list(zip(self.names, self.excitations, strict=True))
 
-    @property
+    @cached_property
     def bodies(self) -> tuple[int, ...]:
         """Slots of the bodies that they drive, in increasing order."""
         return tuple(np.unique(self.drives.body).tolist())
@@ -110,9 +110,7 @@ class Sources(Generic[Excitation]):
 
     def added(self, densities: np.ndarray, bodies: int) -> np.ndarray:
         """Return the spectral densities of the forces on all bodies from those of independent excitations, (body,)."""
-        result = np.zeros(bodies)
-        np.add.at(result, self.drives.body, self.drives.weight**2 * densities[self.drives.source])
-        return result
+        return np.bincount(self.drives.body, self.drives.weight**2 * densities[self.drives.source], bodies)
 
     def matrix(self, densities: np.ndarray, added: np.ndarray, slots: np.ndarray) -> np.ndarray:
         """Return the spectral densities of the forces on some bodies and between them, (n, n), from those `added`."""

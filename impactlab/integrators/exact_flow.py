@@ -26,13 +26,14 @@ from impactlab.linear.laws import coupled_systems, flowing_systems
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import (
     GAUSS,
+    free_flows,
     noise_columns,
     noise_root,
     response_to_force,
     split_transition,
     system_response,
     system_transition,
-    transition,
+    transitions,
 )
 
 STIFF, DAMPED, MOST_COUPLED = 0.01, 0.02, 6
@@ -158,6 +159,8 @@ class ExactFlow(Integrator):
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)
+        if not linear.any():
+            return model
         moved = model.coupled.any(model.prescribed)
         of_structures = model.coupled.chosen(model.matrix_terms).numbers() > 0
         parts = [
@@ -280,15 +283,14 @@ def _rates(model: Model, tangent: bytes, residual: bytes) -> tuple[float, float,
 def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
     linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
     split = method._split(model, step)[:, None, None]
-    exact = *transition(*linear, step), *transition(*linear, 0.5 * step)
-    free: dict[float, tuple[np.ndarray, np.ndarray]] = {}
-    phases = []
-    for place in GAUSS:
-        parts = exact
-        if split.any():
-            whole, half = (split_transition(*linear, step, place, until, free) for until in (1.0, 0.5))
-            parts = *whole, *half
-        phases.append([np.where(split, *pair) for pair in zip(parts, exact, strict=True)])
+    exact = [part for pair in transitions(*linear, [step, 0.5 * step]) for part in pair]
+    phases = [exact, exact]
+    if split.any():
+        ends = [(place, until) for place in GAUSS for until in (1.0, 0.5)]
+        free = free_flows(model.mass, model.stiffness, step, ends)
+        whole, half, other_whole, other_half = (split_transition(*linear, step, *end, free) for end in ends)
+        parts = (*whole, *half), (*other_whole, *other_half)
+        phases = [[np.where(split, *pair) for pair in zip(part, exact, strict=True)] for part in parts]
     groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
     joined = [np.stack(part) for part in zip(*phases, strict=True)]
     for group in groups:

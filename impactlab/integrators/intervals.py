@@ -7,7 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.interval_arguments import IntervalNoise, Jumps
@@ -42,7 +42,8 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
     return isinstance(integrator, ExactFlow) and integrator.jumps and not model.varying and not every_step
 
 
-def in_one_piece(model: Model) -> list[str]:
+@kept
+def in_one_piece(model: Model) -> tuple[str, ...]:
     """Return what of a network wants every step of all bodies together: neither contact-free intervals nor tiles."""
     wanted = {
         "couplings": len(model.coupled),
@@ -58,17 +59,17 @@ def in_one_piece(model: Model) -> list[str]:
         "given forces": model.forced,
         "noise that varies in time": model.time_varying,
     }
-    return [name for name, there in wanted.items() if there]
+    return tuple(name for name, there in wanted.items() if there)
 
 
-def every_step_for(model: Model) -> list[str]:
+def every_step_for(model: Model) -> tuple[str, ...]:
     """Return what of a network wants every step, so that contact-free intervals are not crossed at once."""
-    result = in_one_piece(model)
+    result = [*in_one_piece(model)]
     if model.members.of_role("residual"):
         result.append("residual forces")
     if len(model.ends) > MOST_CONTACTS:
         result.append(f"more than {MOST_CONTACTS} contacts")
-    return result
+    return tuple(result)
 
 
 def may_jump(model: Model, deviations: np.ndarray) -> bool:

@@ -30,6 +30,7 @@ def linear_variances(model: Model) -> np.ndarray:
     return np.asarray(white_variances(model, model.initial_densities) + other_variances(model))
 
 
+@kept
 def other_variances(model: Model) -> np.ndarray:
     """Return the part of :func:`linear_variances` that noise makes that is not white, (2, body)."""
     return np.asarray(line_variances(model) + coloured_variances(model))

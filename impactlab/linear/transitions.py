@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,12 +39,19 @@ def transition(
     Control 23, 1978, 395), so that free and undamped bodies need no case of their own; long steps by doubling,
     ``Q(2h) = Q + A Q Aᵀ``, which has no cancellation.
     """
-    bodies = np.stack([mass, damping, stiffness], axis=1)
-    unique, which = _unique(bodies)
+    return transitions(mass, damping, stiffness, intensity, [step])[0]
+
+
+def transitions(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, steps: Sequence[float]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return those of `transition` over each of some steps (s)."""
+    unique, which = _unique(np.stack([mass, damping, stiffness], axis=1))
     unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
-    a, q = gaussian_transition(_drift(unique), unit, step, _rate(unique))
-    return a[which], q[which] * (2.0 * np.pi * intensity / mass**2)[:, None, None]
+    scale = (2.0 * np.pi * intensity / mass**2)[:, None, None]
+    found = gaussian_transitions(_drift(unique), unit, steps, _rate(unique))
+    return [(a[which], q[which] * scale) for a, q in found]
 
 
 def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,15 +83,25 @@ def gaussian_transition(
     drift: np.ndarray, growth: np.ndarray, step: float, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A and Q of ``z' = drift z`` under noise that adds `growth` to the covariance per time, (n, d, d) each."""
-    size = drift.shape[-1]
-    halvings = _halvings(rate, step)
-    exponential = _taylor(van_loan(drift, growth) * (step / 2.0**halvings))
-    a = exponential[:, size:, size:].transpose(0, 2, 1)
-    q = a @ exponential[:, :size, size:]
-    for _ in range(halvings):
-        q = q + a @ q @ a.transpose(0, 2, 1)
-        a = a @ a
-    return a, 0.5 * (q + q.transpose(0, 2, 1))
+    return gaussian_transitions(drift, growth, [step], rate)[0]
+
+
+def gaussian_transitions(
+    drift: np.ndarray, growth: np.ndarray, steps: Sequence[float], rate: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return those of `gaussian_transition` over each of some steps (s)."""
+    size, result = drift.shape[-1], []
+    halvings = [_halvings(rate, step) for step in steps]
+    short = np.array([step / 2.0**times for step, times in zip(steps, halvings, strict=True)])
+    exponentials = _taylor(van_loan(drift, growth) * short[:, None, None, None])
+    for exponential, times in zip(exponentials, halvings, strict=True):
+        a = exponential[:, size:, size:].transpose(0, 2, 1)
+        q = a @ exponential[:, :size, size:]
+        for _ in range(times):
+            q = q + a @ q @ a.transpose(0, 2, 1)
+            a = a @ a
+        result.append((a, 0.5 * (q + q.transpose(0, 2, 1))))
+    return result
 
 
 def split_transition(
@@ -95,29 +112,39 @@ def split_transition(
     step: float,
     place: float,
     until: float = 1.0,
-    known: dict[float, tuple[np.ndarray, np.ndarray]] | None = None,
+    known: Mapping[float, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the flow A, Q, (n, 2, 2), of linear bodies with the friction and noise of a step at one moment.
 
     The undamped motion is exact, and so is what friction and noise do to the velocity over a step; each alone keeps the
     stationary law of the body, and so does the product, at any step. It needs one normal, since Q has rank one. The
     moment and the end of the flow are parts of the step, the rest is as in `transition`. Flows without friction and
-    noise that are `known`, by their time, are not worked out again.
+    noise may be `known`, as `free_flows` returns them for this place and end.
     """
-    still, flows = np.zeros_like(mass), {} if known is None else known
-    times = (until * step,) if until < place else (place * step, (until - place) * step)
-    for time in times:
-        if time not in flows:
-            flows[time] = transition(mass, still, stiffness, still, time)
+    flows = free_flows(mass, stiffness, step, [(place, until)]) if known is None else known
     if until < place:
-        return flows[times[0]]
-    before, after = (flows[time][0] for time in times)
+        return flows[until * step], np.zeros((len(mass), 2, 2))
+    before, after = flows[place * step], flows[(until - place) * step]
     decay = damping / mass * step
     friction = np.zeros_like(before)
     friction[:, 0, 0], friction[:, 1, 1] = 1.0, np.exp(-decay)
     noise = np.zeros_like(before)
     noise[:, 1, 1] = 2.0 * np.pi * intensity / mass**2 * step * _kept_of_noise(decay)
     return after @ friction @ before, after @ noise @ after.transpose(0, 2, 1)
+
+
+def free_flows(
+    mass: np.ndarray, stiffness: np.ndarray, step: float, ends: Iterable[tuple[float, float]]
+) -> dict[float, np.ndarray]:
+    """Return the flows without friction and noise, (n, 2, 2), that `split_transition` takes, by their times (s).
+
+    They are those up to and from its place to its end, for all such pairs in `ends`.
+    """
+    parts = [(until,) if until < place else (place, until - place) for place, until in ends]
+    times = list(dict.fromkeys(part * step for of_end in parts for part in of_end))
+    still = np.zeros_like(mass)
+    found = transitions(mass, still, stiffness, still, times)
+    return {time: a for time, (a, _) in zip(times, found, strict=True)}
 
 
 def split_noise(
@@ -129,8 +156,8 @@ def split_noise(
     are moments when friction and noise act, as parts of the step.
     """
     change = size / mass * np.sqrt(step * _kept_of_noise(damping / mass * step))
-    still = np.zeros_like(mass)
-    after = [transition(mass, still, stiffness, still, (1.0 - place) * step)[0][:, :, 1] for place in places]
+    still, times = np.zeros_like(mass), [(1.0 - place) * step for place in places]
+    after = [a[:, :, 1] for a, _ in transitions(mass, still, stiffness, still, times)]
     result: np.ndarray = np.stack(after) * change[:, None]
     return result
 
@@ -227,12 +254,12 @@ def _taylor(matrices: np.ndarray) -> np.ndarray:
 
     Scaled units would only scale the entries, so large ones (k/m) do no harm.
     """
-    term = np.zeros(matrices.shape)
+    term, product = np.zeros(matrices.shape), np.empty(matrices.shape)
     term[..., range(matrices.shape[-1]), range(matrices.shape[-1])] = 1.0
     total = term.copy()
     for order in range(1, 21):
-        term = term @ matrices
-        term /= order
+        np.matmul(term, matrices, out=product)
+        np.divide(product, order, out=term)
         total += term
     return total
 

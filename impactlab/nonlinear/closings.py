@@ -34,17 +34,15 @@ OWN_KICKS = 0.005
 """Largest ``h² K/6m`` of kicks by residual forces and couplings, which the flux corrects on average only."""
 
 
-def counts_closings(
-    model: Model, integrator: Integrator, start: str | np.ndarray, stiffening: Stiffening, step: float
-) -> bool:
-    """Whether contact rates are counted from the path between steps.
+def counts_closings(model: Model, integrator: Integrator, transient: bool, stiffening: Stiffening, step: float) -> bool:
+    """Whether contact rates are counted from the path between steps, in a `transient` from a given state always.
 
     The flux through a window around the point of contact scatters less and does not see the step, as
     long as the law of gap and closing velocity is smooth within the window, and kicks are fluctuations. That is so
     under stationary white noise, with conservative forces that begin smoothly, without loads or residual forces
     that are large at a step, and where bodies of a contact do not move together. Gaps with weights are always counted.
     """
-    varying = model.varying or model.rigid.any() or isinstance(start, np.ndarray)
+    varying = transient or model.varying or model.rigid.any()
     if varying or not model.white or not integrator.kicks or model.dissipative or not model.ends.plain:
         return bool(len(model.ends))
     touching = model.ends.coordinates()
@@ -79,19 +77,28 @@ def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
 
 def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:
     """Whether static loads, residual forces or couplings kick each body too strongly, (body,) of bool."""
-    kicks = model.kicking.copy()
-    kicks[: len(model.ends)] = False
-    own = model.links.chosen(kicks).with_strengths(stiffening.bodies, stiffening.links[kicks])
-    alone = model.links.chosen(model.kicking).numbers() <= 1
+    own, between, overlapping, touching = _loads(model, stiffening)
     with np.errstate(divide="ignore", invalid="ignore"):
         thermal = np.sqrt(stiffening.energy / model.mass)
         static = 0.5 * step / model.mass * np.abs(stiffening.rest) / flexibility(model)
-    stopped = (step * model.damping > STOPPED * model.mass)[model.ends.coordinates()]
+    stopped = (step * model.damping > STOPPED * model.mass)[touching]
+    pressed = between & ((overlapping & (not stopped.any())) | (static > STEADY_KICK * thermal))
+    return np.asarray(pressed | (step**2 * own / (6.0 * model.mass) > OWN_KICKS))
+
+
+@kept
+def _loads(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the stiffness of residual forces and couplings that kick each body, whether other forces than one contact
+    do, whether a contact presses it, (body,) each, and the slots of all bodies that have contacts.
+    """
+    kicks = model.kicking.copy()
+    kicks[: len(model.ends)] = False
+    own = model.links.chosen(kicks).with_strengths(stiffening.bodies, stiffening.links[kicks])
+    several = model.links.chosen(model.kicking).numbers() > 1
     overlapping = np.zeros(model.wall + 1, dtype=bool)
     pressing = -model.clearance > PRESSED * stiffening.penetration
-    overlapping[model.ends.chosen(pressing).slots] = not stopped.any()
-    pressed = ~(alone & ~model.residual) & (overlapping[:-1] | (static > STEADY_KICK * thermal))
-    return np.asarray(pressed | (step**2 * own / (6.0 * model.mass) > OWN_KICKS))
+    overlapping[model.ends.chosen(pressing).slots] = True
+    return own, several | model.residual, overlapping[:-1], model.ends.coordinates()
 
 
 def jitter(model: Model, step: float, duration: float) -> np.ndarray:

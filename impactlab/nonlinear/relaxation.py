@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import warn
@@ -117,6 +117,7 @@ def cold_bodies(model: Model) -> np.ndarray:
     return np.asarray(cold)
 
 
+@kept
 def _exchange(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, float, bool, int]:
     """Estimate the temperatures of cold bodies, and how long they take to get there.
 
@@ -249,6 +250,7 @@ def _settled(
     return np.asarray(temperatures), 1.0 / max(float(rates[0]) - floor, floor), slowest
 
 
+@kept
 def _hopping(model: Model) -> tuple[float, bool, int]:
     """Return the longest time between changes of wells (s), whether wells differ in depth, and of which body it is."""
     longest, uneven, trapped = 0.0, False, -1

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.components.evaluation import TIME, call_each
 from impactlab.components.oscillator import DuffingOscillator
@@ -39,6 +39,18 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start, of a large impulse or of the response to a given force, whichever is largest.
     """
+    heat = _heat(model, duration, spin_up)
+    if isinstance(start, np.ndarray):
+        heat = np.maximum(heat, energy_of(model, start))
+    heat = np.where(model.prescribed, 0.0, heat)
+    for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()} - {*np.flatnonzero(model.prescribed)}):
+        heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
+    return _with_given_motion(model, heat, -spin_up, duration) if model.prescribed.any() else hottest(model, heat)
+
+
+@kept
+def _heat(model: Model, duration: float, spin_up: float) -> np.ndarray:
+    """Return the temperature of each body under its noise, and of a large impulse (J), (body,)."""
     noises, densities, of_time = model.sources["intensity"], model.initial_densities.copy(), kinds_of(model)
     for number, excitation in enumerate(noises.excitations):
         if excitation in of_time:
@@ -48,13 +60,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     growing = ~np.isfinite(heat)  # as long as the run lasts
     heat[growing] = 2.0 * np.pi * intensity[growing] * (spin_up + duration) / model.mass[growing]
     heat += model.mass * other_variances(model)[1]
-    heat = np.maximum(heat, impulse_energies(model))
-    if isinstance(start, np.ndarray):
-        heat = np.maximum(heat, energy_of(model, start))
-    heat[model.prescribed] = 0.0
-    for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()} - {*np.flatnonzero(model.prescribed)}):
-        heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))
-    return _with_given_motion(model, heat, -spin_up, duration) if model.prescribed.any() else hottest(model, heat)
+    return np.asarray(np.maximum(heat, impulse_energies(model)))
 
 
 def _with_given_motion(model: Model, heat: np.ndarray, begin: float, end: float) -> np.ndarray:
@@ -320,13 +326,14 @@ def _with_profiles(
     return np.concatenate([known, profiles])
 
 
-def gap_scale(model: Model, penetration: np.ndarray) -> np.ndarray:
+@kept
+def gap_scale(model: Model, stiffening: Stiffening) -> np.ndarray:
     """Return the length over which the density of each gap varies near contact (m).
 
     It is the penetration or the spread of the gap, whichever is smaller, or that of another contact
     which a body of it has: penetration and spread of what is touched there. 1 if nothing moves.
     """
-    variance = spread(model)[0] ** 2
+    variance, penetration = spread(model)[0] ** 2, stiffening.penetration
     of_gap = np.sqrt(model.ends.squares(variance))
     depth = np.where(penetration > 0.0, penetration, np.inf)
     scale = np.where(penetration > 0.0, np.minimum(penetration, np.where(of_gap > 0.0, of_gap, np.inf)), of_gap)

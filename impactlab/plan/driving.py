@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -171,9 +172,13 @@ class ColouredNoises:
     labels: tuple[str, ...]  # names of the states
 
     @classmethod
-    def of(cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool) -> Self:
+    def of(
+        cls, model: Model, integrator: Integrator, step: float, seed: tuple[int, int], coarse: bool
+    ) -> ColouredNoises:
         """Return those of a model as a method takes them at a step (s); see `WhiteNoises` for a coarse run."""
         finer = 2 if coarse else 1
+        if not (model.sources["filter"].names or model.sources["impulses"].names):
+            return _silence(finer)
         interval = step / (finer * integrator.samples_per_step)
         motions = responding(model, flowing_systems(model))
         for motion in motions:
@@ -248,6 +253,13 @@ class ColouredNoises:
             shots=self.shots,
             moments=np.zeros((self.shots.begin[-1], lanes)),
         )
+
+
+@functools.cache
+def _silence(finer: int) -> ColouredNoises:
+    """Return what a network without such noises has."""
+    slots, tables, _ = tables_of_responses((), (), 1.0)
+    return ColouredNoises(slots, tables._replace(finer=finer), tables_of_shots((), 1.0, (0, 0)), (), 0, 0, ())
 
 
 def _starts(model: Model, counts: Sequence[int], seed: tuple[int, int]) -> tuple[FilterStart, ...]:

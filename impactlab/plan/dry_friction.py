@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -24,23 +23,21 @@ class DryFriction:
     links: Rubs
 
     @classmethod
-    def of(cls, model: Model, step: float) -> Self:
+    def of(cls, model: Model, step: float) -> DryFriction:
         """Return that of a model at a step (s)."""
+        if not model.rubbing.any():
+            return _NOTHING
         links = model.coupled.chosen(np.flatnonzero(model.rubbing))
         moving = links.slots < links.count
         slots, weights, rows = links.slots[moving], links.weights[moving], links.rows[moving]
         inverse, inertia = 1.0 / model.mass, 1.0 / links.squares(1.0 / model.mass)
         laws = [law for law in model.coupling_laws if isinstance(law, CoulombFrictionCoupling)]
-        friction, ratio, velocity = (
-            np.array([(law.friction, law.static_ratio, law.velocity) for law in laws]).reshape(-1, 3).T
-        )
+        friction, ratio, velocity = np.array([(law.friction, law.static_ratio, law.velocity) for law in laws]).T
         begin = np.searchsorted(rows, np.arange(len(laws) + 1))
         numbers = np.stack([friction, ratio * friction, velocity, inertia])
         shares = weights * inverse[slots] * inertia[rows]
         names = tuple(name for name, rubs in zip(model.couplings, model.rubbing, strict=True) if rubs)
-        return cls(
-            names, Rubs(begin, slots, weights, shares, numbers, _motion(model, step) if laws else np.zeros((0, 0)))
-        )
+        return cls(names, Rubs(begin, slots, weights, shares, numbers, _motion(model, step)))
 
     def arrays(self, lanes: int, zeros: Zeros) -> Rubbing:
         """Return what a block takes, with no function yet."""
@@ -54,6 +51,10 @@ class DryFriction:
             series=zeros((entries + 1, DEGREE + 1)),
             seen=zeros((SEEN, count, lanes)),
         )
+
+
+_NONE, _BEGIN = np.zeros(0), np.zeros(1, dtype=np.int64)
+_NOTHING = DryFriction((), Rubs(_BEGIN, _BEGIN[:0], _NONE, _NONE, np.zeros((4, 0)), np.zeros((0, 0))))
 
 
 def _motion(model: Model, step: float) -> np.ndarray:

@@ -26,6 +26,12 @@ LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
 
 
+_NOTHING, _NO_PLACES, _BEGIN = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(1, dtype=np.int64)
+_NONE = RigidContacts(
+    _NO_PLACES, _BEGIN, _NO_PLACES, _NOTHING, _NOTHING, np.zeros((3, 0)), np.zeros((3, 0)), _BEGIN, _NO_PLACES, _NOTHING
+)
+
+
 @dataclass(frozen=True, eq=False)
 class RigidImpacts:
     """Rigid contacts of a run."""
@@ -38,6 +44,9 @@ class RigidImpacts:
     @classmethod
     def of(cls, model: Model, step: float, seed: tuple[int, int]) -> Self:
         """Return those of a model at a step (s)."""
+        if not model.rigid.any():
+            noises = len(model.sources["intensity"].names)
+            return cls(_NONE, addresses(seed, (), "impacts"), np.zeros((0, noises)), np.zeros((1, 0)))
         chosen = np.flatnonzero(model.rigid)
         links = model.ends.chosen(chosen)
         moving = links.slots < links.count

@@ -16,6 +16,7 @@ import numpy as np
 from impactlab.assembly.links import Pairs
 from impactlab.assembly.members import Members, Table, packed
 from impactlab.assembly.model import Model
+from impactlab.integrators.arguments import Flows
 from impactlab.machine import tuning
 from impactlab.plan.driving import Driving
 from impactlab.plan.forces import Forces
@@ -189,7 +190,12 @@ def _forces(models: Sequence[Model], forces: Sequence[Forces], given: np.ndarray
 
 
 def _method(methods: Sequence[Method]) -> Method:
-    return replace(methods[0], coefficients=together([item.coefficients for item in methods]), flows=None)
+    coefficients = together([item.coefficients for item in methods])
+    flows = [item.flows for item in methods if item.flows is not None]
+    if not flows:
+        return replace(methods[0], coefficients=coefficients)
+    a, q, middle_a, middle_q = (together(item, axis=1) for item in zip(*(item[:4] for item in flows), strict=True))
+    return replace(methods[0], coefficients=coefficients, flows=Flows(a, q, middle_a, middle_q, ()))
 
 
 def _noise(noises: Sequence[WhiteNoises], bodies: int) -> WhiteNoises:

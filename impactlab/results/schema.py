@@ -72,6 +72,15 @@ class Moments(NamedTuple):
         others = {name: item[rows] for name, item in self.others.items() if STATISTICS[name].dimension == dimension}
         return Moments(bodies, others, {}, points)
 
+    def of_every(self, rows: slice) -> Moments:
+        """Return those of some bodies and contacts: of one of several networks side by side."""
+        bodies = OfBodies(*(values[rows] for values in self.bodies))
+        points = None if self.points is None else OfBodies(*(values[rows] for values in self.points))
+        others, balances = (
+            {name: values[rows] for name, values in item.items()} for item in (self.others, self.balances)
+        )
+        return Moments(bodies, others, balances, points)
+
     def of_units(self, units: slice) -> Moments:
         """Return those of some units, on the last axis."""
         bodies = OfBodies(*(values[:, units] for values in self.bodies))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.side_by_side import Planned, obstacle, side_by_side, structure
 from impactlab.records.record import Keeper
 from impactlab.simulation.block import Block, BlockResult, Tick, compiled
-from impactlab.simulation.ensemble import add_sums
+from impactlab.simulation.ensemble import add_sums, merged
+from impactlab.statistics.estimate import Rows, Units
 
 SIZE, LEAST = 8000, 64
 """Bodies times lanes of a run of several networks, which outweigh what a call costs and stay in the cache, and the
@@ -52,30 +53,48 @@ class JointRun:
         """Plans of the networks."""
         return [plan for _, plan in self.planned]
 
-    def run(self, index: int, tick: Tick) -> list[BlockResult | None]:
-        """Run one block of realizations; return what it found of each network, None where one left the finite."""
-        number = len(self.planned)
+    def run(self, index: int, tick: Tick) -> OfBlock:
+        """Run one block of realizations; return what it found, and which networks left the finite."""
         try:
             block = _JointBlock(self, index, tick)
             with np.errstate(invalid="ignore", over="ignore"):  # of networks that did
                 block.advance(self.whole.clock.spin_up_steps, None)
-                whole = block.measure()
+                return OfBlock(block.measure(), block.lost)
         except Diverged:  # each will say it for itself
-            return [None] * number
-        return [None if place in block.lost else _of_network(whole, place, number) for place in range(number)]
+            return OfBlock(None, set(range(len(self.planned))))
 
-    def collected(self, blocks: Sequence[Sequence[BlockResult | None]]) -> list[list[BlockResult] | None]:
-        """Return the results of all blocks by network, as `impactlab.simulation.ensemble.run` does for one."""
-        result: list[list[BlockResult] | None] = []
-        for plan, of_blocks in zip(self.plans, zip(*blocks, strict=True), strict=True):
-            found = [item for item in of_blocks if item is not None]
+    def collected(self, blocks: Sequence[OfBlock]) -> list[Found | None]:
+        """Return what all blocks found of each network, None of those that left the finite in one of them."""
+        number, lost = len(self.planned), set().union(*(block.lost for block in blocks))
+        wholes = [block.result for block in blocks if block.result is not None]
+        if len(wholes) < len(blocks):
+            return [None] * number
+        with np.errstate(all="ignore"):  # of networks that are lost
+            rows = Rows.of_each(self.whole, self.plans, Units.of(self.whole, *merged(wholes)))
+        result: list[Found | None] = []
+        for place, plan in enumerate(self.plans):
+            found = [_of_network(whole, place, number) for whole in wholes]
             kept: list[dict[str, np.ndarray]] = [{} for _ in plan.observed.records]
             for item in found:
                 add_sums(kept, item.records, plan)
-            for sums, of_first in zip(kept, found[0].records if found else [], strict=bool(found)):
+            for sums, of_first in zip(kept, found[0].records, strict=True):
                 of_first.update(sums)
-            result.append(found if len(found) == len(of_blocks) else None)
+            result.append(None if place in lost else Found(found, rows[place]))
         return result
+
+
+class OfBlock(NamedTuple):
+    """What a block found of several networks."""
+
+    result: BlockResult | None  # None if all left the finite
+    lost: set[int]  # which of them did
+
+
+class Found(NamedTuple):
+    """What was found of a network."""
+
+    blocks: list[BlockResult]  # as `impactlab.simulation.ensemble.run` returns them
+    rows: Rows  # of their sums
 
 
 def joins(planned: Planned) -> bool:
@@ -107,7 +126,7 @@ def _size(plan: Plan) -> int:
     return len(plan.system.bodies) * plan.realizations.lanes
 
 
-def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list[list[list[BlockResult] | None]]:
+def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list[list[Found | None]]:
     """Run all blocks of some runs on threads and return the results of each run by network.
 
     `progress` is called now and then with the part that is done.
@@ -124,7 +143,7 @@ def run_all(runs: Sequence[JointRun], progress: Callable[[float], None]) -> list
     with ThreadPoolExecutor(cores()) as pool:
         for item in runs:
             compiled(item.whole)  # in this thread, where Ctrl-C is answered at once
-        futures: list[list[Future[list[BlockResult | None]]]] = [
+        futures: list[list[Future[OfBlock]]] = [
             [pool.submit(item.run, index, tick) for index in range(item.whole.realizations.blocks)] for item in runs
         ]
         pending = {future for of_run in futures for future in of_run}

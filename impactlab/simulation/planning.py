@@ -65,7 +65,7 @@ def make_plan(model: Model, request: Request) -> Plan:
         states_of(request.initial, model),
     )  # fmt: skip
     # half width of the band about contact whose flux is the contact rate; contact-free intervals stay out of it
-    window = WINDOW * gap_scale(model, stiffening.penetration)
+    window = WINDOW * gap_scale(model, stiffening)
     start = replace(start, filters=filters_of(request.initial, model))
     steps = Steps.of(model, request, expected, start, window)
     # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
@@ -131,7 +131,7 @@ def automatic(model: Model, request: Request) -> Automatic | None:
     start = Start.of(
         model, expected.start, stiffening.bodies, stiffening.rest, expected.relaxed.temperature, request.seed
     )
-    steps = Steps.of(model, request, expected, start, WINDOW * gap_scale(model, stiffening.penetration))
+    steps = Steps.of(model, request, expected, start, WINDOW * gap_scale(model, stiffening))
     step = steps.step
     if steps.jumping:
         return None

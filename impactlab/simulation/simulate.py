@@ -53,7 +53,7 @@ from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
 from impactlab.simulation.tolerance import checked, method_for, reach, without_realizations
 from impactlab.statistics.drift import DRIFT
 from impactlab.statistics.ergodicity import begun_elsewhere
-from impactlab.statistics.estimate import estimate
+from impactlab.statistics.estimate import Rows, estimate
 from impactlab.statistics.heating import unequal_partition
 
 LONG = 3600.0
@@ -304,10 +304,10 @@ class Ensemble:
         for part in self.parts:
             part.grow(number, progress, file)
 
-    def take(self, results: list[BlockResult]) -> None:
-        """Take what the blocks of the realizations found beside other networks, and measure the step if need be."""
+    def take(self, results: list[BlockResult], rows: Rows) -> None:
+        """Take what the realizations found beside other networks, and measure the step if need be."""
         (part,) = self.parts
-        part.results = results
+        part.results, part.rows = results, rows
         if part.worth_measuring:
             part.measure()
 
@@ -335,6 +335,7 @@ class Part:
     def __init__(self, model: Model, request: Request, execution: Execution, compared: bool) -> None:
         self.model, self.request, self.execution = model, request, execution
         self.results: list[BlockResult] = []
+        self.rows: Rows | None = None  # what is known of them
         self.error: StepError | None = None
         self.plan = make_plan(model, request)
         if not compared and self.plan.seconds(request.workers) <= execution.seconds and self.worth_measuring:
@@ -369,12 +370,12 @@ class Part:
         missing = replace(plan, realizations=replace(plan.realizations, first=first))
         with self._explained(plan):
             ran, more = _run(missing, self.execution, progress, file)
-        self.results = continued(results, more, plan)
+        self.results, self.rows = continued(results, more, plan), None
         self.plan = replace(plan, observed=ran.observed)
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return what the dataset of all realizations holds."""
-        found = _estimated(self.plan, self.request, self.results, configuration)
+        found = _estimated(self.plan, self.request, self.results, self.rows, configuration)
         if self.error is None:
             return found
         dataset = found.dataset()
@@ -421,9 +422,11 @@ def _run(
         return plan, run(plan, executor, progress)
 
 
-def _estimated(plan: Plan, request: Request, results: list[BlockResult], configuration: dict[str, Any]) -> Findings:
+def _estimated(
+    plan: Plan, request: Request, results: list[BlockResult], rows: Rows | None, configuration: dict[str, Any]
+) -> Findings:
     """Return what the dataset of a finished run holds, and warn of what it leaves open."""
-    estimates = estimate(plan, *merged(results))
+    estimates = estimate(plan, *merged(results), rows=rows)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     # means are those of the whole transient, as from any state that is given

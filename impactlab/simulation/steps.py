@@ -61,7 +61,8 @@ class Steps:
         if period is not None and not given and (not intervals or _divides(intervals[0], period)):
             intervals.append(period)
         step, number = fit_step(chosen, given, intervals, duration, smooth=period is not None and not given)
-        counted = counts_closings(model, request.integrator, expected.start, expected.stiffening, step)
+        transient = isinstance(expected.start, np.ndarray)
+        counted = counts_closings(model, request.integrator, transient, expected.stiffening, step)
         leaf, levels, longest = (LEAF // 2 if request.coarse else LEAF), 0, 1  # as long as in the fine run of a pair
         if may_sample and may_jump(model, start.deviations):
             fine_step = 0.5 * step if request.coarse else step

@@ -8,7 +8,8 @@ is that of a linear regression on the balances, at balance 0 (control variates).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -63,6 +64,39 @@ class Units:
         units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))
         return cls(units, of_whole, np.repeat(steps, realizations), steps, alone, pushes)
 
+    def of_network(self, place: int, number: int) -> Units:
+        """Return those of one of so many networks side by side; see `impactlab.plan.side_by_side`."""
+        rows = slice(place, None, number)
+        moments = self.moments.of_every(rows)
+        whole = moments if self.whole is self.moments else self.whole.of_every(rows)
+        return replace(self, moments=moments, whole=whole, pushes=self.pushes[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What is found of each body and contact by itself."""
+
+    units: Units
+    events: Events
+    seldom: np.ndarray  # (body,) of bool; see `Events.seldom`
+    values: Values
+
+    @classmethod
+    def of_each(cls, plan: Plan, networks: Sequence[Plan], units: Units) -> list[Rows]:
+        """Return those of networks side by side, whose units these are, and whose plan; a network alone is one."""
+        number, trusted = len(networks), {network.realizations.trusted and network.random for network in networks}
+        each = [units.of_network(place, number) for place in range(number)]
+        if len(trusted) > 1:
+            alone = zip(networks, each, strict=True)
+            return [rows for network, own in alone for rows in cls.of_each(network, [network], own)]
+        events = Events.of(plan, _closed(plan, units), units.pushes)
+        seldom, mean = events.seldom(plan), Mean(units.weights, *trusted)
+        values = Values.of_each(plan, networks, units.moments, units.whole, mean, seldom)
+        return [
+            cls(each[place], events.of_network(place, number), seldom[place::number], values[place])
+            for place in range(number)
+        ]
+
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
@@ -81,21 +115,20 @@ class Estimates:
 
 
 def estimate(
-    plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
-) -> Estimates:
-    """Estimate all default statistics from sums over the steps of each batch.
+    plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
+    *, rows: Rows | None = None,
+) -> Estimates:  # fmt: skip
+    """Estimate all default statistics from sums over the steps of each batch, of which rows may be known.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
     products of pairs, (batch, row, pair, realization), and of points, (batch, phase, row, point, realization).
     """
-    units = Units.of(plan, bodies, contacts, products, points)
+    if rows is None:
+        (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points))
+    units, events, values = rows.units, rows.events, rows.values
     random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
         _warn_of_few(plan)
-    events = Events.of(plan, _closed(plan, units), units.pushes)
-    seldom = events.seldom(plan)
-    mean = Mean(units.weights, trusted and random)
-    values = Values.of(plan, units.moments, units.whole, mean, seldom)
     closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
     _forget(plan, values)
     of_batches = bodies.sum(axis=1)
@@ -111,7 +144,7 @@ def estimate(
         _by_realization(units),
         drift_of(of_batches, contacts, units.steps, trusted),
         closings / len(units.weights),
-        heating_of(plan, units.moments, units.weights, seldom),
+        heating_of(plan, units.moments, units.weights, rows.seldom),
         memory.warning,
     )
 

@@ -43,6 +43,11 @@ class Events:
         pushes = _seen((squares > 0.0) & (squares >= ACTED * squares.mean(axis=-1, keepdims=True)))
         return cls(closings, pushes, cold[pushes[cold] < CLOSINGS])
 
+    def of_network(self, place: int, number: int) -> Events:
+        """Return those of one of so many networks side by side; see `impactlab.plan.side_by_side`."""
+        moved = self.moved[self.moved % number == place] // number
+        return Events(self.closings[place::number], self.pushes[place::number], moved)
+
     def seldom(self, plan: Plan) -> np.ndarray:
         """Whether a contact of each body closed, or its kicks acted, too seldom for balances, (body,) of bool."""
         seldom = np.zeros(len(plan.system.bodies) + 1, dtype=bool)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,29 +32,44 @@ class Values:
     unbalanced: str  # which balance does not close; empty if all do
 
     @classmethod
-    def of(cls, plan: Plan, moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray) -> Values:
-        """Estimate them from the moments of independent units and of whole realizations.
+    def of_each(
+        cls, plan: Plan, networks: Sequence[Plan], moments: Moments, whole: Moments, mean: Mean, seldom: np.ndarray
+    ) -> list[Values]:
+        """Estimate those of networks side by side from the moments of independent units and of whole realizations.
 
+        The plan is that of all networks, see `impactlab.plan.side_by_side`, and is that of the network if there is one.
         Bodies whose forces acted too `seldom`, (body,) of bool, have balances that are no controls.
         """
+        number = len(networks)
         balances = {name: mean(item) for name, item in moments.balances.items()}
-        off = unbalanced(balances, plan.system.bodies, plan.noise.random)
+        off = [
+            unbalanced(_every(balances, place, number), network.system.bodies, network.noise.random)
+            for place, network in enumerate(networks)
+        ]
         known = [*stationary(), *(OF_POINTS.values() if plan.points else ())]
-        combined, direct = {item.name: item.averaged(moments, mean) for item in known}, {}
+        plain = {item.name: item.averaged(moments, mean) for item in known}
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
-        if usable.any() and mean.trusted and plan.clock.settled and not off:
-            bodies = neighbours(plan.system.links.pairs, _kicked(plan))
-            contacts = touching(plan.system.ends)
-            direct, combined = combined, {}
-            points = [moving(plan.points.shares, moments, bodies)] if plan.points else []
-            for near in (bodies, contacts, *points):
-                combined |= controlled(near, moments, mean, usable)
+        used = [
+            mean.trusted and network.clock.settled and not message and bool(usable[place::number].any())
+            for place, (network, message) in enumerate(zip(networks, off, strict=True))
+        ]
+        combined = _at_balance(plan, moments, mean, usable) if any(used) else {}
         of_realizations = Mean(np.ones(plan.realizations.number), trusted=True)
-        for statistic in STATISTICS.values():
-            if not statistic.stationary:
-                combined[statistic.name] = statistic.averaged(whole, of_realizations)
-        return cls(combined, direct, balances, off)
+        others = {
+            statistic.name: statistic.averaged(whole, of_realizations)
+            for statistic in STATISTICS.values()
+            if not statistic.stationary
+        }
+        return [
+            cls(
+                _every((combined if used[place] else plain) | others, place, number),
+                _every(plain, place, number) if used[place] else {},
+                _every(balances, place, number),
+                off[place],
+            )
+            for place in range(number)
+        ]
 
     def labelled(self) -> Iterator[tuple[Variable, Estimate]]:
         """Give all with what they are called in a dataset."""
@@ -72,6 +87,23 @@ class Values:
             for name, estimate in estimates.items():
                 if statistic_of(name).dimension == dimension:
                     yield statistic_of(name), estimate
+
+
+def _every(estimates: Mapping[str, Estimate], place: int, number: int) -> dict[str, Estimate]:
+    """Return those of one of so many networks side by side."""
+    rows = slice(place, None, number)
+    return {name: Estimate(value[rows], error[rows]) for name, (value, error) in estimates.items()}
+
+
+def _at_balance(plan: Plan, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
+    """Return the statistics of bodies, contacts and points at balance 0; see `controlled`."""
+    bodies = neighbours(plan.system.links.pairs, _kicked(plan))
+    contacts = touching(plan.system.ends)
+    points = [moving(plan.points.shares, moments, bodies)] if plan.points else []
+    result: dict[str, Estimate] = {}
+    for near in (bodies, contacts, *points):
+        result |= controlled(near, moments, mean, usable)
+    return result
 
 
 def _kicked(plan: Plan) -> np.ndarray:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from impactlab.assembly.model import Model
+from impactlab.assembly.model import Model, kept
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator
 from impactlab.linear.given_functions import resolving_step
@@ -60,17 +60,24 @@ def choose_step(
                 f"stable one is {largest:.3g} s, {integrator.recommended_step(model, *stiffness):.3g} s is recommended."
             )
         return given
-    step = min(integrator.recommended_step(model, *stiffness), damping_step(model, stiffening))
-    if integrator.kicks:
-        step = min(step, kink_step(model, stiffening), series_step(model), impact_step(model))
-        if counts_closings(model, integrator, start, stiffening, step):
-            step = min(step, stopping_step(model))
-    else:
-        step = min(step, slope_step(model, stiffening))
+    step = _rules(model, integrator, stiffening, isinstance(start, np.ndarray))
     if end > begin:
         step = resolving_step(model, begin, end, step)
     if not math.isfinite(step):
         raise InvalidInput("No step can be chosen: no body has stiffness or damping. Give step= (s).")
+    return step
+
+
+@kept
+def _rules(model: Model, integrator: Integrator, stiffening: Stiffening, transient: bool) -> float:
+    """Return the step that forces want which do not depend on time (s), from a given state in a `transient`."""
+    step = min(integrator.recommended_step(model, stiffening.links, stiffening.bodies), damping_step(model, stiffening))
+    if integrator.kicks:
+        step = min(step, kink_step(model, stiffening), series_step(model), impact_step(model))
+        if counts_closings(model, integrator, transient, stiffening, step):
+            step = min(step, stopping_step(model))
+    else:
+        step = min(step, slope_step(model, stiffening))
     return step
 
 
@@ -88,7 +95,7 @@ def highest_step(
         stable = integrator.largest_step(model, hot.links, hot.bodies)
         step = min(max(step, stable), FURTHER * step)
     step = min(step, FURTHER * damping_step(model, stiffening), series_step(model), FURTHER * impact_step(model))
-    if counts_closings(model, integrator, start, stiffening, step):
+    if counts_closings(model, integrator, isinstance(start, np.ndarray), stiffening, step):
         step = min(step, stopping_step(model))
     return resolving_step(model, begin, end, step)
 

@@ -20,13 +20,12 @@ import impactlab
 from impactlab.assembly.compiling import announced
 from impactlab.assembly.model import Model
 from impactlab.errors import ImpactLabError
-from impactlab.machine import begin
+from impactlab.machine import begin, uncollected
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
 from impactlab.results.stack import Findings
-from impactlab.simulation.block import BlockResult
 from impactlab.simulation.expected import expect_together
-from impactlab.simulation.joint_runs import SIZE, JointRun, grouped, joins, run_all
+from impactlab.simulation.joint_runs import SIZE, Found, JointRun, grouped, joins, run_all
 from impactlab.simulation.planning import Automatic, automatic
 from impactlab.simulation.request import Request
 from impactlab.simulation.simulate import Ensemble, Execution, request_of
@@ -135,6 +134,7 @@ class Prepared(NamedTuple):
         return Planned(self.ensemble.parts[0].model, self.ensemble.plan)
 
 
+@uncollected()
 def run_side_by_side(
     points: Sequence[Point], executor: Executor | None, show: Callable[[float], None], heard: Heard
 ) -> tuple[dict[str, Outcome], list[Point]]:
@@ -160,7 +160,7 @@ def run_side_by_side(
     runs = runs_of(ready) if executor is None else []
     share = 0.99 * sum(map(len, runs)) / max(len(points), 1)  # the end is shown by others
     results = run_fused(ready, runs, lambda part: show(share * part))
-    labelling = {key: _labelling(ready[key], blocks) for key, blocks in results.items()}
+    labelling = {key: _labelling(ready[key], found_of) for key, found_of in results.items()}
     run_together(labelling, outcomes.__setitem__, kind="Point", heard=heard, alone=True)
     return outcomes, [item.point for key, item in ready.items() if key not in outcomes]
 
@@ -173,10 +173,10 @@ def _preparing(draft: Draft) -> Job:
     return lambda pool, note: prepared(draft, pool)
 
 
-def _labelling(item: Prepared, results: list[BlockResult]) -> Job:
+def _labelling(item: Prepared, found: Found) -> Job:
     def findings(pool: Executor, note: Callable[[float], None]) -> Findings:
         assert item.ensemble is not None
-        item.ensemble.take(results)
+        item.ensemble.take(*found)
         return item.ensemble.findings()
 
     return findings
@@ -243,8 +243,8 @@ def runs_of(points: Mapping[str, Prepared]) -> list[list[str]]:
 
 def run_fused(
     points: Mapping[str, Prepared], runs: Sequence[Sequence[str]], progress: Callable[[float], None]
-) -> dict[str, list[BlockResult]]:
-    """Run some points, run by run, and return what the blocks found of each, but of those that left the finite."""
+) -> dict[str, Found]:
+    """Run some points, run by run, and return what was found of each, but of those that left the finite."""
     joint = [JointRun([points[key].planned for key in keys]) for keys in runs]
     results = run_all(joint, progress) if joint else []
     return {

@@ -93,6 +93,11 @@ def wells(depth):
     )
 
 
+def noisy(density):
+    """A body that soon forgets."""
+    return linear(200.0, 0.5, density)
+
+
 def run_of(make, values, **options):
     """Return points that `il.sweep` would run together, and what came of those that did."""
     points = [Point(f"{value!r}", make(value), {"rng": 1, **options}) for value in values]
@@ -153,6 +158,11 @@ def test_an_ensemble_is_that_of_the_point_alone(seed, first, realizations):
         (driven, [1.0, 1.5], {"step": 0.02, "integrator": il.RungeKutta4()}),
         (linear, [5.0, 6.0], {"integrator": il.EulerMaruyama(), "step": 2e-3}),
         (linear, [5.0, 6.0], {"step": 2e-3, "record": il.Trajectory(0.1)}),
+        (
+            noisy,
+            [0.0, 1.0, 2.0],
+            {"step": 2e-3, "duration": 13.0, "realizations": 1},
+        ),  # one has nothing to estimate from
     ],
 )
 def test_every_kind_of_force_is_that_of_the_point_alone(make, values, options):
