@@ -28,9 +28,10 @@ def digest(text: str) -> str:
 def build(text: str) -> ModuleType:
     """Return the module with a text that `generate` returned, compiled at most once for each machine.
 
-    It has the function ``forces`` and, where the network has them, ``forcing``, ``modulation``, ``intensity`` and
-    ``accept``. The file is written whole or not at all, so that several processes may build the same network at once.
-    The folder's name holds the versions of the kernels, numba and Python; the file's name holds the digest of the text.
+    It has the function ``forces`` and, where the network has them, ``forcing``, ``modulation``, ``intensity``,
+    ``accept`` and ``peaks``. The file is written whole or not at all, so that several processes may build the same
+    network at once. The folder's name holds the versions of the kernels, numba and Python; the file's name holds the
+    digest of the text.
     """
     name = f"network_{digest(text)}"
     with _LOCK:

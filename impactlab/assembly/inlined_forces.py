@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 
-_LEFT_OUT = "timetable", "accepting"
+_LEFT_OUT = "timetable", "accepting", "reading"
 """Decorators of functions that are no forces."""
 
 

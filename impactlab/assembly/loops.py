@@ -14,14 +14,15 @@ FRICTION = "SlidingFriction_force"
 """Name of the kernel of the friction of contacts in a plane."""
 
 _TAKEN = frozenset({
-    "above", "after", "at", "begin", "below", "body", "clear", "clearance", "contact_force", "count", "differences",
-    "elongations", "end", "enough", "entry", "extension", "first", "force", "forces_of", "forces_on", "gap", "gaps",
-    "gather", "given", "half_step",
-    "indentation", "index", "indices", "lane", "math", "max", "member", "middle", "mobility", "near", "np", "nudged",
-    "off", "off_after", "off_end", "parameters", "push_back", "r",
-    "range", "rate", "refined", "response", "result", "row", "rows",
-    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "stretch", "time", "times",
-    "total", "v", "velocity", "x",
+    "above", "after", "at", "at_most", "before", "begin", "below", "bend", "body", "by", "clear", "clearance",
+    "contact_force", "count", "depth", "differences", "elongations", "end", "enough", "entry", "extension", "first",
+    "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step", "indentation", "index",
+    "indices", "jitter", "lane", "largest", "last", "last_force", "last_gap", "last_rate", "math", "max", "member",
+    "middle", "mobility", "most", "near", "next_by", "next_force", "next_gap", "next_off", "next_rate", "np",
+    "nudged", "number", "off", "off_after", "off_end", "parameters", "part", "place", "push_back", "r", "raised",
+    "range", "rate", "refined", "response", "result", "rise", "row", "rows", "run", "second", "share", "slot", "slots",
+    "some_v", "some_x", "speed", "start", "step", "stretch", "time", "times", "total", "touch", "touching", "twist",
+    "v", "velocity", "within", "x",
     "distance", "mixed", "rubbing", "sliding", *SLIDING,
     *(f"{name}_{one}" for one in "xy" for name in (
         "along", "begin", "center", "end", "mobile", "mobile_begin", "mobile_end", "mobility", "off", "push", "speed",
@@ -69,6 +70,38 @@ def {name}_over_kick({place}, speed, response{fields}):
     return result
 '''
 
+_BETWEEN = '''
+@scalar
+def {name}_between(
+    gap, rate, force, next_gap, next_rate, next_force, step, jitter{fields}
+):
+    """Return the largest force between the ends of a step, from a touch within it on.
+
+    The indentation is Hermite's cubic, the rate linear from the touch on; so is what the forces of kicks
+    are beyond those at these places and rates. Noise that changes the rate by the jitter in a step, root
+    mean square, takes it beyond that at steps by 0.5826 of it, ``-zeta(1/2)/sqrt(2 pi)``.
+    """
+    touch, off, next_off, raised = 0.0, 0.0, 0.0, 0.5826 * jitter
+    if gap <= 0.0 < next_gap:
+        touch = gap / (gap - next_gap)
+    if gap > 0.0:
+        off = force - {before}
+    if next_gap > 0.0:
+        next_off = next_force - {behind}
+    by, next_by, rise = step * rate, step * next_rate, next_gap - gap
+    bend, twist = 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    force = {touching} + off
+    for part in range(1, 8):
+        share = 0.125 * part
+        place = touch + (1.0 - touch) * share
+        depth = gap + place * (by + place * (bend + place * twist))
+        if depth > 0.0:
+            speed = rate + share * (next_rate - rate) + raised
+            within = {within}
+            force = max(force, within + off + share * (next_off - off))
+    return force
+'''
+
 
 class Loop(NamedTuple):
     """A kind of members, over which loops are written."""
@@ -79,10 +112,11 @@ class Loop(NamedTuple):
     single: bool  # whether for blocks of one lane
     plain: bool  # whether links are pairs; else they have weights
 
-    def runs(self, *lines: str, slices: Sequence[str] = ()) -> str:
+    def runs(self, *lines: str, slices: Sequence[str] = (), block: str = "x") -> str:
         """Open the loops over the runs of the kind and over the members of each, and read their parameters.
 
         `slices` name rows of arrays along a run, such as ``gaps = indentation[slot]``; `lines` begin a member.
+        States have as many lanes as a `block`.
         """
         kind, leading, at = self.kind, LEADING[self.kind.role], PLACES + HEADER * self.number
         # those of a member inside the loop; clearance and mobility are no fields
@@ -93,7 +127,8 @@ class Loop(NamedTuple):
         columns, parameters = self._parameters(names)
         parts += columns
         parts += [
-            f"{row} = remembered(parameters, {at_states}{_times('-', k)}, count, x)" for k, row in enumerate(self.rows)
+            f"{row} = remembered(parameters, {at_states}{_times('-', k)}, count, {block})"
+            for k, row in enumerate(self.rows)
         ]
         text = [
             f"# {kind.component.__name__}: {kind.role} of {', '.join(leading)}"
@@ -200,6 +235,19 @@ def slowing(loop: Loop) -> str:
     calls = {item: loop.call({place: place, speed: value}) for item, value in at.items()}
     fields = "".join(f", {item}" for item in loop.over_kick_takes)
     return _SLOWING.format(name=loop.name, place=place, fields=fields, **calls)
+
+
+def between(loop: Loop) -> str:
+    """Write the function that finds the largest force between the ends of a step."""
+    at = {
+        "before": ("gap", "rate"),
+        "behind": ("next_gap", "next_rate"),
+        "touching": ("max(gap, 0.0)", "rate"),
+        "within": ("depth", "speed"),
+    }
+    calls = {item: loop.call({"indentation": depth, "rate": rate}) for item, (depth, rate) in at.items()}
+    fields = "".join(f", {item}" for item in loop.over_kick_takes)
+    return _BETWEEN.format(name=loop.name, fields=fields, **calls)
 
 
 def _ends(loop: Loop) -> tuple[str, ...]:
@@ -388,6 +436,34 @@ def _solved(loop: Loop) -> list[str]:
     return [mixed, "rubbing = 0.0", "for _ in range(2):", *(f"    {line}" for line in each)]
 
 
+def peak_loop(loop: Loop) -> str:
+    """Write the loop that lets the largest forces of contacts be those on the way to a step, where they may be larger.
+
+    Tiles do not sum all of their contacts.
+    """
+    rate = [f"rate = {_difference(loop, 'v')}"] if loop.plain else ["rate = 0.0", *_sums(loop, rate="v")]
+    states = [f"{_local(state)} = {row}[member, lane]" for state, row in zip(loop.kind.states, loop.rows, strict=True)]
+    lines = [
+        *rate,
+        *states,
+        "gap, force = gaps[member, lane], forces_of[member, lane]",
+        "last_gap, last_rate = before[0, slot + member, lane], before[1, slot + member, lane]",
+        "last_force, last = before[2, slot + member, lane], before[3, slot + member, lane]",
+        "touching, most = gap > 0.0 or last_gap > 0.0, largest[slot + member, lane]",
+        "if last == number - 1.0 and touching and 4.0 * max(force, last_force) > most:",
+        f"    at_most = {loop.name}_between(",
+        "        last_gap, last_rate, last_force, gap, rate, force, step, jitter[slot + member],",
+        f"        {', '.join(loop.over_kick_takes)}",
+        "    )",
+        "    largest[slot + member, lane] = max(most, at_most)",
+        "before[0, slot + member, lane], before[1, slot + member, lane] = gap, rate",
+        "before[2, slot + member, lane], before[3, slot + member, lane] = force, number",
+    ]
+    begin = "if slot + member >= largest.shape[0]:", "    break", *_ends(loop)
+    slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
+    return loop.runs(*begin, slices=slices, block="v") + _over_lanes("gaps", lines)
+
+
 FORCE_LOOPS = {
     "force": _contact_loop,
     "coupling": _coupling_loop,
@@ -400,8 +476,9 @@ FORCE_LOOPS = {
 
 
 def accept_loop(loop: Loop) -> str:
-    """Write the loop that changes the states of a kind."""
+    """Write the loop that changes the states of a kind, to those with which the force was evaluated."""
     begin: tuple[str, ...] = ()
+    slices: tuple[str, ...] = ()
     sums: list[str] = []
     if loop.kind.role == "residual":
         values = {"displacement": "x[body + member, lane]", "velocity": "v[body + member, lane]"}
@@ -411,6 +488,9 @@ def accept_loop(loop: Loop) -> str:
             extension, rate = (_difference(loop, item) for item in "xv")
         else:
             sums = ["extension, rate = 0.0, 0.0", *_sums(loop, extension="x", rate="v")]
+        if loop.kind.rated:  # the rate without what this contact did to it, which has just closed or not, as in a kick
+            begin, slices = (*begin, "response = half_step * mobility"), ("forces_of = contact_force[slot]",)
+            rate = f"{rate} + response * forces_of[member, lane]"
         values = {"extension": extension, "indentation": f"{extension} - clearance", "rate": rate}
     new = ", ".join(f"{row}[member, lane]" for row in loop.rows)
-    return loop.runs(*begin) + _over_lanes("x", [*sums, loop.update(values, new)])
+    return loop.runs(*begin, slices=slices) + _over_lanes("x", [*sums, loop.update(values, new)])

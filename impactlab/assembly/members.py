@@ -124,6 +124,11 @@ class Kind:
         own = self.component.arguments(self.kernel)[0]
         return not {"rate", "velocity"}.isdisjoint(own) and self.role in ("force", "residual", *ROUND)
 
+    @property
+    def rated(self) -> bool:
+        """Whether it is the force of a contact that depends on the rate, of which peaks are read between steps."""
+        return self.slows and self.role == "force"
+
 
 @functools.cache
 def _without_samples(role: str, component: type[Component], kernel: str) -> tuple[Kind, tuple[str, ...]]:

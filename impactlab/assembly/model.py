@@ -298,9 +298,9 @@ class Model:
         return np.array([TIME in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
 
     @property
-    def rated_contacts(self) -> np.ndarray:
-        """Whether the force of each contact depends on the rate of its indentation, (contact,) of bool."""
-        return np.array(["rate" in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
+    def rated(self) -> bool:
+        """Whether the force of a contact depends on the rate of its indentation."""
+        return any(kind.rated for kind in self.members.kinds)
 
     @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:

@@ -24,10 +24,11 @@ from impactlab.kernels.jump import (
     take,
 )
 from impactlab.kernels.kick import clear, copy, differences, scaled_sum
+from impactlab.kernels.peaks import read_peaks
 from impactlab.kernels.random import fill_normals, fill_steps
 from impactlab.kernels.rows import F
 from impactlab.kernels.scalars import scalar
-from impactlab.kernels.sums import SLOTS, count_closings, empty_slots, read_peaks
+from impactlab.kernels.sums import SLOTS, count_closings, empty_slots
 
 
 @allocating
@@ -211,9 +212,10 @@ def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-u
     """Add contacts and kicks of some lanes in the steps of a leaf, from a first one on, to the sums of their block."""
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
     shared = sums.closings.peaks
-    peaks = Peaks(np.empty((3, shared.contacts.shape[0], number)), shared.contacts, shared.row)
-    for row in range(3):
-        take(shared.forces[row], lanes, peaks.forces[row])
+    last = np.empty((4, shared.before.shape[1], number))
+    peaks = Peaks(shared.function, last, shared.parameters, shared.row)
+    for row in range(4):
+        take(shared.before[row], lanes, last[row])
     own = Sums(
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
         sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
@@ -222,10 +224,10 @@ def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-u
     )  # fmt: skip
     for step in range(before.shape[1] and steps):
         count_closings(past.indentation[step], past.v[step], own)
-    for step in range(peaks.forces.shape[1] and steps):
-        read_peaks(past.contact_force[step], first + step, peaks, own.contacts)
-    for row in range(3):
-        put(peaks.forces[row], lanes, shared.forces[row])
+    for step in range(last.shape[1] and steps):
+        read_peaks(past, step, first + step, own.closings, sums.indices, own.contacts)
+    for row in range(4):
+        put(last[row], lanes, shared.before[row])
     call(add, address_of(Account(past, borrow(own))), 0)  # which lets go of what it does not borrow
     for row in range(F, sums.bodies.shape[1]):
         add_to(own.bodies[0, row], lanes, sums.bodies[0, row])

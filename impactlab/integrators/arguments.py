@@ -230,8 +230,9 @@ class History(NamedTuple):
 class Peaks(NamedTuple):
     """What peaks of forces between steps are read with."""
 
-    forces: np.ndarray  # [3, item, lane] forces two steps and one step ago, and the number of the last step
-    contacts: np.ndarray  # (item,) which contacts these are
+    function: int  # address of the generated `peaks`; 0 where no force depends on a rate
+    before: np.ndarray  # as in `impactlab.kernels.peaks.Between`
+    parameters: np.ndarray  # of the forces, with the states
     row: int  # of the sums over contacts
 
 
@@ -382,7 +383,7 @@ class _Types:
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)
         closings, points = (
-            named(Closings, blocks, numbers, numbers, f8, named(Peaks, blocks, slots, i8)),
+            named(Closings, blocks, numbers, numbers, f8, named(Peaks, i8, blocks, numbers, i8)),
             named(PointSums, slots, slots, cube, sums, block),
         )
         flux, turns = named(Flux, numbers, table, blocks, block, block), named(Turns, numbers, block, block)

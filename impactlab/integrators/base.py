@@ -67,8 +67,10 @@ class Integrator(Component):
         raise NotImplementedError
 
     @staticmethod
-    def accepted(state, middle):  # type: ignore[no-untyped-def]
+    def accepted(state, middle, steps):  # type: ignore[no-untyped-def]
         """Return displacements and velocities at which a step is accepted, where laws update their states.
+
+        And the half of a kick in whose middle these velocities are (s), or 0.
 
         This is a text as well.
 
@@ -78,8 +80,9 @@ class Integrator(Component):
             After the step.
         middle : [body, lane]
             Velocities that the step has left in the history.
+        steps : Steps
         """
-        return state.x, state.v
+        return state.x, state.v, 0.0
 
     @property
     def samples_per_step(self) -> int:

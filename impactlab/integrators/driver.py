@@ -59,9 +59,11 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             set_elapsed(tables, steps, steps.step)
             step(functions.forces, tables, driven, state, history, steps, index)
         if steps.remembering:  # the step is accepted: states of laws change now, and never at a trial
-            x, v = accepted(state, history.v[slot])
+            x, v, half_step = accepted(state, history.v[slot], steps)
             set_elapsed(tables, steps, steps.step)
-            call(functions.accept, address_of(Accepted(x, v, tables.parameters, tables.indices)), now)
+            force = history.contact_force[slot]
+            place = address_of(Accepted(x, v, force, half_step, tables.parameters, tables.indices))
+            call(functions.accept, place, now)
         if sums.bodies.shape[1] > TURN:
             if steps.summing and sums.points.sums.shape[2]:
                 call(functions.add_turns_of_points, account, now)
@@ -114,7 +116,7 @@ def step(*arguments: Any) -> None:
     raise NotImplementedError
 
 
-def accepted(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+def accepted(*arguments: Any) -> tuple[np.ndarray, np.ndarray, float]:
     """Stand for that of a method, `impactlab.integrators.base.Integrator.accepted`."""
     raise NotImplementedError
 

@@ -104,7 +104,8 @@ class ExactFlow(Integrator):
     strong one. Without contacts
     there is no error at any step. Sums of cosines and coloured noises enter through their exact
     linear response, given forces through the one to what is linear in the time of a step, which
-    has their integral. States of laws are those at y, and at the velocity in the middle of the kick.
+    has their integral. States of laws are those at y, and at the velocity in the middle of the kick, of
+    contacts whose force depends on it without what this force adds to it.
 
     The linear motion of a body with contacts is the exact undamped one, with the friction
     and noise of the step at one of the two nodes of Gauss's rule, in turn. That takes one
@@ -154,8 +155,8 @@ class ExactFlow(Integrator):
         _end_step(tables, state, slot, last_force, steps, index)
 
     @staticmethod
-    def accepted(state, middle):  # type: ignore[no-untyped-def]
-        return state.reading, middle
+    def accepted(state, middle, steps):  # type: ignore[no-untyped-def]
+        return state.reading, middle, 0.5 * steps.step
 
     def arrange(self, model: Model, tangent: np.ndarray, residual: np.ndarray | float = 0.0) -> Model:
         linear, names = model.coupling.any(axis=0), np.array(model.couplings)

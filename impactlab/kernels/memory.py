@@ -6,7 +6,7 @@ states, a row of lanes each, then the time at which the last step was accepted, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,13 +23,15 @@ class Accepted(NamedTuple):
 
     x: np.ndarray  # displacement [body, lane]
     v: np.ndarray  # velocity [body, lane]
+    contact_force: np.ndarray  # [contact, lane]
+    half_step: float  # of a kick, in whose middle v is (s); 0 where v is that after the step
     parameters: np.ndarray  # of the forces, with the states
     indices: np.ndarray
 
 
 def _accepting(block: Any) -> Any:
     tuple_of: Any = types.NamedTuple
-    return void(pointer_to(tuple_of((block, block, f8[::1], i8[::1]), Accepted)), i8)
+    return void(pointer_to(tuple_of((block, block, block, f8, f8[::1], i8[::1]), Accepted)), i8)
 
 
 ACCEPT, ACCEPT_OF_ONE = _accepting(BLOCK), _accepting(BLOCK_OF_ONE)
@@ -41,15 +43,17 @@ def accepting(signature: Any) -> Callable[[Function], Any]:
     return lambda function: part(signature, function, True)
 
 
-def accept(function: Any, single: bool, x: np.ndarray, v: np.ndarray, *arrays: np.ndarray) -> None:
-    """Call what `accepting` returned, for what is outside the loops; `arrays` are parameters and indices."""
+def accept(
+    function: Any, single: bool, blocks: Sequence[np.ndarray], parameters: np.ndarray, indices: np.ndarray
+) -> None:
+    """Call what `accepting` returned, for what is outside the loops; blocks are x, v and contact forces."""
     block = BLOCK_OF_ONE if single else BLOCK
-    x, v = (item[..., 0] if single else item for item in (x, v))
-    loop(void(i8, block, block, f8[::1], i8[::1]), _accept)(function[1], x, v, *arrays)
+    blocks = [item[..., 0] if single else item for item in blocks]
+    loop(void(i8, block, block, block, f8[::1], i8[::1]), _accept)(function[1], *blocks, parameters, indices)
 
 
-def _accept(function, x, v, parameters, indices):  # type: ignore[no-untyped-def]
-    call(function, address_of(borrow(Accepted(x, v, parameters, indices))), 0)
+def _accept(function, x, v, contact_force, parameters, indices):  # type: ignore[no-untyped-def]
+    call(function, address_of(borrow(Accepted(x, v, contact_force, 0.0, parameters, indices))), 0)
 
 
 TIMES = 2

@@ -17,7 +17,7 @@ from typing import Any
 from impactlab.kernels.jit import Function, maker
 from impactlab.kernels.parsing import parsed
 
-_TYPES = "ACCEPT", "FORCES"
+_TYPES = "ACCEPT", "FORCES", "PEAKS"
 """Types of functions that generated modules import; those of functions over blocks of one lane end in _OF_ONE."""
 
 
@@ -59,7 +59,7 @@ def single_text(text: str) -> str:
     for place, node in enumerate(body):
         if not isinstance(node, ast.ImportFrom):
             continue
-        if node.module in ("impactlab.kernels.jit", "impactlab.kernels.memory"):
+        if node.module in ("impactlab.kernels.jit", "impactlab.kernels.memory", "impactlab.kernels.peaks"):
             node.names = [
                 ast.alias(f"{item.name}_OF_ONE", item.name) if item.name in _TYPES else item for item in node.names
             ]

@@ -11,6 +11,7 @@ import math
 from impactlab.kernels.combinations import elongations, round_rates
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
+from impactlab.kernels.peaks import read_peaks
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TOUCHING, TURN, VV, XV, XX, F, V, X
 from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import instead_of
@@ -53,8 +54,8 @@ def close_slot(history, slot, now, last, sums):  # type: ignore[no-untyped-def]
         count_closings_along(history.indentation[slot], sums.flux.closing[0], sums)
     elif sums.closings.before.shape[1]:
         count_closings(history.indentation[slot], history.v[slot], sums)
-    if sums.closings.peaks.forces.shape[1]:
-        read_peaks(history.contact_force[slot], now, sums.closings.peaks, sums.contacts)
+    if sums.closings.peaks.function:
+        read_peaks(history, slot, now, sums.closings, sums.indices, sums.contacts)
     full = last or slot == SLOTS - 1
     if full:
         empty_slots(history, slot + 1, SLOTS)
@@ -196,29 +197,6 @@ def count_closings_along(indentation, closing, target):  # type: ignore[no-untyp
                 before[0, contact, lane], before[1, contact, lane], depth, rate, step, jitter
             )
             before[0, contact, lane], before[1, contact, lane] = depth, rate
-
-
-@scalar
-def peak(first, middle, last):  # type: ignore[no-untyped-def]
-    """Return the top of the parabola through three values, of which the middle is the largest, else nothing."""
-    if not (first < middle and last <= middle):
-        return 0.0
-    rise = last - first
-    return middle + rise * rise / (8.0 * (2.0 * middle - first - last))
-
-
-@kernel
-def read_peaks(contact_force, now, peaks, sums):  # type: ignore[no-untyped-def]
-    """Let the largest forces of some contacts be those between steps, once there are three in a row."""
-    kept = peaks.forces
-    for place in range(kept.shape[1]):
-        contact = peaks.contacts[place]
-        for lane in range(kept.shape[2]):
-            followed = kept[2, place, lane] == now - 1.0
-            middle, force = kept[1, place, lane] if followed else math.nan, contact_force[contact, lane]
-            most = sums[peaks.row, contact, lane]
-            sums[peaks.row, contact, lane] = max(most, peak(kept[0, place, lane], middle, force))
-            kept[0, place, lane], kept[1, place, lane], kept[2, place, lane] = middle, force, now
 
 
 @scalar

@@ -77,6 +77,9 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     )
     slots = 0 if plan.subdomains.tiles else SLOTS
     history = History(*[zeros((slots, count, lanes)) for count in (bodies + 1,) * 3 + (contacts,) * 2])
+    parameters = forces.parameters
+    if forces.clocked:
+        parameters = with_states(parameters, forces.states, lanes, zeros)
     sampled = sampled_of(CONTACT)
     sums = Sums(
         bodies=zeros((method.integrator.phases, plan.rows, observed.bodies, lanes)),
@@ -92,7 +95,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             jitter=observed.jitter,
             weights=forces.parameters[:0] if plain else forces.parameters,
             step=plan.clock.step,
-            peaks=_peaks(plan, lanes, zeros),
+            peaks=_peaks(plan, parameters, lanes, zeros),
         ),
         flux=Flux(
             window=observed.window,
@@ -104,9 +107,6 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
         turns=_turns(plan, lanes, zeros),
         points=plan.points.sums(lanes, zeros),
     )
-    parameters = forces.parameters
-    if forces.clocked:
-        parameters = with_states(parameters, forces.states, lanes, zeros)
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
     normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, sums.contacts[FLUX], zeros)
@@ -114,11 +114,11 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     return Arrays(state, history, sums, normals, of_streams, parameters, events)
 
 
-def _peaks(plan: Plan, lanes: int, zeros: Zeros) -> Peaks:
-    """Return what peaks between steps are read with."""
-    rated = np.flatnonzero(plan.observed.rated[: plan.observed.contacts])
+def _peaks(plan: Plan, parameters: np.ndarray, lanes: int, zeros: Zeros) -> Peaks:
+    """Return what peaks between steps are read with, but for the function."""
+    contacts = plan.observed.contacts * plan.observed.rated
     row = FLUX + 1 + [statistic.name for statistic in sampled_of(CONTACT)].index("peak_contact_force")
-    return Peaks(zeros((3, len(rated), lanes)), rated, row)
+    return Peaks(0, zeros((4, contacts, lanes)), parameters, row)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:

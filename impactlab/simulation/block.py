@@ -98,7 +98,11 @@ class Block:
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
         arrays = allocate(plan, lanes)
         self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, events = arrays
-        self.sums.closings.before[:] = self.sums.closings.peaks.forces[:] = np.nan
+        closings = self.sums.closings
+        closings.before[:] = closings.peaks.before[:] = np.nan
+        if plan.observed.rated:
+            peaks = closings.peaks._replace(function=self.module.peaks[1])
+            self.sums = self.sums._replace(closings=closings._replace(peaks=peaks))
         if len(plan.impacts.rigid.contacts):
             impacts = events.impacts._replace(function=colliding(plan.single), realizations=self.realizations)
             events = events._replace(impacts=impacts)
@@ -362,7 +366,8 @@ class Block:
         kicks, state = self.plan.method.integrator.kicks, self.state
         place = (state.reading, state.velocity) if kicks else (state.x, state.v)
         self.parameters[-TIMES:] = self.time, 0.0
-        accept(self.module.accept, self.plan.single, *place, self.parameters, self.plan.forces.indices)
+        blocks = *place, state.contact_force
+        accept(self.module.accept, self.plan.single, blocks, self.parameters, self.plan.forces.indices)
 
     # run
 

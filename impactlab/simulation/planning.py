@@ -158,7 +158,7 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
         window=window,
         counted=steps.counted,
         jitter=jitter(model, steps.step, request.duration) if steps.counted else no_jitter,
-        rated=model.rated_contacts,
+        rated=model.rated,
         bodies=len(model.bodies),
         contacts=len(model.contacts),
         sampled=steps.sampled,

@@ -201,8 +201,11 @@ def test_noise_that_varies_in_time():
 
 
 def test_one_loop_for_each_law():
+    """And one for the peaks of those that depend on the rate."""
     text = text_of(il.LinearContact(1.0), HERTZ, il.LinearContact(2.0), RateLaw())
-    assert [loop.split(":")[0] for loop in loops(text)] == ["# HertzContact", "# LinearContact", "# RateLaw"]
+    forces, peaks = text.split("def peaks(")
+    assert [loop.split(":")[0] for loop in loops(forces)] == ["# HertzContact", "# LinearContact", "# RateLaw"]
+    assert [loop.split(":")[0] for loop in loops(peaks)] == ["# RateLaw"]
 
 
 def test_text_does_not_depend_on_parameters_counts_or_names():

@@ -27,7 +27,7 @@ def states():
     return History(x, v, force, indentation, np.where(indentation > 0.0, 10.0 * indentation, 0.0))
 
 
-def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),), rated=()):
+def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),)):
     bodies, contacts, products = (
         np.zeros((phases, rows, BODIES, LANES)),
         np.zeros((4, 2, LANES)),
@@ -39,7 +39,7 @@ def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),), rated=()):
     work = np.zeros((4, 2, LANES)), np.zeros(((BODIES + 1) * bool(half_kick), LANES)), np.zeros((2, LANES))
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
     jitters = np.zeros(0) if jitter is None else np.array(jitter)
-    peaks = Peaks(np.zeros((3, len(rated), LANES)), np.array(rated, dtype=np.int64), FLUX + 3)
+    peaks = Peaks(0, np.zeros((4, 0, LANES)), np.zeros(0), FLUX + 3)
     counting = Closings(before, jitters, np.zeros(0), 0.1, peaks)
     turning = BODIES * bool(any(points))
     turns = Turns(0.1 * np.arange(1.0, BODIES + 1.0), np.zeros((turning, LANES)), np.zeros((turning, LANES)))
@@ -177,26 +177,6 @@ def test_contacts(states, half_kick):
     np.testing.assert_allclose(force, states.contact_force.sum(axis=0), rtol=1e-13)
     np.testing.assert_allclose(sums.contacts[FLUX], flux.sum(axis=0), rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(peak, states.contact_force.max(axis=0))
-
-
-def test_peaks_are_read_between_steps(states):
-    """The top of a parabola through three steps in a row, of the contacts that ask for it, and of no others."""
-    sums = empty_sums(2, 9, rated=(1,))
-    time, top, height = np.arange(SLOTS)[:, None], 3.3 + 0.1 * np.arange(LANES), 2.0
-    force = height - 0.1 * (time - top) ** 2
-    history = states._replace(contact_force=np.stack([force, force], axis=1))
-    for slot in range(SLOTS):
-        closed(history, slot, slot == SLOTS - 1, sums, now=slot)
-    peak = sums.contacts[FLUX + 3]
-    np.testing.assert_array_equal(peak[0], force.max(axis=0))
-    np.testing.assert_allclose(peak[1], height, rtol=1e-14)
-
-
-def test_peaks_need_steps_in_a_row(states):
-    sums = empty_sums(2, 9, rated=(0, 1))
-    for slot in range(SLOTS):
-        closed(states, slot, slot == SLOTS - 1, sums, now=2 * slot)
-    np.testing.assert_array_equal(sums.contacts[FLUX + 3], states.contact_force.max(axis=0))
 
 
 def test_closings_are_counted_on_the_cubic_between_steps(states):

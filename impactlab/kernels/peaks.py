@@ -1,0 +1,52 @@
+"""Peaks of contact forces between steps: what the function takes that is generated for laws that depend on the rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import f8, i8, types, void
+
+from impactlab.kernels.arrays import address_of, call, pointer_to
+from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, part
+
+
+class Between(NamedTuple):
+    """The end of a step, and where it began."""
+
+    v: np.ndarray  # velocity [body, lane]
+    indentation: np.ndarray  # [contact, lane]
+    contact_force: np.ndarray  # [contact, lane]
+    before: np.ndarray  # [4, contact, lane] indentation, rate and force a step ago, and the number of that step
+    largest: np.ndarray  # [contact, lane] forces so far
+    jitter: np.ndarray  # (contact,) what white noise changes rates by in a step, root mean square (m s-1)
+    parameters: np.ndarray  # of the forces, with the states
+    indices: np.ndarray
+    step: float  # (s)
+
+
+def _reading(block: Any, blocks: Any) -> Any:
+    tuple_of: Any = types.NamedTuple
+    return void(pointer_to(tuple_of((*[block] * 3, blocks, block, f8[::1], f8[::1], i8[::1], f8), Between)), i8)
+
+
+PEAKS, PEAKS_OF_ONE = _reading(BLOCK, f8[:, :, ::1]), _reading(BLOCK_OF_ONE, f8[:, ::1])
+"""Types of the function that is generated for the peaks of a network, for blocks and for those of one lane."""
+
+
+def reading(signature: Any) -> Callable[[Function], Any]:
+    """Compile a function of the type `PEAKS`, and return it with its address."""
+    return lambda function: part(signature, function)
+
+
+@inlined
+def read_peaks(history, slot, now, closings, indices, contacts):  # type: ignore[no-untyped-def]
+    """Let the largest forces, a row of the sums of contacts, be those on the way to a slot, a step of some number."""
+    v, indentation, contact_force = history.v[slot], history.indentation[slot], history.contact_force[slot]
+    peaks = closings.peaks
+    place = Between(
+        v, indentation, contact_force, peaks.before, contacts[peaks.row], closings.jitter, peaks.parameters, indices,
+        closings.step,
+    )  # fmt: skip
+    call(peaks.function, address_of(place), now)
