@@ -108,6 +108,11 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
             if name not in model.bodies and name not in points:
                 known = (*model.bodies, *points)
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
+            if name in model.network.prescribed:
+                raise InvalidInput(
+                    f"initial {quantity} of {name!r} cannot be chosen: its motion is given by an il.PrescribedMotion; "
+                    "leave it out."
+                )
             numbers = _numbers(f"initial {quantity} of {name!r}", value)
             shares = model.network.displaced(name) if name in points else {name: 1.0}
             twice = [body for body in shares if name in points and body in values]

@@ -43,6 +43,8 @@ def given_by(initial: Any, network: Network, seed: tuple[int, int]) -> Any:
         )
     known = {"displacement": model.bodies, "velocity": model.bodies, "state": [label for label, _ in model.states]}
     found = {quantity: _values(initial, quantity, list(names)) for quantity, names in known.items()}
+    for quantity in ("displacement", "velocity"):
+        found[quantity] = {name: value for name, value in found[quantity].items() if name not in network.prescribed}
     return {**found, FILTER: _filter_states(initial)} if filter_labels(model) else found
 
 

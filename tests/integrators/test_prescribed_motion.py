@@ -264,6 +264,19 @@ def test_what_knows_no_given_motion_says_so():
             il.simulate(inside, 1.0, step=0.01, initial=start)
 
 
+def test_a_start_is_not_given_but_a_run_goes_on():
+    table = il.Network(
+        {"ball": BODY, "table": il.PrescribedMotion(il.ConstantForce(-0.1))},
+        {"c": il.Contact("table", "ball", il.RigidContact(E))},
+    )
+    with pytest.raises(il.InvalidInput, match="initial displacement of 'table' cannot be chosen: its motion is given"):
+        il.simulate(table, 1.0, step=0.01, initial={"displacement": {"ball": 0.1, "table": 0.0}})
+    first = il.simulate(table, 1.0, step=0.01, initial={"displacement": {"ball": 0.1}}, record=il.FinalState(), rng=1)
+    again = il.simulate(table, 1.0, step=0.01, initial=first, rng=2)
+    assert np.isfinite(again.mean_displacement).all()
+    assert again.mean_displacement.sel(oscillator="table") == pytest.approx(-0.1, abs=1e-12)
+
+
 def test_a_check_knows_it():
     text = repr(DRIVEN.check())
     assert "Motions are given: statistics are means over the time of a run, which begins at 0." in text
