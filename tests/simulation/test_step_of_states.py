@@ -127,7 +127,7 @@ def storeys():
 HYSTERESIS = il.BoucWenCoupling(60.0, yield_displacement=0.1, ratio=0.1)
 MANY = {"realizations": 256}
 SCENES = {
-    "impacts on a stiff wall": (stopped(impacts(1e5, 0.6)), {"duration": 40.0, **MANY}),
+    "impacts on a stiff wall": (stopped(impacts(1e5, 0.6)), {"duration": 40.0, "realizations": 1024}),
     "impacts on a soft wall": (stopped(impacts(300.0, 0.3), 0.1), {"duration": 100.0, **MANY}),
     "impacts of a pair": (pair(impacts(1e4, 0.8)), {"duration": 40.0, **MANY}),
     "impacts in a chain": (chain(), {"duration": 30.0, "realizations": 1024}),
@@ -198,8 +198,8 @@ def test_the_step_is_as_fine_as_laws_with_states_need(scene):
         assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), name
 
 
-COARSE = {  # steps near those of the rules
-    "impacts on a soft wall": 0.034, "impacts on a stiff wall": 0.0034, "Maxwell element": 0.064, "two slopes": 0.0136,
+COARSE = {  # steps near those of the rules, or twice them where hardly any bias is seen there
+    "impacts on a soft wall": 0.034, "impacts on a stiff wall": 0.008, "Maxwell element": 0.064, "two slopes": 0.0136,
     "hysteresis": 0.05, "hysteresis under strong noise": 0.1, "body that slips": 0.1,
 }  # fmt: skip
 

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating
 
 
-@kernel
+@allocating
 def baoab(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
@@ -48,7 +48,7 @@ def baoab(  # type: ignore[no-untyped-def]
         counts[int(min(max((x[count - 1] - low) * inverse + 1.0, 0.0), last))] += 1
 
 
-@kernel
+@allocating
 def euler_maruyama(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
@@ -77,7 +77,7 @@ def euler_maruyama(  # type: ignore[no-untyped-def]
         counts[int(min(max((x[count - 1] - low) * inverse + 1.0, 0.0), last))] += 1
 
 
-@kernel
+@allocating
 def runge_kutta(  # type: ignore[no-untyped-def]
     series, first, samples, stride, step, k, c, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip

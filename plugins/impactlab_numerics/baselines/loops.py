@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import irfft
 
 import impactlab as il
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating
 from impactlab_numerics.baselines import chains, pairs
 from impactlab_numerics.scenes import Arrays, limits
 
@@ -186,7 +186,7 @@ def series_loop(
     return SeriesLoop(network, "runge_kutta", step, bins, seed, components=lines, band=(low, top))
 
 
-@kernel
+@allocating
 def cosines(generator, amplitude, spectrum):  # type: ignore[no-untyped-def]
     """Fill a spectrum with one amplitude and random phases."""
     for line in range(spectrum.shape[0]):

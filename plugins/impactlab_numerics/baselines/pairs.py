@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-from impactlab.kernels.jit import kernel
+from impactlab.kernels.jit import allocating
 
 
-@kernel
+@allocating
 def baoab(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
@@ -74,7 +74,7 @@ def baoab(  # type: ignore[no-untyped-def]
     _store(bodies, contacts, sx1, sx2, sxx1, sxx2, svv1, svv2, closed, total, peak)
 
 
-@kernel
+@allocating
 def euler_maruyama(  # type: ignore[no-untyped-def]
     generator, samples, stride, step, k, c, noise, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
@@ -109,7 +109,7 @@ def euler_maruyama(  # type: ignore[no-untyped-def]
     _store(bodies, contacts, sx1, sx2, sxx1, sxx2, svv1, svv2, closed, total, peak)
 
 
-@kernel
+@allocating
 def runge_kutta(  # type: ignore[no-untyped-def]
     series, first, samples, stride, step, k, c, hertz, clearance, x, v, bodies, contacts, low, inverse, counts,
 ):  # fmt: skip
@@ -161,14 +161,14 @@ def runge_kutta(  # type: ignore[no-untyped-def]
     _store(bodies, contacts, sx1, sx2, sxx1, sxx2, svv1, svv2, closed, total, peak)
 
 
-@kernel
+@allocating
 def _hertz(indentation, stiffness):  # type: ignore[no-untyped-def]
     if indentation > 0.0:
         return stiffness * indentation * math.sqrt(indentation)
     return 0.0
 
 
-@kernel
+@allocating
 def _store(bodies, contacts, sx1, sx2, sxx1, sxx2, svv1, svv2, closed, total, peak):  # type: ignore[no-untyped-def]
     bodies[0, 0] += sx1
     bodies[0, 1] += sx2
