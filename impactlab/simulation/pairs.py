@@ -84,7 +84,8 @@ class Errors(NamedTuple):
     allowed: np.ndarray
     scatter: np.ndarray  # standard errors
     bias: np.ndarray  # of the step
-    doubt: np.ndarray  # standard errors of the bias
+    doubt: np.ndarray  # standard errors of the bias, from the realizations at twice the step
+    shared: np.ndarray  # those from the realizations at the step, over the scatter
     order: np.ndarray  # power of the step with which it falls at least
     alike: bool  # whether contact forces at the two steps are: else their difference is no estimate
 
@@ -95,7 +96,7 @@ class Errors(NamedTuple):
     @property
     def excess(self) -> np.ndarray:
         """Errors over what is allowed; infinite where one is not known."""
-        spent = np.abs(self.bias) + 2.0 * np.hypot(self.scatter, self.doubt)
+        spent = np.abs(self.bias) + 2.0 * np.sqrt((1.0 + self.shared**2) * self.scatter**2 + self.doubt**2)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.where((self.allowed > 0.0) & np.isfinite(spent), spent / self.allowed, np.inf))
 
@@ -105,13 +106,18 @@ class Errors(NamedTuple):
         return float(self.excess.max(initial=0.0)) if self.alike else math.inf
 
     @property
+    def uncertainty(self) -> np.ndarray:
+        """Standard errors of the bias."""
+        return np.asarray(np.hypot(self.doubt, self.shared * self.scatter))
+
+    @property
     def halvings(self) -> int:
         """How often to halve the step, because that costs less than realizations that make up for a bias.
 
         As often as surely leaves no less of it than may be; once, where nothing is known of it.
         """
         most = MOST_BIAS * self.allowed
-        excess = (np.abs(self.bias) - 2.0 * self.doubt)[most > 0.0] / most[most > 0.0]
+        excess = (np.abs(self.bias) - 2.0 * self.uncertainty)[most > 0.0] / most[most > 0.0]
         needed = np.log2(np.maximum(excess, 1e-9)) / self.order[most > 0.0]
         largest = float(needed.max(initial=0.0))
         return max(int(largest), 1) if largest > 0.0 or not self.alike else 0
@@ -124,10 +130,10 @@ class Errors(NamedTuple):
         """
         pairs = has.pairs * 2.0 ** np.arange(0.0, 24.0, 0.25)[:, None]
         doubt = self.doubt * 2.0 ** np.arange(0.0, -12.0, -0.125)[:, None]
-        bias = np.hypot(np.sqrt(np.maximum(self.bias**2 - self.doubt**2, 0.0)), doubt)
+        bias = np.hypot(np.sqrt(np.maximum(self.bias**2 - self.uncertainty**2, 0.0)), doubt)
         left = 0.5 * (SAFETY * self.allowed - bias)
         with np.errstate(divide="ignore", invalid="ignore"):
-            enough = has.fine * self.scatter**2 / (left**2 - doubt**2)
+            enough = has.fine * (1.0 + self.shared**2) * self.scatter**2 / (left**2 - doubt**2)
         enough[~((left > doubt) & np.isfinite(enough))] = np.inf
         fine = np.maximum(enough.max(axis=1, initial=0.0), pairs[:, 0])
         best = int(np.argmin(fine + COARSE * pairs[:, 0]))
@@ -146,7 +152,7 @@ class Trial:
         self.step = self.fine.plan.clock.step
         with unheard():
             self.coarse = None if self.fine.exact else ensemble_of(number, 2.0 * self.step, True)
-        self.planned = Numbers(number, 0 if self.coarse is None else number)
+        self.planned = Numbers(number, 0 if self.coarse is None else number // 2)
         self.has = self.each = Numbers(0, 0)
         self.of_pairs: xr.Dataset | None = None  # statistics at twice the step
         self.biases: dict[str, xr.DataArray] = {}
@@ -199,12 +205,12 @@ class Trial:
             if name not in fine:
                 raise InvalidInput(f"tolerance: this network has no {name}.")
             allowed, scatter = relative * size_of(fine, name), scatter_of(fine, name).values
-            bias, doubt = bias_of(name)
+            bias, doubt, shared = bias_of(name)
             self.biases[name] = fine[name].copy(data=bias)
             order = np.full(len(bias), order_of(self.fine.plan, name))
             dimension = str(fine[name].dims[0])
             names = np.array([f"{name} of {label!r}" for label in fine[dimension].values.tolist()])
-            row = Errors(names, allowed, scatter, bias, doubt, order, alike=True)
+            row = Errors(names, allowed, scatter, bias, doubt, shared, order, alike=True)
             found.append(row.of((allowed != 0.0) | (scatter != 0.0) | (dimension != BODY)))
         together = {field: np.concatenate([getattr(item, field) for item in found]) for field in OF_LABELS}
         return Errors(**together, alike=not _sees_other_forces(fine, coarse))
@@ -228,24 +234,36 @@ class Trial:
 
 
 class _Bias:
-    """The bias of a step, from pairs of realizations; it falls with the order that theory knows of.
+    """The bias of a step, from the realizations at twice the step; it falls with the order that theory knows of.
 
-    Balances of both, whose expectations are 0 at any step, take a part of the scatter of their differences.
+    As far as these follow those at the step under the same noise, the difference of each pair counts; beyond that, the
+    difference from all realizations at the step. Balances of both, whose expectations are 0 at any step, take a part of
+    the scatter.
     """
 
     def __init__(self, plan: Plan, fine: xr.Dataset, coarse: xr.Dataset) -> None:
         self.plan, self.fine, self.coarse, self.count = plan, fine, coarse, coarse.sizes["realization"]
-        controls = np.concatenate([controls_of(item)[:, : self.count] for item in (fine, coarse)])
-        few = len(controls) * UNITS_PER_CONTROL <= self.count
-        self.regression = Regression(controls[None, : len(controls) * few], np.ones(self.count))
+        own = controls_of(fine)
+        self.alone = _regression(own)
+        self.regression = _regression(np.concatenate([own[:, : self.count], controls_of(coarse)]))
 
-    def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return that of a statistic and its standard error."""
+    def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return that of a statistic and its standard error: from the realizations at twice the step, and what those at
+        the step add, over their own standard error."""
         each = statistic_of(name).by_realization
-        difference = self.coarse[each].values - self.fine[each].values[: self.count]
-        bias, doubt = self.regression.at_zero(np.ascontiguousarray(difference.T))
+        fine, coarse = (np.ascontiguousarray(item[each].values.T) for item in (self.fine, self.coarse))
+        paired = fine[:, : self.count]
+        alike = self.regression.slope(coarse, paired)
+        value, doubt = self.regression.at_zero(coarse - alike[:, None] * paired)
         credit = 2.0 ** order_of(self.plan, name) - 1.0
-        return bias / credit, doubt / credit
+        rest = (1.0 - alike) / credit
+        return value / credit - rest * self.alone.at_zero(fine).value, doubt / credit, np.abs(rest)
+
+
+def _regression(controls: np.ndarray) -> Regression:
+    """Return a regression on controls, (control, unit), or on none where they are too many."""
+    number, count = controls.shape
+    return Regression(controls[None, : number * (number * UNITS_PER_CONTROL <= count)], np.ones(count))
 
 
 def order_of(plan: Plan, name: str) -> float:

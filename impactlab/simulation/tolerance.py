@@ -28,7 +28,7 @@ PILOT = 256
 RELAXATION_TIMES = 100.0
 """Length of a realization in relaxation times, beside which the spin-up is short."""
 
-MORE_PAIRS = 1.5
+MORE_PAIRS = 3.0
 """Factor from which on more pairs are run first: what they tell of the bias changes the number of realizations."""
 
 LEAST_ADDED = 1.1
@@ -178,7 +178,7 @@ def _next(trial: Trial, errors: Errors, left: float, most: float) -> tuple[Numbe
         return stage if stage.fine >= LEAST_ADDED * has.fine else has, goal
     if goal.pairs > MORE_PAIRS * has.pairs:
         return Numbers(max(has.fine, goal.pairs), goal.pairs), goal
-    return Numbers(goal.fine, has.pairs), goal
+    return goal, goal
 
 
 def _missed(trial: Trial, errors: Errors, spent: float) -> str:

@@ -67,6 +67,12 @@ class Regression:
         nothing = (residual**2).sum(axis=1) <= NO_SCATTER**2 * (deviation**2).sum(axis=1)
         return np.asarray(nothing | (left < np.minimum(FEW_UNITS, 0.5 * plain)))
 
+    def slope(self, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Return how far deviations follow those of others, beside the controls, (row,) from (row, unit) each."""
+        residual, other = self._fitted(values)[-1], self._fitted(others)[-1]
+        square = (other**2).sum(axis=1)
+        return np.asarray((residual * other).sum(axis=1) / np.where(square > 0.0, square, 1.0))
+
     def at_zero(self, values: np.ndarray) -> Estimate:
         """Return values at control 0 and standard errors, from (row, unit)."""
         mean, _, slopes, residual = self._fitted(values)

@@ -48,10 +48,10 @@ def test_items_have_keys_of_their_own():
 
 
 def test_the_time_to_an_accuracy():
-    # startup + rate scatter (3 / room)², for the density 1 / room
-    assert seconds_to(0.01, findings()) == pytest.approx([0.5 + 2e-5 * 9e4] * 3 + [0.5 + 2e-5 * 1e4])
-    assert seconds_to(0.01, findings(), direct=True)[0] == pytest.approx(0.5 + 8e-5 * 9e4)
-    assert seconds_to(0.01, findings(0.005, 0.001))[0] == pytest.approx(0.5 + 2e-5 * 36e4)
+    # startup + rate scatter (2 / room)², for the density 1 / room
+    assert seconds_to(0.01, findings()) == pytest.approx([0.5 + 2e-5 * 4e4] * 3 + [0.5 + 2e-5 * 1e4])
+    assert seconds_to(0.01, findings(), direct=True)[0] == pytest.approx(0.5 + 8e-5 * 4e4)
+    assert seconds_to(0.01, findings(0.005, 0.001))[0] == pytest.approx(0.5 + 2e-5 * 16e4)
     assert seconds_to(0.01, findings(0.001, 0.001))[0] == seconds_to(0.01, findings())[0]  # not seen
     assert seconds_to(0.01, findings(-0.004, 0.001), deviations=1.0)[0] == seconds_to(0.01, findings(0.005))[0]
     assert seconds_to(0.01, findings(0.001, 0.001), deviations=-2.0)[0] == seconds_to(0.01, findings())[0]

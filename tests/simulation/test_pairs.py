@@ -112,12 +112,13 @@ def test_a_step_without_an_error_needs_no_pairs():
     assert (result.mean_square_displacement_bias == 0.0).all()
 
 
-def errors(scatter=0.0, bias=0.0, doubt=0.0, order=2, alike=True):
-    return Errors(["a"], *(np.array([value]) for value in (1.0, scatter, bias, doubt, order)), alike)
+def errors(scatter=0.0, bias=0.0, doubt=0.0, order=2, alike=True, shared=0.0):
+    return Errors(["a"], *(np.array([value]) for value in (1.0, scatter, bias, doubt, shared, order)), alike)
 
 
 def test_errors_are_scatter_bias_and_the_doubt_of_it():
     assert errors(scatter=0.3, bias=-0.2, doubt=0.1).worst == pytest.approx(0.2 + 2.0 * math.hypot(0.3, 0.1))
+    assert errors(scatter=0.4, shared=0.75).worst == pytest.approx(2.0 * math.hypot(0.4, 0.3))
     assert errors(scatter=math.nan).worst == math.inf
     assert errors(alike=False).worst == math.inf
 

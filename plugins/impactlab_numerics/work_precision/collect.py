@@ -41,8 +41,7 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
 
     Groups: ``methods`` (bias, scatter, run time and time to each accuracy, over case (a scheme at a
     step in a scene) and statistic), ``speed`` (steps of a body per second), ``contributions`` (what each device
-    is worth), ``direct`` (the default method run to the highest accuracy, with its real time), ``tolerances`` (the
-    price of an accuracy that is asked for).
+    is worth), ``tolerances`` (runs to an accuracy that is asked for, with their real times).
     """
     table: Table = {}
     others: dict[Method, Peer] = {}
@@ -67,8 +66,7 @@ def collect(study: WorkPrecisionStudy, results: Mapping[str, xr.Dataset]) -> xr.
         table[method].rates = list(rates)
     nodes = {"/methods": _methods(study, table), "/speed": _speed(study, table, found)}
     nodes["/contributions"] = contributions(study, table, nodes["/speed"])
-    if study.direct:
-        nodes["/direct"] = _direct(study, table[default(PAIR)])
+    if study.tolerance:
         nodes["/tolerances"] = tolerances(study)
     return xr.DataTree.from_dict(nodes)
 
@@ -188,42 +186,6 @@ def run_name(scene: str, lanes: int, threads: int = 1) -> str:
 def default(scene: str) -> Method:
     """Return the method that `simulate` takes when nothing is chosen."""
     return Method(scene, "impactlab", "exact flow", "white", 0.0)
-
-
-def _direct(study: WorkPrecisionStudy, found: Findings) -> xr.Dataset:
-    """Run the default method on one core to the highest accuracy in E[x²], and take its time.
-
-    The run is as long as |bias| and its standard error leave room for; its own standard error
-    tells whether it got there.
-    """
-    accuracy, network, lanes = study.accuracies[-1], study.scenes()[PAIR], in_blocks_of(LANES)
-    bias = abs(found.bias[0]) + found.bias_error[0]
-    allowed = max(accuracy - bias, 0.1 * accuracy) / 3.0
-    duration = 1.1 * found.scatter[0] / allowed**2 / lanes
-    exact = Law.of(network, study.bins).values[0]
-    rows = []
-    with ThreadPoolExecutor(1) as pool:
-        for number in range(study.rounds):
-            begin = time.perf_counter()
-            result = il.simulate(
-                network, duration, realizations=lanes, rng=study.seed + number, executor=pool, progress=False
-            )
-            seconds = time.perf_counter() - begin
-            value, error = (float(result[f"{STATISTICS[0]}{ending}"][-1]) / exact for ending in ("", "_standard_error"))
-            rows.append((seconds, value - 1.0, error, bias + 3.0 * error))
-    texts = {
-        "seconds": ("s", "run time on one core"),
-        "difference": ("1", "relative difference of E[x²] from its exact value"),
-        "standard_error": ("1", "relative standard error of E[x²]"),
-        "error_bound": ("1", "|bias| with its standard error, and three standard errors"),
-    }
-    return xr.Dataset(
-        {
-            name: ("round", values, {"units": units, "long_name": text})
-            for (name, (units, text)), values in zip(texts.items(), np.array(rows).T, strict=True)
-        },
-        attrs={"accuracy": accuracy, "bias_bound": bias, "duration": duration, "realizations": lanes},
-    )
 
 
 def _methods(study: WorkPrecisionStudy, table: Table) -> xr.Dataset:

@@ -59,11 +59,14 @@ def _diagram(results: Results, scene: str) -> Figure:
             _envelope(panel, found, index, line if index == 0 else None, looks[line])
         panel.set_title(TITLES[name])
         _scales(panel)
-    if scene == PAIR and results.direct is not None:
-        error, seconds = (float(results.direct[name].median()) for name in ("error_bound", "seconds"))
-        axes[0, 0].plot(error, seconds, "*", ms=11, color="black", zorder=5, label="impactlab, default, measured run")
+    if scene == PAIR and results.tolerances is not None:
+        run = results.tolerances.sel(network=PAIR)
+        axes[0, 0].plot(
+            float(run["tolerance"]), float(run["seconds"]), "*", ms=11, color="black", zorder=5,
+            label="impactlab, run to a tolerance",
+        )  # fmt: skip
     for panel in axes[1]:
-        panel.set_xlabel("|bias| + 3 standard errors" if panel is axes[1, 0] else "probability elsewhere")
+        panel.set_xlabel("|bias| + 2 standard errors" if panel is axes[1, 0] else "probability elsewhere")
     for panel in axes[:, 0]:
         panel.set_ylabel("run time on one core")
     figure.legend(loc="outside lower center", ncols=2)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from impactlab_numerics.baselines.loops import Batches
 
-SIGMAS = np.array([3.0, 3.0, 3.0, 1.0])
-"""Standard errors that count as error; the noise of a density is summed over the bins already."""
+SIGMAS = np.array([2.0, 2.0, 2.0, 1.0])
+"""Standard errors that count as error, as in a tolerance; the noise of a density is summed over the bins already."""
 
 
 SEEN = 2.0
@@ -146,10 +146,10 @@ def _findings(
 
 
 def seconds_to(accuracy: Any, found: Findings, *, direct: bool = False, deviations: float | None = None) -> np.ndarray:
-    """Return the time that a method needs until |bias| + 3 standard errors are within an accuracy.
+    """Return the time that a method needs until |bias| + 2 standard errors are within an accuracy.
 
     The standard error falls as one over the square root of the time, so that the time is
-    ``startup + rate scatter (3/(accuracy − |bias|))²``, and infinite where the bias alone is
+    ``startup + rate scatter (2/(accuracy − |bias|))²``, and infinite where the bias alone is
     too large. The bias that is measured has an error of its own. By default a bias within two
     standard errors counts as 0, in favour of the method: the time is then a lower bound. Else
     the bias is made larger by some of its standard errors, or smaller, down to 0.

@@ -22,9 +22,7 @@ class Results:
         self.methods = tree["methods"].to_dataset()
         self.speed = tree["speed"].to_dataset()
         self.contributions = tree["contributions"].to_dataset()
-        self.direct, self.tolerances = (
-            tree[name].to_dataset() if name in tree.children else None for name in ("direct", "tolerances")
-        )
+        self.tolerances = tree["tolerances"].to_dataset() if "tolerances" in tree.children else None
 
     @property
     def default(self) -> str:
@@ -56,12 +54,6 @@ class Results:
     def body_steps(self, run: str) -> float:
         """Return the steps of a body per second of a run, the median of the rounds."""
         return float(self.speed["body_steps_per_second"].sel(run=run))
-
-    def measured_seconds(self) -> float:
-        """Return the time that the default method really took to the highest accuracy, NaN if it was not reached."""
-        if self.direct is None or float(self.direct["error_bound"].median()) > self.direct.attrs["accuracy"]:
-            return np.nan
-        return float(self.direct["seconds"].median())
 
 
 def time_text(seconds: float) -> str:
