@@ -235,11 +235,17 @@ class Component:
 
 def classes_named(name: str) -> dict[str, type[Component]]:
     """Return the classes of a name by their modules, also the bundled one whose module nobody has needed yet."""
-    if name in dir(impactlab):
-        getattr(impactlab, name)
+    _load_bundled(name)
     if name not in _REGISTRY and (problem := load_offered(name)):
         raise InvalidInput(problem)
     return _REGISTRY.get(name, {})
+
+
+@functools.cache
+def _load_bundled(name: str) -> None:
+    """Load the module of a bundled class, if there is one of that name."""
+    if name in dir(impactlab):
+        getattr(impactlab, name)
 
 
 def take_part(owner: Component, field: str, family: type[Component], example: str) -> None:
@@ -257,11 +263,10 @@ def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Component):
-        return value.to_dict()
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
-    return value
+    to_dict = getattr(value, "to_dict", None)
+    return value if to_dict is None else to_dict()
 
 
 @functools.cache

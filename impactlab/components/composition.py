@@ -303,9 +303,17 @@ class Composition:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the network as plain data that JSON can hold."""
-        return {
-            title: {name: item.to_dict() for name, item in family.items()} for title, family in self.given().items()
-        }
+        flat: dict[int, dict[str, Any]] = {}  # of components that may be those of many members
+
+        def data_of(item: Component) -> dict[str, Any]:
+            data = flat.get(id(item))
+            if data is None:
+                data = item.to_dict()
+                if not any(isinstance(value, dict | list) for value in data.values()):
+                    flat[id(item)] = data
+            return dict(data)
+
+        return {title: {name: data_of(item) for name, item in family.items()} for title, family in self.given().items()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:

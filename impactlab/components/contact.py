@@ -12,7 +12,7 @@ from impactlab.components.component import Component, finite, positive, take_par
 from impactlab.components.evaluation import call_each
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.components.sides import WALL, Direction, Side, Wall, check_directions, check_sides, plain_sides
+from impactlab.components.sides import WALL, Direction, Side, Wall, check_directions, check_sides
 from impactlab.errors import InvalidInput
 
 
@@ -270,9 +270,6 @@ class Contact(Component):
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
 
-    def to_dict(self) -> dict[str, Any]:
-        return plain_sides(super().to_dict())
-
 
 def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, name: str) -> dict[str, Contact]:
     """Return the contacts of a body between two stops, or of two bodies with play, for a network.
@@ -408,6 +405,3 @@ class RoundContact(Component):
         return SlidingFriction(
             self.friction_coefficient, surface_velocity=self.surface_velocity, friction_velocity=self.friction_velocity
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        return plain_sides(super().to_dict())

@@ -11,7 +11,7 @@ import numpy as np
 from impactlab.components.component import Component, take_part
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.components.sides import Side, check_sides, plain_sides
+from impactlab.components.sides import Side, check_sides
 from impactlab.errors import InvalidInput
 
 
@@ -147,6 +147,3 @@ class Coupling(Component):
 
     def __repr__(self) -> str:
         return f"Coupling({self.first!r}, {self.second!r}, {self.law!r})"
-
-    def to_dict(self) -> dict[str, Any]:
-        return plain_sides(super().to_dict())

@@ -20,6 +20,10 @@ class Wall:
     def __reduce__(self) -> str:
         return "WALL"
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data that stand for it."""
+        return dict(_WALL_DATA)
+
 
 WALL = Wall()
 
@@ -67,6 +71,10 @@ class Combination:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Combination, (dict(self.weights),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data that stand for it."""
+        return {_COMBINATION: dict(self.weights)}
 
 
 Side = str | Combination | Wall
@@ -181,16 +189,3 @@ def _side(place: str, side: Any) -> Side:
     if not isinstance(side, str | Wall | Combination) or side == "":
         raise InvalidInput(f"{place} must be the name of a body, an il.Combination or il.WALL, not {side!r}.")
     return side
-
-
-def plain_sides(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the data of a contact or coupling with plain data in the place of WALL and of combinations."""
-    return {name: _plain(value) for name, value in data.items()}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, Combination):
-        return {_COMBINATION: dict(value.weights)}
-    return dict(_WALL_DATA) if value is WALL else value

@@ -142,9 +142,20 @@ def free_flows(
     """
     parts = [(until,) if until < place else (place, until - place) for place, until in ends]
     times = list(dict.fromkeys(part * step for of_end in parts for part in of_end))
-    still = np.zeros_like(mass)
-    found = transitions(mass, still, stiffness, still, times)
-    return {time: a for time, (a, _) in zip(times, found, strict=True)}
+    return dict(zip(times, _undamped(mass, stiffness, times), strict=True))
+
+
+def _undamped(mass: np.ndarray, stiffness: np.ndarray, times: Sequence[float]) -> list[np.ndarray]:
+    """Return the motions without friction and noise over some times (s), (n, 2, 2) each."""
+    unique, which = _unique(np.stack([mass, np.zeros_like(mass), stiffness], axis=1))
+    turned, rate, result = _drift(unique).transpose(0, 2, 1), _rate(unique), []
+    for time in times:
+        halvings = _halvings(rate, time)
+        a = _taylor(turned * (time / 2.0**halvings)).transpose(0, 2, 1)
+        for _ in range(halvings):
+            a = a @ a
+        result.append(a[which])
+    return result
 
 
 def split_noise(
@@ -156,8 +167,7 @@ def split_noise(
     are moments when friction and noise act, as parts of the step.
     """
     change = size / mass * np.sqrt(step * _kept_of_noise(damping / mass * step))
-    still, times = np.zeros_like(mass), [(1.0 - place) * step for place in places]
-    after = [a[:, :, 1] for a, _ in transitions(mass, still, stiffness, still, times)]
+    after = [a[:, :, 1] for a in _undamped(mass, stiffness, [(1.0 - place) * step for place in places])]
     result: np.ndarray = np.stack(after) * change[:, None]
     return result
 
