@@ -102,8 +102,45 @@ class Oscillator(Component):
         return float(self.damping / critical)
 
 
+LAG = 1e-9
+"""Time (s) by which a coordinate without mass lags behind forces: a shorter one only adds to rounding."""
+
+
 class LinearOscillator(Oscillator):
     """Body on a linear spring and a viscous damper."""
+
+    @classmethod
+    def massless(cls, damping: float, stiffness: float = 0.0, *, lag: float = LAG) -> Self:
+        """Make a coordinate of an equation of first order, ``c x' + k x = f``, of a mass that does not matter.
+
+        A charge behind a resistance c and a capacity 1/k, a node between springs and dampers, an actuator with the time
+        constant c/k. Its mass is ``lag c``, so that it follows forces with this lag; linear couplings move it exactly,
+        at steps of the other bodies' times. Contacts, and couplings that are not linear, act on bodies with a mass that
+        a spring connects with it. Under white noise its velocity has no meaning, and is as large as the mass is small.
+
+        Parameters
+        ----------
+        damping : float
+            Coefficient c (N s m-1, or Ω for a charge).
+        stiffness : float
+            Stiffness k (N m-1, or F-1 for a charge).
+        lag : float
+            Time (s) that is short beside all others; about 1e-9 of them is best, since rounding grows where it is less.
+
+        Raises
+        ------
+        InvalidInput
+            If the damping or the lag is not positive, or a value is not finite.
+        """
+        place = f"{cls.__name__}.massless"
+        for name, value in (("damping", damping), ("lag", lag)):
+            if not finite(f"{place}: {name}", value) > 0.0:
+                raise InvalidInput(
+                    f"{place} needs a positive {name}, not {value!r}: without friction nothing of first order is left."
+                    if name == "damping"
+                    else f"{place} needs a positive lag, such as {LAG:g} of the shortest time (s), not {value!r}."
+                )
+        return cls(mass=lag * damping, damping=damping, stiffness=stiffness)
 
 
 class DuffingOscillator(Oscillator):

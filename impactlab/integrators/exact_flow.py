@@ -311,12 +311,23 @@ def followed_step(model: Model) -> float:
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequency and rate of friction of each body's linear motion, and whether kicks act on it, (body,) each.
 
-    For a body in a group they are the largest of the group.
+    For a body in a group they are the largest of the group. Overdamped bodies that are not kicked follow the others:
+    what counts is the frequency of motions that oscillate, and the rate at which such bodies relax.
     """
     frequency, rate = model.natural_frequencies.copy(), model.damping / model.mass
     kicked = model.nonlinear_bodies.copy()
+    following = (rate > 2.0 * frequency) & ~kicked
+    frequency[following] = rate[following] = frequency[following] ** 2 / rate[following]
     for slots, system in flowing_systems(model):
         frequency[slots], rate[slots] = system.scales
+        own_rate, own_frequency = (
+            np.diag(system.damping) / system.mass,
+            np.sqrt(np.diag(system.stiffness) / system.mass),
+        )
+        overdamped = own_rate > 2.0 * own_frequency
+        if overdamped.any() and not (overdamped & kicked[slots]).any():
+            frequency[slots] = system.oscillation
+            rate[slots] = np.where(overdamped, own_frequency**2 / own_rate, own_rate).max()
         kicked[slots] = kicked[slots].any()
     return frequency, rate, kicked
 

@@ -70,6 +70,12 @@ class LinearSystem:
         ]
         return math.sqrt(max(largest[0], 0.0)), max(largest[1], 0.0)
 
+    @cached_property
+    def oscillation(self) -> float:
+        """Return the largest frequency of motions that oscillate (s-1), 0 if none does."""
+        values = np.linalg.eigvals(self.units[:, None] * self.drift / self.units)
+        return float(np.abs(values[np.abs(values.imag) > ZERO * np.abs(values)]).max(initial=0.0))
+
     @property
     def units(self) -> np.ndarray:
         """Return units of (z, v) in which no entry of the drift is much larger than the fastest rate."""

@@ -1,4 +1,4 @@
-"""Equations without masses: actuators with a lag, circuits that several bodies share, and driven ones, by laws."""
+"""Equations without masses: actuators with a lag, circuits that several bodies share, and driven ones."""
 
 import functools
 import math
@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 
@@ -156,3 +157,126 @@ def test_thermal_noise_of_a_resistor():
         for second, other in (("charge", 1.0), ("beam", -3.0))
     )
     assert square / 0.2 == pytest.approx(temperature, rel=1e-9)
+
+
+HERTZ = il.HertzContact(2e4)
+LOAD = il.Harmonic(3.0, frequency=4.0)
+
+
+def hit(node, coupling, noises, body=BODY):
+    """A body with a stop that is coupled to a node."""
+    contact = il.Contact("body", il.WALL, HERTZ, clearance=0.03)
+    return il.Network({"body": body, "node": node}, {"stop": contact}, noises, {"coupling": coupling})
+
+
+def paths(network, step, end=5.0):
+    options = {"step": step, "initial": {}, "integrator": il.ExactFlow(measured=False), "record": il.Trajectory(0.05)}
+    path = il.simulate(network, end, **options).isel(realization=0)
+    return path.time.values, *(path.displacement.sel(oscillator=name).values for name in ("body", "node"))
+
+
+def solved(right_side, times, rows):
+    found = solve_ivp(
+        right_side, (0.0, times[-1]), [0.0] * 3, "DOP853", t_eval=times, rtol=1e-11, atol=1e-13, max_step=2e-3
+    )
+    return found.y[rows]
+
+
+def stopped(x, v, force):
+    return pulled(x, v, force - HERTZ.stiffness * max(x - 0.03, 0.0) ** 1.5)
+
+
+def test_a_charge_without_inductance_behind_a_body_that_hits_a_stop():
+    """``C V' + V/R = θ x'`` with the force −θ V on the body: C V = θ x − q, and R q' = V."""
+    theta, capacity, resistance = 0.5, 0.02, 10.0
+    weighted = il.Combination({"body": theta, "node": -1.0})
+    patch = il.Coupling(weighted, il.WALL, il.LinearCoupling(1.0 / capacity))
+    network = hit(il.LinearOscillator.massless(resistance), patch, {"body": LOAD})
+    phase = LOAD.call("force", 0.0) / LOAD.amplitude
+
+    def right_side(t, y):
+        load = 3.0 * (math.cos(4.0 * t) if phase > 0.5 else math.sin(4.0 * t))
+        return [y[1], stopped(y[0], y[1], load - theta * y[2]), (theta * y[1] - y[2] / resistance) / capacity]
+
+    errors = []
+    for step in (2.5e-4, 1.25e-4):
+        times, body, charge = paths(network, step)
+        x, voltage = solved(right_side, times, [0, 2])
+        np.testing.assert_allclose(body, x, atol=1e-6)
+        np.testing.assert_allclose((theta * body - charge) / capacity, voltage, atol=5e-5)
+        errors.append(np.abs(body - x).max())
+    assert errors[1] < 0.35 * errors[0]  # of second order
+
+
+def test_an_actuator_that_a_force_drives_with_a_lag():
+    """``c u' + k u = f − s (u − x)``, beside a body that hits a stop."""
+    network = hit(
+        il.LinearOscillator.massless(6.0, 20.0), il.Coupling("node", "body", il.LinearCoupling(50.0)), {"node": LOAD}
+    )
+    phase = LOAD.call("force", 0.0) / LOAD.amplitude
+
+    def right_side(t, y):
+        load, force = 3.0 * (math.cos(4.0 * t) if phase > 0.5 else math.sin(4.0 * t)), 50.0 * (y[2] - y[0])
+        return [y[1], stopped(y[0], y[1], force), (load - 20.0 * y[2] - force) / 6.0]
+
+    times, body, node = paths(network, 2.5e-4)
+    x, u = solved(right_side, times, [0, 2])
+    np.testing.assert_allclose(body, x, atol=1e-6)
+    np.testing.assert_allclose(node, u, atol=1e-6)
+
+
+def test_a_node_without_mass_between_a_spring_and_a_damper_is_a_maxwell_element():
+    node, spring = il.LinearOscillator.massless(3.0), il.Coupling("body", "node", il.LinearCoupling(60.0))
+    of_node = hit(node, spring, {"body": LOAD})
+    of_law = of_node.replace(
+        couplings={"coupling": il.Coupling("body", il.WALL, il.MaxwellCoupling(60.0, damping=3.0))}
+    )
+    _, body, _ = paths(of_node, 2.5e-4)
+    _, other, _ = paths(of_law, 2.5e-4)
+    np.testing.assert_allclose(body, other, atol=1e-6)
+
+
+def test_thermal_noise_on_nodes_without_mass():
+    """Of a resistor beside a capacitor, and of a node between bodies at unequal temperatures, by Lyapunov's equation."""
+    alone = il.Network({"charge": il.LinearOscillator.massless(2.0, 5.0)}, {}, {"charge": il.WhiteNoise(0.3)})
+    assert il.exact(alone).statistics().mean_square_displacement.item() == pytest.approx(math.pi * 0.3 / 10.0, rel=1e-9)
+    bodies = {"one": BODY, "node": il.LinearOscillator.massless(0.6, 2.0), "two": BODY}
+    noises = {"one": il.WhiteNoise(0.5), "node": il.WhiteNoise(0.3), "two": il.WhiteNoise(0.1)}
+    springs = {name: il.Coupling(name, "node", il.LinearCoupling(30.0)) for name in ("one", "two")}
+    network = il.Network(bodies, {}, noises, springs)
+    drift = np.array(
+        [  # of x1, v1, u, x2, v2
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-60.0, -0.2 / 1.5, 20.0, 0.0, 0.0],
+            [50.0, 0.0, -62.0 / 0.6, 50.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0],
+            [0.0, 0.0, 20.0, -60.0, -0.2 / 1.5],
+        ]
+    )
+    diffusion = 2.0 * math.pi * np.diag([0.0, 0.5 / 1.5**2, 0.3 / 0.6**2, 0.0, 0.1 / 1.5**2])
+    exact = np.diag(solve_continuous_lyapunov(drift, -diffusion))[[0, 2, 3]]
+    np.testing.assert_allclose(il.exact(network).statistics().mean_square_displacement, exact, rtol=1e-7)
+
+
+@pytest.mark.campaign
+def test_statistics_beside_a_node_under_noise_that_a_contact_feels():
+    noises = {"body": il.WhiteNoise(0.2 * 0.5 / math.pi), "node": il.WhiteNoise(0.6 * 0.5 / math.pi)}
+    spring = il.Coupling("node", "body", il.LinearCoupling(20.0))
+    network = hit(il.LinearOscillator.massless(0.6, 2.0), spring, noises)
+    result = il.simulate(network, 500.0, realizations=256, rng=1)
+    assert result.attrs["step"] > 1e-3
+    table = il.compare(result, il.exact(network)).to_dataframe()
+    assert (table.z.abs() < 4.0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"damping": 0.0}, "needs a positive damping, not 0.0"),
+        ({"damping": 1.0, "lag": 0.0}, "needs a positive lag, such as 1e-09"),
+        ({"damping": math.nan}, "damping"),
+    ],
+)
+def test_equations_of_first_order_need_friction(options, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.LinearOscillator.massless(**options)
