@@ -43,6 +43,9 @@ MOST_OF_STRUCTURE = 32
 """Bodies of a group that has coordinates of a structure: its highest mode would make steps far too short."""
 
 
+OVERDAMPED = 100.0
+"""Rate of friction, over the natural frequency, from which a body follows forces as if it had no mass (ζ of 50)."""
+
 LEAST_SPLIT = 0.01
 """Largest friction over a step, ``c h/m``, that may act at one moment of it where an accuracy is to be reached."""
 
@@ -311,23 +314,20 @@ def followed_step(model: Model) -> float:
 def _motion(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequency and rate of friction of each body's linear motion, and whether kicks act on it, (body,) each.
 
-    For a body in a group they are the largest of the group. Overdamped bodies that are not kicked follow the others:
-    what counts is the frequency of motions that oscillate, and the rate at which such bodies relax.
+    For a body in a group they are the largest of the group. Bodies that are not kicked, and so overdamped that they
+    follow the others, relax: what counts is that rate, and the frequency of motions that oscillate.
     """
     frequency, rate = model.natural_frequencies.copy(), model.damping / model.mass
     kicked = model.nonlinear_bodies.copy()
-    following = (rate > 2.0 * frequency) & ~kicked
+    following = (rate > OVERDAMPED * frequency) & (frequency > 0.0) & ~kicked
     frequency[following] = rate[following] = frequency[following] ** 2 / rate[following]
     for slots, system in flowing_systems(model):
         frequency[slots], rate[slots] = system.scales
-        own_rate, own_frequency = (
-            np.diag(system.damping) / system.mass,
-            np.sqrt(np.diag(system.stiffness) / system.mass),
-        )
-        overdamped = own_rate > 2.0 * own_frequency
-        if overdamped.any() and not (overdamped & kicked[slots]).any():
+        friction, square = (np.diag(matrix) / system.mass for matrix in (system.damping, system.stiffness))
+        following = friction > OVERDAMPED * np.sqrt(square)
+        if following.any() and not (following & kicked[slots]).any():
             frequency[slots] = system.oscillation
-            rate[slots] = np.where(overdamped, own_frequency**2 / own_rate, own_rate).max()
+            rate[slots] = np.where(following, square / friction, friction).max()
         kicked[slots] = kicked[slots].any()
     return frequency, rate, kicked
 

@@ -228,16 +228,15 @@ def test_an_actuator_that_a_force_drives_with_a_lag():
 def test_a_node_without_mass_between_a_spring_and_a_damper_is_a_maxwell_element():
     node, spring = il.LinearOscillator.massless(3.0), il.Coupling("body", "node", il.LinearCoupling(60.0))
     of_node = hit(node, spring, {"body": LOAD})
-    of_law = of_node.replace(
-        couplings={"coupling": il.Coupling("body", il.WALL, il.MaxwellCoupling(60.0, damping=3.0))}
-    )
+    element = il.Coupling("body", il.WALL, il.MaxwellCoupling(60.0, damping=3.0))
+    of_law = of_node.replace(couplings={"coupling": element})
     _, body, _ = paths(of_node, 2.5e-4)
     _, other, _ = paths(of_law, 2.5e-4)
     np.testing.assert_allclose(body, other, atol=1e-6)
 
 
 def test_thermal_noise_on_nodes_without_mass():
-    """Of a resistor beside a capacitor, and of a node between bodies at unequal temperatures, by Lyapunov's equation."""
+    """Of a resistor beside a capacitor, and of a node between bodies, by Lyapunov's equation."""
     alone = il.Network({"charge": il.LinearOscillator.massless(2.0, 5.0)}, {}, {"charge": il.WhiteNoise(0.3)})
     assert il.exact(alone).statistics().mean_square_displacement.item() == pytest.approx(math.pi * 0.3 / 10.0, rel=1e-9)
     bodies = {"one": BODY, "node": il.LinearOscillator.massless(0.6, 2.0), "two": BODY}

@@ -73,9 +73,9 @@ def test_the_closing_velocity_is_that_before_the_first_kick():
 
 
 @functools.cache
-def stopped(name):
+def stopped(name, restitution=0.7):
     """A body beside a wall under white noise, at the default step and at a sixteenth of it."""
-    contact = il.Contact("a", il.WALL, law_of(name, 0.7), clearance=PLACE)
+    contact = il.Contact("a", il.WALL, law_of(name, restitution), clearance=PLACE)
     network = il.Network({"a": BODY}, {"w": contact}, {"a": NOISE})
     options = {"duration": 300.0, "realizations": 512}
     with warnings.catch_warnings():
@@ -89,6 +89,13 @@ def stopped(name):
 @each_law
 def test_the_default_step_is_as_fine_as_the_law_needs(name):
     for statistic, (difference, error) in off(*stopped(name), BIASED).items():
+        assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), statistic
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize(("name", "restitution"), [("Tsuji", 0.5), ("Flores", 0.5), ("Jankowski", 0.9)])
+def test_the_default_step_is_fine_enough_where_much_or_little_is_lost(name, restitution):
+    for statistic, (difference, error) in off(*stopped(name, restitution), [*BIASED, "peak_contact_force"]).items():
         assert (np.abs(difference) < 5e-3 + 3.0 * error).all(), statistic
 
 
