@@ -175,12 +175,21 @@ def all_samples() -> tuple[Sample, ...]:
     )
 
 
-def with_functions(advancing: Callable[..., None], single: bool) -> Callable[..., None]:
+def samples_but(left_out: frozenset[str]) -> tuple[Sample, ...]:
+    """Return what is sampled without some statistics; each choice is compiled once."""
+    every = [item for dimension in (CONTACT, BODY) for item in sampled_of(dimension)]
+    return tuple(sample for sample, item in zip(all_samples(), every, strict=True) if item.name not in left_out)
+
+
+def with_functions(
+    advancing: Callable[..., None], single: bool, left_out: frozenset[str] = frozenset()
+) -> Callable[..., None]:
     """Return a loop that takes the forces, and the address of what updates states, in the place of `Functions`.
 
-    What is called once in many steps is compiled apart from all loops, so that its machine code is there once.
+    What is called once in many steps is compiled apart from all loops, so that its machine code is there once. Samples
+    of some statistics may be left out.
     """
-    types, addresses = OF_ONE if single else OF_LANES, _addresses(single, all_samples())
+    types, addresses = OF_ONE if single else OF_LANES, _addresses(single, samples_but(left_out))
 
     def run(forces: Function, accept: int, stretch: int, *arguments: Any) -> None:
         seen = map(_without_lane, arguments, types.loop.args[1:]) if single else arguments
@@ -219,9 +228,11 @@ def filtering(single: bool) -> Any:
     return part(void(pointer_to(types.series), i8), _text(_coloured, single))[1]
 
 
-def stepping(method: Function, accepting: Function, single: bool) -> Callable[..., None]:
+def stepping(
+    method: Function, accepting: Function, single: bool, left_out: frozenset[str] = frozenset()
+) -> Callable[..., None]:
     """Return the compiled loop over the steps of a method, for blocks or for blocks of one lane."""
-    return with_functions(_loop(method, accepting, single), single)
+    return with_functions(_loop(method, accepting, single), single, left_out)
 
 
 @cache

@@ -47,7 +47,7 @@ def _signature() -> Any:
     return void(other.functions, tables, other.driven, state, other.history, other.sums, cube, other.steps)
 
 
-def jumping_loop() -> Callable[..., None]:
+def jumping_loop(left_out: frozenset[str] = frozenset()) -> Callable[..., None]:
     """Return the compiled loop that jumps.
 
     Every realization covers intervals of up to `Jumps.steps` steps at once. The noise of an
@@ -57,7 +57,7 @@ def jumping_loop() -> Callable[..., None]:
     drawn, given that of the whole, and so on down to single steps. What a realization does is a
     function of its noise alone, whether it jumps or not: jumps change no path, only the work.
     """
-    return with_functions(loop(_signature(), _advance), False)
+    return with_functions(loop(_signature(), _advance), False, left_out)
 
 
 def _advance(functions, tables, driven, state, history, sums, snapshots, steps):  # type: ignore[no-untyped-def]

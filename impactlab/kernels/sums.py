@@ -74,7 +74,7 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
         add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
             add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
-        if sums.contacts.shape[1] and not sums.closings.before.shape[1]:
+        if sums.flux.window.shape[0] and not sums.closings.before.shape[1]:
             add_flux(history, slots, sums)
         if sums.pairs.shape[0]:
             add_products(history.x, history, slots, sums.pairs, 0, sums.products)

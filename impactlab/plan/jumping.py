@@ -23,8 +23,8 @@ class JumpingMethod(Method):
     def interval(self) -> int:
         return self.jumps.steps
 
-    def loop(self, single: bool) -> Callable[..., None]:
-        return jumping_loop()
+    def loop(self, single: bool, left_out: frozenset[str]) -> Callable[..., None]:
+        return jumping_loop(left_out)
 
     def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> JumpTables:
         return JumpTables(parameters, indices, self.coefficients, self.jumps)

@@ -40,9 +40,9 @@ class Method:
         """Steps that are made at once."""
         return 1
 
-    def loop(self, single: bool) -> Callable[..., None]:
-        """Return the compiled loop, for blocks or for those of one lane."""
-        return stepping(self.integrator.step, self.integrator.accepted, single)
+    def loop(self, single: bool, left_out: frozenset[str]) -> Callable[..., None]:
+        """Return the compiled loop, for blocks or for those of one lane, without samples of some statistics."""
+        return stepping(self.integrator.step, self.integrator.accepted, single, left_out)
 
     def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> Tables | JumpTables:
         """Return the numbers that the loop takes, with those of the forces."""

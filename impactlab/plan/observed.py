@@ -26,6 +26,7 @@ class Observed:
     bodies: int  # how many are summed, from the first on
     contacts: int  # how many of them
     sampled: bool  # whether states are samples of a stationary motion, not all that there are
+    left_out: frozenset[str] = frozenset()  # statistics of contacts that are not summed
 
     def restricted(self, tile: Tile) -> Observed:
         """Return what a tile sums: its own bodies and contacts; snapshots are brought together above."""

@@ -70,7 +70,7 @@ def structure(planned: Planned) -> Hashable:
         method.coefficients.shape, noise.amplitude.shape, noise.time_varying, tuple(item.tobytes() for item in slots),
         clock.step, clock.spin_up_steps, clock.steps, clock.boundaries, plan.transient, plan.start.given,
         plan.realizations.number, plan.realizations.lanes, observed.every, observed.counted, observed.sampled,
-        tuple(ratio for _, ratio in observed.records), forces.timed.tobytes(),
+        observed.left_out, tuple(ratio for _, ratio in observed.records), forces.timed.tobytes(),
     )  # fmt: skip
 
 

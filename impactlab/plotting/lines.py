@@ -147,6 +147,10 @@ def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Ax
 def _statistic(result: Any, name: str) -> xr.DataArray:
     dataset = known_dataset(result)
     if name not in dataset:
+        if name in variables():
+            raise InvalidInput(
+                f"The result holds no {name!r}: the network has nothing that could, or statistics= named others only."
+            )
         known = [item for item in variables() if item in dataset]
         raise InvalidInput(f"The result holds no {name!r}; {suggestion(name, known)}")
     return dataset[name]

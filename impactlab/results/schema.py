@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import xarray as xr
 
+from impactlab.errors import InvalidInput
 from impactlab.results.labels import Variables, with_error
 
 BODY, CONTACT, POINT = "oscillator", "contact", "point"
@@ -278,6 +279,36 @@ def stationary() -> list[Statistic]:
 def statistic_of(name: str) -> Statistic:
     """Return the statistic of a name."""
     return OF_POINTS[name] if name in OF_POINTS else STATISTICS[name]
+
+
+def wanted_names(names: Any) -> tuple[str, ...] | None:
+    """Return names of statistics, given as one or as a list of them, or refuse them; None stands for all."""
+    if names is None:
+        return None
+    known = {**STATISTICS, **OF_POINTS}
+    given = [names] if isinstance(names, str) else names
+    if not isinstance(given, Sequence) or not given:
+        raise InvalidInput(
+            f"statistics must be the name of a statistic, or a list of such names, not {names!r}; leave it out for all."
+        )
+    for name in given:
+        if not isinstance(name, str) or name not in known:
+            raise InvalidInput(f"statistics: there is no {name!r}; allowed are {', '.join(known)}.")
+    return tuple(dict.fromkeys(given))
+
+
+def unwanted(names: Sequence[str]) -> set[str]:
+    """Return the names of all variables of statistics beside some; balances, which are controls of all, are none."""
+    others = [item for item in (*STATISTICS.values(), *OF_POINTS.values()) if item.name not in names]
+    found = {name for item in others for name in (item.step_bias, item.allowance)}
+    if "contact_rate" not in names:
+        found.add("contacts_per_sample")
+    return found | {
+        name
+        for item in others
+        for variable in (item, item.direct)
+        for name in (variable.name, variable.error, variable.by_realization)
+    }
 
 
 def sampled_of(dimension: str) -> list[Sampled]:

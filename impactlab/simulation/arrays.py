@@ -98,7 +98,7 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
             peaks=_peaks(plan, parameters, lanes, zeros),
         ),
         flux=Flux(
-            window=observed.window,
+            window=observed.window[: len(system.ends) * ("contact_rate" not in observed.left_out)],
             half_kick=forces.half_kick,
             closing=zeros((4, contacts * (single or not plain), lanes)),
             push=zeros(((bodies + 1) * single * bool(len(forces.half_kick)), lanes)),

@@ -36,10 +36,12 @@ from impactlab.plan.realizations import Realizations, block_shape, most_lanes
 from impactlab.plan.start import Start, filters_of, states_of
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
+from impactlab.results.schema import CONTACT, STATISTICS, sampled_of
 from impactlab.simulation.expected import Expected
 from impactlab.simulation.measured_step import may_measure
 from impactlab.simulation.request import Request
 from impactlab.simulation.steps import Steps
+from impactlab.statistics.rare import CLOSINGS
 from impactlab.step_size.certified import alike, certified
 from impactlab.step_size.kinks import warn_of_kinks
 
@@ -149,6 +151,8 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
     # rounded up to whole intervals, in a short run to one sample at its end; 0 for a record without samples
     strides = [min(-(-record.stride(model, steps.step) // longest) * longest, steps.number) for record in records]
     every = math.gcd(*strides)
+    left_out = _left_out(model, request)
+    counted = steps.counted and "contact_rate" not in left_out
     no_jitter = np.zeros(len(model.ends))
     return Observed(
         records=tuple(
@@ -156,13 +160,32 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
         ),
         every=every,
         window=window,
-        counted=steps.counted,
-        jitter=jitter(model, steps.step, request.duration) if steps.counted else no_jitter,
-        rated=model.rated,
+        counted=counted,
+        jitter=jitter(model, steps.step, request.duration) if counted else no_jitter,
+        rated=model.rated and "peak_contact_force" not in left_out,
         bodies=len(model.bodies),
         contacts=len(model.contacts),
         sampled=steps.sampled,
+        left_out=left_out,
     )
+
+
+def _left_out(model: Model, request: Request) -> frozenset[str]:
+    """Return the statistics of contacts that are neither wanted nor needed for what is said of others.
+
+    The time in contact tells in which units a contact closed, and so how wide the errors of rare events are, of bodies,
+    too. Rates tell the same where units are few. Sums over bodies all serve their mean squares: balances of both are
+    controls of every statistic.
+    """
+    if request.statistics is None:
+        return frozenset()
+    few = request.realizations < CLOSINGS or model.rigid.any()
+    needed = {*request.statistics, "contact_ratio", *(["contact_rate"] if few else [])}
+    of_contacts = {item.name for item in STATISTICS.values() if item.dimension == CONTACT}
+    sampled = {item.name for item in sampled_of(CONTACT)} - {"contact_ratio"}
+    if sampled & needed:  # they are summed together: any other choice would have machine code of its own
+        needed |= sampled
+    return frozenset(of_contacts - needed)
 
 
 def _clock(model: Model, request: Request, expected: Expected, steps: Steps, grid: int) -> Clock:

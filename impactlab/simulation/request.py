@@ -14,6 +14,7 @@ from impactlab.components.component import finite, positive
 from impactlab.errors import InvalidInput
 from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.records.record import Record
+from impactlab.results.schema import wanted_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,11 @@ class Request:
     may then exceed that of the rules, since its error is measured.
     """
 
+    statistics: tuple[str, ...] | None = None
+    """Names of those that are wanted; others need not be summed. None for all."""
+
     def __post_init__(self) -> None:
+        object.__setattr__(self, "statistics", wanted_names(self.statistics))
         check_integrator(self.integrator)
         object.__setattr__(self, "duration", positive("duration", self.duration))
         whole = isinstance(self.realizations, int | np.integer) and not isinstance(self.realizations, bool)
@@ -56,6 +61,7 @@ class Request:
             "duration": self.duration, "realizations": self.realizations, "step": self.step,
             "integrator": self.integrator.to_dict(), "spin_up": self.spin_up, "initial": self.initial,
             "record": [item.to_dict() for item in self.records], "seed": list(self.seed),
+            **({} if self.statistics is None else {"statistics": list(self.statistics)}),
         }  # fmt: skip
 
     def resolved(self, model: Model) -> Self:

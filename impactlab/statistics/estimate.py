@@ -130,6 +130,9 @@ def estimate(
     if random and not trusted:
         _warn_of_few(plan)
     closings = values.combined["contact_rate"].value * plan.clock.step * plan.clock.steps * plan.realizations.number
+    if "contact_rate" in plan.observed.left_out:
+        closings = events.closings
+    looked_at = slice(0 if "mean_contact_force" in plan.observed.left_out else None)
     _forget(plan, values)
     of_batches = bodies.sum(axis=1)
     memory = memory_of(plan, of_batches, units.steps, units.alone)
@@ -142,7 +145,7 @@ def estimate(
     return Estimates(
         values,
         _by_realization(units),
-        drift_of(of_batches, contacts, units.steps, trusted),
+        drift_of(of_batches, contacts[:, :, looked_at], units.steps, trusted),
         closings / len(units.weights),
         heating_of(plan, units.moments, units.weights, rows.seldom),
         memory.warning,

@@ -87,7 +87,7 @@ def _repeat(
 ) -> xr.Dataset:
     """Simulate again what a configuration of `simulate` describes, unless a component's kernel has changed since."""
     options = configuration.get("simulate")
-    if not isinstance(options, Mapping) or set(options) != _REPEATED:
+    if not isinstance(options, Mapping) or set(options) - {"statistics"} != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options
         raise InvalidInput(
             f"A stored simulation has the options {sorted(_REPEATED)} and no others; these are {names!r}."
@@ -107,7 +107,7 @@ def _repeat(
         network, options["duration"], realizations=options["realizations"], step=options["step"],
         integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=options["spin_up"],
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
-        executor=executor, progress=progress,
+        executor=executor, progress=progress, statistics=options.get("statistics"),
     )  # fmt: skip
 
 
