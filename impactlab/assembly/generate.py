@@ -184,7 +184,7 @@ def _header(form: _Form, kernels: dict[str, str]) -> str:
         f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
         *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered"] if remembering else []),
         *(["from impactlab.kernels.peaks import PEAKS, reading"] if rated else []),
-        *(["from impactlab.kernels.scalars import scalar"] if kernels else []),
+        *([f"from impactlab.kernels.scalars import {'cubic, ' * rated}scalar"] if kernels else []),
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),
         *(["", *(f"{name} = resident({name}, FORCES)" for name in called)] if resident else []),
     ]

@@ -89,7 +89,7 @@ def {name}_between(
     if next_gap > 0.0:
         next_off = next_force - {behind}
     by, next_by, rise = step * rate, step * next_rate, next_gap - gap
-    bend, twist = 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    bend, twist = cubic(by, next_by, rise)
     force = {touching} + off
     for part in range(1, 8):
         share = 0.125 * part

@@ -18,6 +18,7 @@ from impactlab.kernels.arrays import value_at
 from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.random import normal_pair, philox
 from impactlab.kernels.rows import TOUCHING
+from impactlab.kernels.scalars import cubic
 
 GAP, RATE, END_GAP, END_RATE, SINCE, DUE, SPEED, SIZE, EVENTS, RESTS = range(10)
 """Rows of the paths of contacts in a step, of one lane: gap and rate at both ends, when the path begins, when the
@@ -132,7 +133,7 @@ def _path(paths, contact, step):  # type: ignore[no-untyped-def]
     """Return the coefficients of the path of a contact, ``gap + by s + bend s² + twist s³`` for s from 0 to 1."""
     length, gap = step - paths[SINCE, contact], min(paths[GAP, contact], 0.0)
     by, next_by, rise = length * paths[RATE, contact], length * paths[END_RATE, contact], paths[END_GAP, contact] - gap
-    return gap, by, 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    return gap, by, *cubic(by, next_by, rise)
 
 
 @kernel

@@ -13,7 +13,7 @@ from impactlab.kernels.jit import inlined, kernel
 from impactlab.kernels.kick import differences
 from impactlab.kernels.peaks import read_peaks
 from impactlab.kernels.rows import FF, FLUX, FV, FX, TOUCHING, TURN, VV, XV, XX, F, V, X
-from impactlab.kernels.scalars import scalar
+from impactlab.kernels.scalars import cubic, scalar
 from impactlab.kernels.single import instead_of
 
 SLOTS = 8
@@ -157,7 +157,7 @@ def closings(depth, closing, next_depth, next_closing, step, jitter):  # type: i
     if min(abs(depth), abs(next_depth)) > abs(by) + abs(next_by) + grazing:
         return count
     rise = next_depth - depth
-    bend, twist = 3.0 * rise - 2.0 * by - next_by, by + next_by - 2.0 * rise
+    bend, twist = cubic(by, next_by, rise)
     # the one root of by + 2 bend s + 3 twist s² in (0, 1)
     root = math.sqrt(bend * bend - 3.0 * twist * by)
     place = by / (root - bend) if by > 0.0 else by / (-root - bend)
