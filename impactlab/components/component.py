@@ -23,12 +23,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 import impactlab
 from impactlab.components.evaluation import (
+    ERRORS,
     NUMBERS,
     TIME,
     UPDATE,
     Found,
     at_new_states,
     by_name,
+    floats_of,
     is_truth_value,
     number_of,
 )
@@ -218,7 +220,7 @@ class Component:
                 return value if type(value) is float else number_of(value)
             except OverflowError:
                 raise  # infinite in compiled code; whoever asks for values far out decides what that means
-            except (ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError) as error:
+            except ERRORS as error:
                 place = ", ".join(f"{item} = {value:g}" for item, value in zip(used, point, strict=True))
                 raise InvalidInput(
                     f"The kernel {type(self).__name__}.{name} failed for {self!r}{' at ' if place else ''}{place}: "
@@ -227,9 +229,10 @@ class Component:
 
         of_arguments = np.broadcast_shapes(*(item.shape for item in arguments))
         columns = [np.broadcast_to(item, of_arguments).ravel().tolist() for item in arguments]
-        points = zip(*columns, strict=True) if arguments else [()]
+        points = list(zip(*columns, strict=True)) if arguments else [()]
         with np.errstate(over="ignore"):  # of kernels with functions of NumPy
-            found = np.array([scalar(*point) for point in points], dtype=float)
+            floats = floats_of(function, [*columns, *([value] * len(points) for value in filled)])
+            found = np.array([scalar(*point) for point in points] if floats is None else floats, dtype=float)
         return np.broadcast_to(found.reshape(of_arguments), shape)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Number
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,9 @@ NUMBERS = (int, float, Number)
 
 Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 """A kernel with the names of its kinematic arguments and of its fields."""
+
+ERRORS = ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError
+"""What a kernel may raise where it is not defined, or wrong."""
 
 _FEW = 4  # points of each component up to which equal ones are found
 _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
@@ -61,14 +64,28 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
         columns = [np.broadcast_to(values[item], result.shape)[rows].ravel().tolist() for item in used]
         for field in fields:
             columns.append([value for row in rows for value in [getattr(components[row], field)] * shape[1]])
+        if (floats := floats_of(function, columns)) is not None:
+            result[rows] = np.array(floats).reshape(shape)
+            continue
         points = zip(*columns, strict=True) if columns else itertools.repeat((), shape[0] * shape[1])
         try:
             result[rows] = np.fromiter(itertools.starmap(_without_overflow(function), points), float).reshape(shape)
-        except (ArithmeticError, AttributeError, LookupError, NameError, TypeError):
+        except ERRORS:
             for row in rows:  # which says what is wrong, and where
                 components[row].call(name, *(np.broadcast_to(item, result.shape)[row] for item in kinematic))
             raise
     return result
+
+
+def floats_of(function: Callable[..., float], columns: Sequence[Iterable[Any]]) -> list[float] | None:
+    """Return a function of the rows of columns; None without columns, or where a value is no float or an error."""
+    if not columns:
+        return None
+    try:
+        found = list(map(function, *columns))
+    except ERRORS:
+        return None
+    return found if set(map(type, found)) <= {float} else None
 
 
 def _distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
