@@ -36,10 +36,10 @@ SURE = 3.0
 class PeakForces(Record):
     """Largest contact forces in windows of time, and forces that are exceeded once in a given time.
 
-    Peaks grow with the time of observation: each has that of its window, in which forces are read at the steps. Return levels come from the rate ν at
-    which indentations are crossed on the way in, a flux like the contact rate, so that no short contact is missed. The
-    return level F of a time t has ``ν(F) t = 1``, for forces that grow with the indentation and depend on it alone;
-    it is NaN for those that depend on time.
+    Peaks grow with the time of observation: each has that of its window, in which forces are read at the steps. Return
+    levels come from the rate ν at which indentations are crossed on the way in, a flux like the contact rate, so that
+    no short contact is missed. The return level F of a time t has ``ν(F) t = 1``, for forces that grow with the
+    indentation and depend on it alone; it is NaN for those that depend on time.
     The largest force in a time t is above any F with a probability of at most ``P(F(0) > F) + ν(F) t``; where
     crossings do not cluster it is below with the probability ``exp(−ν(F) t)``. All steps are taken, without jumps.
 
