@@ -71,9 +71,10 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
     phases = sums.bodies.shape[0]
     for slot in (0, 1):
         slots = slot, slot + 2, slot + 4, slot + 6
-        add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.bodies.shape[1] > F:
-            add_forces(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
+            add_kicks(history.x, history.v, history.force, slots, slot % phases, sums.bodies)
+        else:
+            add_states(history.x, history.v, slots, slot % phases, sums.bodies)
         if sums.flux.window.shape[0] and not sums.closings.before.shape[1]:
             add_flux(history, slots, sums)
         if sums.pairs.shape[0]:
@@ -85,31 +86,56 @@ def add_history(history, sums):  # type: ignore[no-untyped-def]
 @kernel
 def add_states(x, v, slots, phase, sums):  # type: ignore[no-untyped-def]
     """Add the powers of displacement and velocity in four slots to ``sums[phase, row, body, lane]``."""
-    a, b, c, d = slots
     for body in range(sums.shape[2]):
-        for lane in range(sums.shape[3]):
-            x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
-            v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
-            sums[phase, X, body, lane] += (x0 + x1) + (x2 + x3)
-            sums[phase, V, body, lane] += (v0 + v1) + (v2 + v3)
-            sums[phase, XX, body, lane] += (x0 * x0 + x1 * x1) + (x2 * x2 + x3 * x3)
-            sums[phase, XV, body, lane] += (x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3)
-            sums[phase, VV, body, lane] += (v0 * v0 + v1 * v1) + (v2 * v2 + v3 * v3)
+        add_state(x, v, slots, phase, body, sums)
 
 
 @kernel
-def add_forces(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
-    """Add the powers of the forces of kicks in four slots to ``sums[phase, row, body, lane]``."""
-    a, b, c, d = slots
+def add_kicks(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
+    """Do so, and add the powers of the forces of kicks.
+
+    Each body has both in turn, while its states are in the nearest cache; in one loop there would be too many rows.
+    """
     for body in range(sums.shape[2]):
-        for lane in range(sums.shape[3]):
-            f0, f1, f2, f3 = f[a, body, lane], f[b, body, lane], f[c, body, lane], f[d, body, lane]
-            x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
-            v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
-            sums[phase, F, body, lane] += (f0 + f1) + (f2 + f3)
-            sums[phase, FF, body, lane] += (f0 * f0 + f1 * f1) + (f2 * f2 + f3 * f3)
-            sums[phase, FX, body, lane] += (f0 * x0 + f1 * x1) + (f2 * x2 + f3 * x3)
-            sums[phase, FV, body, lane] += (f0 * v0 + f1 * v1) + (f2 * v2 + f3 * v3)
+        add_state(x, v, slots, phase, body, sums)
+        add_force(x, v, f, slots, phase, body, sums)
+
+
+@instead_of(add_kicks)
+def add_kicks_of_one(x, v, f, slots, phase, sums):  # type: ignore[no-untyped-def]
+    """Do what `add_kicks` does, in loops over all bodies that vectorise."""
+    for body in range(sums.shape[2]):
+        add_state(x, v, slots, phase, body, sums)
+    for body in range(sums.shape[2]):
+        add_force(x, v, f, slots, phase, body, sums)
+
+
+@inlined
+def add_state(x, v, slots, phase, body, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of displacement and velocity of one body."""
+    a, b, c, d = slots
+    for lane in range(sums.shape[3]):
+        x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
+        v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
+        sums[phase, X, body, lane] += (x0 + x1) + (x2 + x3)
+        sums[phase, V, body, lane] += (v0 + v1) + (v2 + v3)
+        sums[phase, XX, body, lane] += (x0 * x0 + x1 * x1) + (x2 * x2 + x3 * x3)
+        sums[phase, XV, body, lane] += (x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3)
+        sums[phase, VV, body, lane] += (v0 * v0 + v1 * v1) + (v2 * v2 + v3 * v3)
+
+
+@inlined
+def add_force(x, v, f, slots, phase, body, sums):  # type: ignore[no-untyped-def]
+    """Add the powers of the forces of kicks of one body."""
+    a, b, c, d = slots
+    for lane in range(sums.shape[3]):
+        f0, f1, f2, f3 = f[a, body, lane], f[b, body, lane], f[c, body, lane], f[d, body, lane]
+        x0, x1, x2, x3 = x[a, body, lane], x[b, body, lane], x[c, body, lane], x[d, body, lane]
+        v0, v1, v2, v3 = v[a, body, lane], v[b, body, lane], v[c, body, lane], v[d, body, lane]
+        sums[phase, F, body, lane] += (f0 + f1) + (f2 + f3)
+        sums[phase, FF, body, lane] += (f0 * f0 + f1 * f1) + (f2 * f2 + f3 * f3)
+        sums[phase, FX, body, lane] += (f0 * x0 + f1 * x1) + (f2 * x2 + f3 * x3)
+        sums[phase, FV, body, lane] += (f0 * v0 + f1 * v1) + (f2 * v2 + f3 * v3)
 
 
 @kernel
@@ -243,12 +269,21 @@ def add_flux(history, slots, target):  # type: ignore[no-untyped-def]
                 sums[FLUX, contact, lane] += flux
         if target.flux.half_kick.shape[0] == 1:
             of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
-            for slot in slots:
-                for lane in range(sums.shape[2]):
-                    closing = v[slot, first, lane] - v[slot, second, lane]
-                    kick = of_first * force[slot, first, lane] - of_second * force[slot, second, lane]
-                    depth = indentation[slot, contact, lane]
-                    sums[FLUX, contact, lane] += weighted_around(depth, closing, kick, half, curvature)
+            for lane in range(sums.shape[2]):
+                flux = sums[FLUX, contact, lane]
+                closing = v[a, first, lane] - v[a, second, lane]
+                kick = of_first * force[a, first, lane] - of_second * force[a, second, lane]
+                flux += weighted_around(indentation[a, contact, lane], closing, kick, half, curvature)
+                closing = v[b, first, lane] - v[b, second, lane]
+                kick = of_first * force[b, first, lane] - of_second * force[b, second, lane]
+                flux += weighted_around(indentation[b, contact, lane], closing, kick, half, curvature)
+                closing = v[c, first, lane] - v[c, second, lane]
+                kick = of_first * force[c, first, lane] - of_second * force[c, second, lane]
+                flux += weighted_around(indentation[c, contact, lane], closing, kick, half, curvature)
+                closing = v[d, first, lane] - v[d, second, lane]
+                kick = of_first * force[d, first, lane] - of_second * force[d, second, lane]
+                flux += weighted_around(indentation[d, contact, lane], closing, kick, half, curvature)
+                sums[FLUX, contact, lane] = flux
         if target.flux.half_kick.shape[0] > 1:  # friction slows bodies within a step
             of_first, of_second = target.flux.half_kick[0, first], target.flux.half_kick[0, second]
             late_first, late_second = target.flux.half_kick[1, first], target.flux.half_kick[1, second]
