@@ -20,6 +20,7 @@ from impactlab.plotting.held import LABELS, configuration, rows
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import trajectory
 from impactlab.plotting.style import style
+from impactlab.results.schema import STATISTICS
 
 Panel = Callable[[xr.Dataset, Axes], object]
 """Draws something of a result."""
@@ -72,14 +73,14 @@ def overview(result: xr.Dataset) -> Figure:
 
 def _panels(result: xr.Dataset) -> Iterator[Panel]:
     """Give what draws each part of a result."""
-    statistics = [name for name in _STATISTICS if name in result and result[name].size]
+    held = [name for name in STATISTICS if name in result and result[name].size]
+    statistics = [name for name in _STATISTICS if name in held] or held
     if any(set(result[name].dims) - set(LABELS) for name in statistics):  # a sweep
         for name in statistics:
             yield partial(_sweep, name)
         return
-    for name in statistics:
-        if name in _PROFILES:
-            yield partial(_profile, name)
+    for name in [name for name in statistics if name in _PROFILES] or statistics[:1]:
+        yield partial(_profile, name)
     for draw, form in ((density, "density_{}"), (joint_density, "joint_density"), (spectrum, "spectrum_{}")):
         for quantity in _QUANTITIES if "{}" in form else ("",):
             if form.format(quantity) in result:

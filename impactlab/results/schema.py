@@ -293,7 +293,7 @@ def wanted_names(names: Any) -> tuple[str, ...] | None:
         )
     for name in given:
         if not isinstance(name, str) or name not in known:
-            raise InvalidInput(f"statistics: there is no {name!r}; allowed are {', '.join(known)}.")
+            raise InvalidInput(f"statistics cannot be {name!r}; allowed are {', '.join(known)}.")
     return tuple(dict.fromkeys(given))
 
 

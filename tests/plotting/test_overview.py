@@ -46,6 +46,11 @@ def test_every_record_has_a_panel(result):
     assert labels(overview(plain)) == ["mean square displacement (m$^{2}$)"]  # whose network is lost
 
 
+def test_of_a_run_with_another_statistic_that_one_is_drawn():
+    only = il.simulate(NETWORK, 20.0, realizations=64, statistics="mean_velocity", rng=1)
+    assert labels(overview(only)) == ["mean velocity (m s$^{-1}$)"]
+
+
 def test_of_many_bodies_some_are_drawn():
     shape = {"oscillator": [f"body_{number}" for number in range(100)], "displacement_bin": np.arange(3)}
     density = xr.DataArray(np.ones((100, 3)), shape, name="density_displacement").to_dataset()
