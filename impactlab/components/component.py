@@ -407,20 +407,28 @@ def _may_end_without_value(function: types.FunctionType) -> bool:
 
 def _check_arguments(cls: type[Component], values: tuple[Any, ...], fields: dict[str, Any]) -> None:
     """Refuse unknown, surplus and missing arguments in the words of the component."""
-    declared = declared_by(cls)
-    allowed = [item.name for item in declared]
+    allowed, positional, needed = _taken_by(cls)
     for name in fields:
         if name not in allowed:
             raise InvalidInput(f"{cls.__name__} has no field {name!r}; {suggestion(name, allowed)}")
-    positional = [item.name for item in declared if item.positional]
     if len(values) > len(positional):
         raise InvalidInput(
             f"{cls.__name__} takes {len(positional)} value(s) by position, not {len(values)}; "
             f"name the others: {', '.join(allowed)}."
         )
-    for item in declared:
-        if item.needed and item.name not in fields and item.name not in positional[: len(values)]:
-            raise InvalidInput(f"{cls.__name__} needs {item.name} ({item.units}).")
+    for name in needed:
+        if name not in fields and name not in positional[: len(values)]:
+            raise InvalidInput(f"{cls.__name__} needs {name} ({cls.units(name)}).")
+
+
+def _taken_of(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return the names of all fields, of those that may be given by position, and of those that must be given."""
+    declared = declared_by(cls)
+    positional, needed = ([item.name for item in declared if getattr(item, flag)] for flag in ("positional", "needed"))
+    return cls.field_names(), tuple(positional), tuple(needed)
+
+
+_taken_by: Callable[[Any], tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = functools.cache(_taken_of)
 
 
 def _validated(declared: Declared, value: Any) -> Any:
@@ -428,7 +436,9 @@ def _validated(declared: Declared, value: Any) -> Any:
     place, kind = declared.place, declared.kind
     if kind == "float":
         value = finite(place, value)
-    elif kind == "int":
+        _check_limits(declared, value)
+        return value
+    if kind == "int":
         if isinstance(value, bool) or not isinstance(value, (int, Integral)):
             raise InvalidInput(f"{place} must be a whole number, not {value!r}.")
         value = int(value)
@@ -442,17 +452,17 @@ def _validated(declared: Declared, value: Any) -> Any:
     elif isinstance(value, list):
         value = tuple(value)
     for item in value if isinstance(value, tuple) else (value,):
-        if isinstance(item, NUMBERS) and not isinstance(item, bool):
+        if not isinstance(item, str | Component) and isinstance(item, NUMBERS) and not isinstance(item, bool):
+            finite(place, item)
             _check_limits(declared, item)
     return value
 
 
 def _check_limits(declared: Declared, value: Any) -> None:
-    place, units = declared.place, "" if declared.units == "1" else f" {declared.units}"
-    finite(place, value)
     for name, limit in declared.limits.items():
         wanted, is_beyond = _LIMITS[name]
         if is_beyond(value, limit):
+            place, units = declared.place, "" if declared.units == "1" else f" {declared.units}"
             raise InvalidInput(f"{place} must be {wanted} {limit:g}{units}, not {value!r}.")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import reprlib
 import unicodedata
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self, TypeVar
 
@@ -79,18 +79,19 @@ class Composition:
         self._check_names(bodies, terms, points)
         self._check_held()
         self._check_prescribed(bodies)
-        self._expanded = _Expanded(
-            bodies,
-            points,
-            {name: _without_points(name, contact, points) for name, contact in self._contacts.items()},
-            {name: _at_bodies(name, self._forces(name, item), points) for name, item in self._excitations.items()},
-            {name: _without_points(name, item, points) for name, item in self._couplings.items()} | terms,
-        )
-        laws = ((name, contact.law) for name, contact in self._contacts.items())
-        check_potentials("contact", laws, "force", "potential")
-        pulling = ((name, coupling.law) for name, coupling in self._couplings.items())
-        check_potentials("coupling", pulling, "force", "potential", both_sides=True)
-        check_potentials("body", bodies.items(), "residual", "residual_potential", both_sides=True)
+        excitations = {
+            name: self._forces(name, item) if isinstance(item, BaseMotion) else item
+            for name, item in self._excitations.items()
+        }
+        contacts, couplings = self._contacts, self._couplings
+        if points:
+            contacts = {name: _without_points(name, item, points) for name, item in contacts.items()}
+            couplings = {name: _without_points(name, item, points) for name, item in couplings.items()}
+            excitations = {name: _at_bodies(name, item, points) for name, item in excitations.items()}
+        self._expanded = _Expanded(bodies, points, contacts, excitations, couplings | terms)
+        check_potentials("contact", _laws(self._contacts), "force", "potential")
+        check_potentials("coupling", _laws(self._couplings), "force", "potential", both_sides=True)
+        check_potentials("body", bodies, "residual", "residual_potential", both_sides=True)
 
     def _check_names(
         self, bodies: Mapping[str, Oscillator], terms: Mapping[str, Coupling], points: Mapping[str, Shares]
@@ -101,6 +102,8 @@ class Composition:
             if name in self._couplings:
                 raise InvalidInput(f"couplings: {name!r} is the name of a coupling, and of a term of a structure.")
         for name, link in [*self._contacts.items(), *self._couplings.items()]:
+            if link.first in places and (link.second in places or link.second is WALL):
+                continue
             for body in named_by(link):
                 if body not in places:
                     raise InvalidInput(
@@ -143,6 +146,8 @@ class Composition:
     def _check_prescribed(self, bodies: Mapping[str, Oscillator]) -> None:
         """Refuse bodies of given motion that are random, pushed, or in touch with nothing that is free to move."""
         given = {name: body.displacement for name, body in bodies.items() if isinstance(body, PrescribedBody)}
+        if not given:
+            return
         for name, displacement in given.items():
             if displacement.kind != "force":
                 raise InvalidInput(
@@ -155,14 +160,12 @@ class Composition:
                 raise InvalidInput(f"{body!r} {what}, but moves as it is given, whatever force acts on it.")
         if len(given) == len(bodies):
             raise InvalidInput("All bodies move as they are given; a network needs one that is free to move.")
-        for name, link in [*self._contacts.items(), *self._couplings.items()] if given else ():
+        for name, link in [*self._contacts.items(), *self._couplings.items()]:
             if given.keys() >= set(named_by(link)):
                 raise InvalidInput(f"Both sides of {name!r} move as they are given, so that it does nothing.")
 
-    def _forces(self, name: str, item: Excitation | Source | BaseMotion) -> Excitation | Source:
-        """Return an excitation; in the place of a motion of the ground, the source of forces on all that follows it."""
-        if not isinstance(item, BaseMotion):
-            return item
+    def _forces(self, name: str, item: BaseMotion) -> Source:
+        """Return the source of forces on all that follows a motion of the ground."""
         inertia: dict[str, float] = {}
         for place, body in self._oscillators.items():
             if isinstance(body, PrescribedMotion | PrescribedBody):  # beside the ground
@@ -363,23 +366,42 @@ class Composition:
 def _family(title: str, members: Family[Any]) -> dict[str, Any]:
     """Return the members of one family as a checked dictionary."""
     kinds = FAMILIES[title]
-    expected = " or ".join(f"il.{kind.__name__}" for kind in kinds)
     try:
-        pairs = [(name, member) for name, member in (members.items() if isinstance(members, Mapping) else members)]
+        pairs = members.items() if isinstance(members, Mapping) else [(name, member) for name, member in members]
     except (TypeError, ValueError) as error:
-        raise InvalidInput(f"{title} must be a mapping of names to {expected} objects, not {members!r}.") from error
-    family: dict[str, Any] = {}
-    for name, member in pairs:
+        wanted = f"a mapping of names to {_expected(kinds)} objects"
+        raise InvalidInput(f"{title} must be {wanted}, not {members!r}.") from error
+    _check_member_names(title, [name for name, _ in pairs])
+    family: dict[str, Any] = dict(pairs)
+    if not all(issubclass(kind, kinds) for kind in set(map(type, family.values()))):
+        name, member = next(item for item in family.items() if not issubclass(type(item[1]), kinds))
+        raise InvalidInput(f"{title}: {name!r} must be an {_expected(kinds)}, not {member!r}.")
+    return family
+
+
+def _expected(kinds: Iterable[type[Component]]) -> str:
+    return " or ".join(f"il.{kind.__name__}" for kind in kinds)
+
+
+def _check_member_names(title: str, names: Sequence[Any]) -> None:
+    """Refuse names of a family that are no text, cannot be stored, or are given twice."""
+    texts = {str}.issuperset(map(type, names))
+    if texts and all(map(str.strip, names)) and "".join(names).isprintable() and len(set(names)) == len(names):
+        return
+    known: set[str] = set()
+    for name in names:
         if not isinstance(name, str) or not name.strip():
             raise InvalidInput(f"{title}: a name must be a non-empty string, not {name!r}.")
         if not name.isprintable() and any(unicodedata.category(letter) in _NOT_IN_FILES for letter in name):
             raise InvalidInput(f"{title}: a name must not contain control characters, as does {name!r}.")
-        if name in family:
+        if name in known:
             raise InvalidInput(f"{title}: the name {name!r} was given twice.")
-        if not isinstance(member, kinds):
-            raise InvalidInput(f"{title}: {name!r} must be an {expected}, not {member!r}.")
-        family[name] = member
-    return family
+        known.add(name)
+
+
+def _laws(links: Mapping[str, Contact | RoundContact] | Mapping[str, Coupling]) -> dict[str, Component]:
+    """Return the laws of contacts or couplings by the names of these."""
+    return {name: link.law for name, link in links.items()}
 
 
 def _with_structures(
@@ -389,6 +411,8 @@ def _with_structures(
     bodies: dict[str, Oscillator] = {}
     terms: dict[str, Coupling] = {}
     points: dict[str, Shares] = {}
+    if not any(issubclass(kind, Structure | PrescribedMotion) for kind in set(map(type, given.values()))):
+        return dict(given), terms, points
     for name, body in given.items():
         structure = isinstance(body, Structure)
         if isinstance(body, PrescribedMotion):

@@ -271,6 +271,33 @@ class Contact(Component):
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
 
 
+def contacts_between(
+    pairs: Sequence[tuple[Side, Side]], laws: Sequence[ContactLaw], clearances: Sequence[float]
+) -> list[Contact]:
+    """Return the contact of each pair of two different bodies, or of a body and the wall, with its law and clearance.
+
+    The first contact of a law is made and checked; the others are copies of it with other sides and clearances.
+    """
+    checked: dict[int, ContactLaw] = {}
+    result = []
+    for (first, second), law, clearance in zip(pairs, laws, clearances, strict=True):
+        known = checked.get(id(law))
+        if known is None or type(clearance) is not float or not math.isfinite(clearance):
+            contact = Contact(first, second, law, clearance=clearance)
+            checked[id(law)] = contact.law
+        else:
+            contact = object.__new__(Contact)
+            _set(contact, "first", first)
+            _set(contact, "second", second)
+            _set(contact, "law", known)
+            _set(contact, "clearance", clearance)
+        result.append(contact)
+    return result
+
+
+_set = object.__setattr__  # contacts are frozen
+
+
 def backlash(first: Side, second: Side, law: ContactLaw, *, clearance: float, name: str) -> dict[str, Contact]:
     """Return the contacts of a body between two stops, or of two bodies with play, for a network.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -23,27 +23,27 @@ _MOST_OF_A_CLASS = 8
 
 
 def check_potentials(
-    what: str, members: Iterable[tuple[str, Component]], force: str, potential: str, both_sides: bool = False
+    what: str, members: Mapping[str, Component], force: str, potential: str, both_sides: bool = False
 ) -> None:
     """Refuse potentials that are not the work of their forces from 0, also below 0 if they have `both_sides`.
 
-    Members are names and laws of `what`, as messages say it, with two kernels. Of each class up to eight are looked at,
-    since what is wrong is a formula. From one octave of places to the next the change of the potential is compared with
-    the integral of the force, by Gauss's rule. Where polynomials of order 15 do not resolve them (a kink), the
+    Members are laws by the names of `what`, as messages say it, with two kernels. Of each class up to eight are looked
+    at, since what is wrong is a formula. From one octave of places to the next the change of the potential is compared
+    with the integral of the force, by Gauss's rule. Where polynomials of order 15 do not resolve them (a kink), the
     tolerance grows by what they leave. Nothing is looked at where a kernel fails or overflows, or the force depends on
     a rate.
     """
-    distinct: dict[type[Component], dict[int, tuple[str, Component]]] = {}
-    for name, component in members:
-        distinct.setdefault(type(component), {}).setdefault(id(component), (name, component))
+    distinct: dict[type[Component], list[Component]] = {}
+    for component in {id(component): component for component in members.values()}.values():
+        distinct.setdefault(type(component), []).append(component)
     for kind, found in distinct.items():
         if not kind.has_kernel(potential) or not set(kind.kernel(force)[1]) <= {kind.kernels[force][0]}:
             continue
-        some = list(found.values())[:: -(-len(found) // _MOST_OF_A_CLASS)]
         kernels = getattr(kind, force), getattr(kind, potential)
-        for name, component in some:
+        for component in found[:: -(-len(found) // _MOST_OF_A_CLASS)]:
             wrong = _difference(component, force, potential, both_sides, kernels)
             if wrong:
+                name = next(name for name, item in members.items() if item is component)
                 raise InvalidInput(
                     f"{kind.__name__}.{potential} of {what} {name!r} {wrong} Make it the integral of {force} from 0, "
                     "or leave it out: only exact laws need it."

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import impactlab
 from impactlab.components.composition import Composition
-from impactlab.components.contact import Contact, ContactLaw
+from impactlab.components.contact import ContactLaw, contacts_between
 from impactlab.components.excitation import Excitation
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
+from impactlab.machine import uncollected
 from impactlab.networks.network_file import NetworkFile, text_of
 
 if TYPE_CHECKING:
@@ -113,6 +114,7 @@ class Network(Composition):
         return impactlab.plot.network_html(self)
 
 
+@uncollected()
 def chain(
     bodies: int,
     oscillator: Oscillator | Sequence[Oscillator],
@@ -155,14 +157,10 @@ def chain(
     pairs = list(pairwise(ends))
     oscillators = _each("oscillator", oscillator, bodies)
     excitations = _each("excitation", excitation, bodies)
-    laws = _each("law", law, len(pairs))
-    clearances = _each("clearance", clearance, len(pairs))
+    contacts = contacts_between(pairs, _each("law", law, len(pairs)), _each("clearance", clearance, len(pairs)))
     return Network(
         dict(zip(names, oscillators, strict=True)),
-        {
-            f"contact_{index}": Contact(*pair, laws[index], clearance=clearances[index])
-            for index, pair in enumerate(pairs)
-        },
+        {f"contact_{index}": contact for index, contact in enumerate(contacts)},
         {name: item for name, item in zip(names, excitations, strict=True) if item is not None},
     )
 
