@@ -62,9 +62,13 @@ def _checked(given: Any, count: int) -> np.ndarray:
         array = real_array(given)
     except (TypeError, ValueError):
         raise InvalidInput(f"correlated: densities must be real numbers, not {reprlib.repr(given)}.") from None
-    if array.shape != (count, count) or not np.isfinite(array).all():
+    if array.shape != (count, count):
+        raise InvalidInput(f"correlated: densities must be a matrix for {count} bodies, not of shape {array.shape}.")
+    wrong = np.argwhere(~np.isfinite(array))
+    if len(wrong):
+        row, column = wrong[0]
         raise InvalidInput(
-            f"correlated: densities must be a matrix of finite numbers for {count} bodies, not of shape {array.shape}."
+            f"correlated: densities must be finite, but the entry ({row + 1}, {column + 1}) is {array[row, column]}."
         )
     if np.abs(array - array.T).max(initial=0.0) > NEGLIGIBLE * np.abs(array).max(initial=0.0):
         raise InvalidInput("correlated: densities must be symmetric.")

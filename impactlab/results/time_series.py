@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,9 @@ _HEADING = 4
 
 _NUMBERS = r"NPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.E+-]+)", r"(\d+)\s+([\d.E+-]+)\s+NPTS\s*,\s*DT"
 """How the last of them gives the number of values and the time between them (s), in newer and in older files."""
+
+_NUMBER = re.compile(r"\s*[+-]?(\.?\d|(nan|inf|infinity)\b)", re.IGNORECASE)
+"""How a line of numbers begins; those before the first one are headings."""
 
 
 def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
@@ -42,7 +45,8 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     Raises
     ------
     InvalidInput
-        If the file does not exist, or does not hold one series.
+        If the file does not exist, does not hold one series of two samples or more, a number is not finite, or times do
+        not increase; the message names the file and the line.
     """
     path = Path(path)
     if not path.is_file():
@@ -53,8 +57,35 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     return _at2(path, lines) if path.suffix.lower() == ".at2" else _columns(path, lines)
 
 
-def _series(times: np.ndarray, values: np.ndarray, attributes: dict[str, str]) -> xr.DataArray:
+def _series(
+    path: Path, places: Sequence[str], times: np.ndarray, values: np.ndarray, attributes: dict[str, str]
+) -> xr.DataArray:
+    """Return a series whose samples are at some places of a file, or refuse it."""
+    _check(path, places, times, values)
     return xr.DataArray(values, {"time": ("time", times, {"units": "s"})}, "time", attrs=attributes)
+
+
+def _check(path: Path, places: Sequence[str], times: np.ndarray, values: np.ndarray) -> None:
+    """Refuse samples that are too few or not finite, and times that do not increase."""
+    if len(values) < 2:
+        raise InvalidInput(
+            f"{path} holds {len(values)} sample{'s' * (len(values) != 1)}; a time series has two at least, times (s) "
+            "and values below any headings."
+        )
+    for name, numbers in (("time", times), ("value", values)):
+        wrong = np.flatnonzero(~np.isfinite(numbers))
+        if len(wrong):
+            raise InvalidInput(
+                f"{path}, {places[wrong[0]]}: the {name} is {numbers[wrong[0]]}, but all must be finite ({len(wrong)} "
+                f"of {len(numbers)} are not); fill the gaps, or leave such samples out, before it is read."
+            )
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(back):
+        before, after = times[back[0] : back[0] + 2]
+        raise InvalidInput(
+            f"{path}, {places[back[0] + 1]}: the time {after:.10g} s follows {before:.10g} s, but times must increase; "
+            "sort the samples, and keep one of each time."
+        )
 
 
 def _netcdf(path: Path) -> xr.DataArray:
@@ -64,7 +95,10 @@ def _netcdf(path: Path) -> xr.DataArray:
         raise InvalidInput(
             f"{path} holds {len(found)} variables of one dimension with a coordinate, not one; choose one with xarray."
         )
-    return xr.DataArray(found[0].rename({found[0].dims[0]: "time"}))
+    result = xr.DataArray(found[0].rename({found[0].dims[0]: "time"}))
+    if result.dtype.kind in "fiu" and result.time.dtype.kind in "fiu":  # times of a calendar are not for us to judge
+        _check(path, [f"sample {number} (from 0)" for number in range(len(result))], result.time.values, result.values)
+    return result
 
 
 def _at2(path: Path, lines: list[str]) -> xr.DataArray:
@@ -76,21 +110,24 @@ def _at2(path: Path, lines: list[str]) -> xr.DataArray:
             '"ACCELERATION TIME SERIES IN UNITS OF G", the fourth "NPTS= …, DT= … SEC".'
         )
     count, interval = int(numbers[0][1]), float(numbers[0][2])
-    values = [value for _, row in _rows(path, lines, _HEADING) for value in row]
+    samples = [(f"line {line}", value) for line, row in _rows(path, lines, _HEADING) for value in row]
+    places, values = zip(*samples, strict=True) if samples else ((), ())
     if len(values) != count:
         raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {count}.")
+    if interval <= 0.0:
+        raise InvalidInput(f"{path}, line {_HEADING}: the time between values must be above 0 s, not {interval:g} s.")
     attributes = {"units": "m s-2", "long_name": f"acceleration, {lines[1].strip()}"}
-    return _series(interval * np.arange(count), GRAVITY * np.array(values), attributes)
+    return _series(path, places, interval * np.arange(count), GRAVITY * np.array(values), attributes)
 
 
 def _columns(path: Path, lines: list[str]) -> xr.DataArray:
-    heading = next((place for place, line in enumerate(lines) if re.match(r"\s*[+-]?\.?\d", line)), len(lines))
+    heading = next((place for place, line in enumerate(lines) if _NUMBER.match(line)), len(lines))
     rows = list(_rows(path, lines, heading))
     for place, row in rows:
         if len(row) != 2:
             raise InvalidInput(f"{path}, line {place}: a time and a value are needed, not {len(row)} numbers.")
     times, values = np.array([row for _, row in rows]).reshape(-1, 2).T
-    return _series(times, values, {})
+    return _series(path, [f"line {place}" for place, _ in rows], times, values, {})
 
 
 def _rows(path: Path, lines: list[str], heading: int) -> Iterator[tuple[int, list[float]]]:

@@ -43,6 +43,8 @@ def test_what_is_no_matrix_of_densities_is_refused():
         il.correlated(noise, [[1.0, 0.5], [0.4, 1.0]], ["a", "b"])
     with pytest.raises(il.InvalidInput, match=r"for 3 bodies, not of shape \(2, 2\)"):
         il.correlated(noise, np.eye(2), NAMES)
+    with pytest.raises(il.InvalidInput, match=r"must be finite, but the entry \(1, 2\) is nan"):
+        il.correlated(noise, [[1.0, np.nan], [np.nan, 1.0]], ["a", "b"])
     with pytest.raises(il.InvalidInput, match="numbers"):
         il.correlated(noise, "matrix", NAMES)
     with pytest.raises(il.InvalidInput, match="different names"):

@@ -54,6 +54,17 @@ def test_netcdf(tmp_path):
         ("a.at2", HEADING + "NPTS= 6, DT= .005 SEC\n" + ROWS, r"holds 5 values, but its heading announces 6"),
         ("a.at2", HEADING.replace("OF G", "OF CM/S") + "NPTS= 5, DT= .005 SEC\n" + ROWS, r"does not begin as PEER's"),
         ("a.at2", "0 1\n", r"does not begin as PEER's files of accelerations do"),
+        ("a.csv", "time, a\n0, 1\n1, nan\n2, 3\n", r"a.csv, line 3: the value is nan, but .* \(1 of 3 are not\); fill"),
+        ("a.csv", "time, a\n\nNaN, 1\n1, 2\n", r"a.csv, line 3: the time is nan, but all must be finite"),
+        ("a.csv", "0 1\n1 2\n-inf 3\n", r"a.csv, line 3: the time is -inf, but all must be finite"),
+        ("a.csv", "0 1\n0.5 2\n\n0.5 3\n", r"a.csv, line 4: the time 0.5 s follows 0.5 s, but times must increase; s"),
+        ("a.csv", "0 1\n0.5 2\n0.25 3\n", r"a.csv, line 3: the time 0.25 s follows 0.5 s, but times must increase"),
+        ("a.csv", "time (s), a\n", r"a.csv holds 0 samples; a time series has two at least"),
+        ("a.csv", "", r"a.csv holds 0 samples; a time series has two at least"),
+        ("a.csv", "time, a\n0, 1\n", r"a.csv holds 1 sample; a time series has two at least"),
+        ("a.at2", HEADING + "NPTS= 0, DT= .005 SEC\n", r"a.at2 holds 0 samples; a time series has two at least"),
+        ("a.at2", HEADING + "NPTS= 5, DT= 0.0 SEC\n" + ROWS, r"a.at2, line 4: the time between .* above 0 s, not 0 s"),
+        ("a.at2", HEADING + "NPTS= 5, DT= .005 SEC\n" + ROWS.replace("0.0", "NaN"), r"a.at2, line 6: the value is nan"),
     ],
 )
 def test_bad_file(tmp_path, name, text, message):
@@ -61,3 +72,18 @@ def test_bad_file(tmp_path, name, text, message):
         il.read_time_series(written(tmp_path, name, text))
     with pytest.raises(il.InvalidInput, match=r"There is no file .*other\.csv"):
         il.read_time_series(tmp_path / "other.csv")
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "message"),
+    [
+        ([0.0, 1.0, 2.0], [1.0, np.nan, 2.0], r"a.nc, sample 1 \(from 0\): the value is nan, but all must be finite"),
+        ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], r"a.nc, sample 2 \(from 0\): the time 1 s follows 1 s, but times must incr"),
+        ([], [], r"a.nc holds 0 samples; a time series has two at least"),
+    ],
+)
+def test_bad_netcdf(tmp_path, times, values, message):
+    record = xr.DataArray(np.array(values), {"t": np.array(times)}, "t", "push")
+    il.save(record.to_dataset(), tmp_path / "a.nc")
+    with pytest.raises(il.InvalidInput, match=message):
+        il.read_time_series(tmp_path / "a.nc")
