@@ -12,12 +12,21 @@ import numpy as np
 
 from impactlab.components.component import Component, classes_named, suggestion
 from impactlab.components.contact import Contact, RoundContact
-from impactlab.components.coupling import Coupling, MatrixTerm
+from impactlab.components.coupling import Coupling, LinearCoupling, MatrixTerm
 from impactlab.components.excitation import BaseMotion, Excitation, Source
-from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, Oscillator
+from impactlab.components.oscillator import InvertedOscillator, LinearOscillator, MasslessCoordinate, Oscillator
 from impactlab.components.potentials import check_potentials
 from impactlab.components.prescribed import PrescribedBody, PrescribedMotion
-from impactlab.components.sides import WALL, Combination, Side, directions_of, is_round, named_by, weights_of_side
+from impactlab.components.sides import (
+    WALL,
+    Combination,
+    Side,
+    bodies_of,
+    directions_of,
+    is_round,
+    named_by,
+    weights_of_side,
+)
 from impactlab.components.structure import Structure
 from impactlab.errors import InvalidInput
 
@@ -78,6 +87,7 @@ class Composition:
         bodies, terms, points = _with_structures(self._oscillators)
         self._check_names(bodies, terms, points)
         self._check_held()
+        self._check_massless()
         self._check_prescribed(bodies)
         excitations = {
             name: self._forces(name, item) if isinstance(item, BaseMotion) else item
@@ -141,6 +151,22 @@ class Composition:
                 raise InvalidInput(
                     f"Nothing holds {name!r}, which is repelled by {body.repulsion - body.stiffness:g} N m-1 more than "
                     "its spring holds it: add stops or a coupling, or use il.DoubleWellOscillator."
+                )
+
+    def _check_massless(self) -> None:
+        """Refuse forces on coordinates without mass that would move them at once, and need steps of their lag."""
+        massless = {name for name, body in self._oscillators.items() if isinstance(body, MasslessCoordinate)}
+        if not massless:
+            return
+        for name, link in [*self._contacts.items(), *self._couplings.items()]:
+            if isinstance(link.law, LinearCoupling):
+                continue
+            for body in massless.intersection(bodies_of(link)):
+                what = f"{type(link).__name__} {name!r} with {type(link.law).__name__}"
+                raise InvalidInput(
+                    f"{what} acts on {body!r}, which has no mass: contacts, and couplings that are not linear, act on "
+                    f"bodies with mass. Let {name!r} act on one that an il.LinearCoupling connects with {body!r}, or "
+                    f"make {body!r} an il.LinearOscillator with a mass."
                 )
 
     def _check_prescribed(self, bodies: Mapping[str, Oscillator]) -> None:

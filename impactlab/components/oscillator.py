@@ -110,13 +110,15 @@ class LinearOscillator(Oscillator):
     """Body on a linear spring and a viscous damper."""
 
     @classmethod
-    def massless(cls, damping: float, stiffness: float = 0.0, *, lag: float = LAG) -> Self:
+    def massless(cls, damping: float, stiffness: float = 0.0, *, lag: float = LAG) -> LinearOscillator:
         """Make a coordinate of an equation of first order, ``c x' + k x = f``, of a mass that does not matter.
 
         A charge behind a resistance c and a capacity 1/k, a node between springs and dampers, an actuator with the time
         constant c/k. Its mass is ``lag c``, so that it follows forces with this lag; linear couplings move it exactly,
         at steps of the other bodies' times. Contacts, and couplings that are not linear, act on bodies with a mass that
-        a spring connects with it. Under white noise its velocity has no meaning, and is as large as the mass is small.
+        a spring connects with it: a network in which one acts on it is refused, while a light
+        ``LinearOscillator(mass=…)`` may have any. Under white noise its velocity has no meaning, and is as large as
+        the mass is small.
 
         Parameters
         ----------
@@ -140,7 +142,11 @@ class LinearOscillator(Oscillator):
                     if name == "damping"
                     else f"{place} needs a positive lag, such as {LAG:g} of the shortest time (s), not {value!r}."
                 )
-        return cls(mass=lag * damping, damping=damping, stiffness=stiffness)
+        return MasslessCoordinate(mass=lag * damping, damping=damping, stiffness=stiffness)
+
+
+class MasslessCoordinate(LinearOscillator):
+    """What `LinearOscillator.massless` makes, with a mass that does not matter; files call it by this name."""
 
 
 class DuffingOscillator(Oscillator):

@@ -279,3 +279,33 @@ def test_statistics_beside_a_node_under_noise_that_a_contact_feels():
 def test_equations_of_first_order_need_friction(options, message):
     with pytest.raises(il.InvalidInput, match=message):
         il.LinearOscillator.massless(**options)
+
+
+WEIGHTED = il.Combination({"body": 0.5, "node": -1.0})
+ROUND = il.RoundContact(("body", "node"), il.WALL, il.LinearContact(1e3), clearance=0.1)
+
+
+@pytest.mark.parametrize(
+    ("link", "law"),
+    [
+        (il.Contact("node", il.WALL, il.LinearContact(1e3), clearance=0.1), "LinearContact"),
+        (il.Contact("body", WEIGHTED, il.RigidContact(0.7)), "RigidContact"),
+        (ROUND, "LinearContact"),
+        (il.Coupling("node", "body", il.CubicCoupling(1e3)), "CubicCoupling"),
+        (il.Coupling(WEIGHTED, il.WALL, il.BoucWenCoupling(1e3, yield_displacement=0.01)), "BoucWenCoupling"),
+        (il.Coupling("body", "node", il.CoulombFrictionCoupling(0.1)), "CoulombFrictionCoupling"),
+        (il.Coupling("node", il.WALL, il.MaxwellCoupling(10.0, damping=1.0)), "MaxwellCoupling"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_is_not_linear_acts_on_bodies_with_mass(link, law):
+    family = "couplings" if isinstance(link, il.Coupling) else "contacts"
+    bodies = {"body": BODY, "node": il.LinearOscillator.massless(6.0, 20.0)}
+    spring = {"spring": il.Coupling("node", "body", il.LinearCoupling(50.0))}
+    network = il.Network(bodies, couplings=spring)
+    message = f"{type(link).__name__} 'link' with {law} acts on 'node', which has no mass"
+    for started in (network, il.Network.from_toml(network.to_toml()), il.Network.from_dict(network.to_dict())):
+        with pytest.raises(il.InvalidInput, match=message):
+            started.replace(**{family: {"link": link}})
+    light = il.LinearOscillator(mass=6e-9, damping=6.0, stiffness=20.0)
+    assert network.replace(**{family: {"link": link}}, oscillators={"node": light}).oscillators["node"] == light
