@@ -135,10 +135,13 @@ class Component:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the class name, with its module where several have one of that name, and the fields as plain data."""
-        cls = type(self)
+        return {"type": self.stored_name(), **{name: plain(getattr(self, name)) for name in self.field_names()}}
+
+    @classmethod
+    def stored_name(cls) -> str:
+        """Return the name of the class, with its module where several have one of that name."""
         alone = len(classes_named(cls.__name__)) == 1
-        fields = {name: _plain(getattr(self, name)) for name in self.field_names()}
-        return {"type": cls.__name__ if alone else f"{cls.__module__}.{cls.__name__}", **fields}
+        return cls.__name__ if alone else f"{cls.__module__}.{cls.__name__}"
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -265,9 +268,10 @@ def _remake(cls: type[Component], fields: dict[str, Any]) -> Component:
     return cls(**fields)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Return a component, or the value of a field, as plain data."""
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     to_dict = getattr(value, "to_dict", None)
     return value if to_dict is None else to_dict()
 

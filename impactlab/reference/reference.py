@@ -15,6 +15,7 @@ from impactlab.components.component import finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.contact import RigidContact
 from impactlab.components.literature import in_one_line
+from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput
 from impactlab.reference.conditions import Law, laws_of
 from impactlab.reference.densities import Curves, Densities, normal_curves
@@ -71,9 +72,9 @@ class ExactReference(Densities):
         others = self._others(BODY, self._body) | self._others(CONTACT, self._contact)
         moments = Moments(bodies, others, {}, self._points())
         dataset = statistics(list(oscillators), list(contacts), moments.values(), points=list(self.network.points))
-        configuration = {"network": self.network.to_dict()}
+        configuration = {"network": stored(self.network)}
         return dataset.assign_attrs(
-            provenance("exact stationary statistics", configuration, in_one_line(entries(configuration))),
+            provenance("exact stationary statistics", json_of(configuration), in_one_line(entries(configuration))),
             laws=self._laws.described(),
         )
 

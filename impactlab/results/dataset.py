@@ -9,7 +9,7 @@ import os
 import reprlib
 import shutil
 import tempfile
-from collections.abc import Collection, Hashable, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,10 @@ FULL = 1_000_000
 """Free space (bytes) below which a disk counts as full when a file could not be written."""
 
 
-def provenance(title: str, configuration: Mapping[str, Any], references: str) -> dict[str, str]:
+def provenance(title: str, configuration: str, references: str) -> dict[str, str]:
     """Return the global attributes that say what a dataset is, how to make it again, and what it rests on.
 
-    The configuration, plain data, is stored as one JSON attribute.
+    The configuration is a text in JSON.
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
@@ -44,7 +44,7 @@ def provenance(title: str, configuration: Mapping[str, Any], references: str) ->
         "source": f"impactlab {impactlab.__version__}",
         "history": f"{now} made by impactlab {impactlab.__version__}",
         "references": references,
-        CONFIGURATION: json.dumps(configuration),
+        CONFIGURATION: configuration,
     }
 
 

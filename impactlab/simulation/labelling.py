@@ -8,6 +8,7 @@ import numpy as np
 
 from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
+from impactlab.components.stored import json_of
 from impactlab.plan.plan import Plan
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
@@ -46,7 +47,9 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
     """Return what is said of the whole run."""
     attributes: dict[str, Any] = {
         **provenance(
-            "Statistics of a network of oscillators with contacts", configuration, in_one_line(entries(configuration))
+            "Statistics of a network of oscillators with contacts",
+            json_of(configuration),
+            in_one_line(entries(configuration)),
         ),
         "integrator": configuration["simulate"]["integrator"]["type"],
         "step": plan.clock.step,

@@ -20,6 +20,7 @@ from impactlab.assembly.compiling import announced
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
+from impactlab.components.stored import stored
 from impactlab.errors import Diverged, InvalidInput, unheard, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
@@ -339,7 +340,7 @@ class Ensemble:
         step = self.plan.clock.step if self.growing else self.request.step
         asked = [record for record in self.request.records if not isinstance(record, PairedRealizations)]
         options = replace(self.request, realizations=self.number, step=step, records=asked).options()
-        configuration = {"network": self.network.to_dict(), "simulate": _plain(options), "text": self.text}
+        configuration = {"network": stored(self.network), "simulate": _plain(options), "text": self.text}
         found = [part.findings(configuration) for part in self.parts]
         parts = [item.dataset() for item in found] if len(found) > 1 else []
         whole = Findings.of(joined(self.network, *parts)) if parts else found[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import fnmatch
 import functools
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
@@ -183,7 +184,8 @@ def judged(study: Study, tree: xr.DataTree, folder: Path | None = None) -> Study
 
     tree = tree.copy()
     references = in_one_line(entries({"type": type(study).__name__}))
-    attributes = provenance(study.title, {"study": {"name": study.name, "settings": study.settings()}}, references)
+    configuration = {"study": {"name": study.name, "settings": study.settings()}}
+    attributes = provenance(study.title, json.dumps(configuration), references)
     if "history" in tree.attrs:  # the tree of an earlier run, judged again
         attributes["history"] = f"{tree.attrs['history']}\n{attributes['history']}"
     tree.attrs.update(attributes)

@@ -8,6 +8,7 @@ import xarray as xr
 
 import impactlab
 from impactlab.components.citations import entries
+from impactlab.components.stored import stored
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
 
 
@@ -30,7 +31,7 @@ def citation(source: impactlab.Network | xr.Dataset | str | os.PathLike[str]) ->
         If the source is none of these.
     """
     if isinstance(source, impactlab.Network):
-        return "\n\n".join(entries(source.to_dict()))
+        return "\n\n".join(entries([stored(source)]))
     data = [configuration_of(source)]
     dataset = source if isinstance(source, xr.Dataset) else load(source)
     if isinstance(dataset, xr.Dataset) and CONFIGURATION in dataset:  # a sweep

@@ -47,7 +47,7 @@ class Sweep:
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
         results = [_found(outcomes.get(point.key)) for point in self.points]
         made = [json.loads(found.attributes[CONFIGURATION]) for found in results if found.attributes]
-        of_all = provenance(title, {"sweep": names}, in_one_line(entries(made)))
+        of_all = provenance(title, json.dumps({"sweep": names}), in_one_line(entries(made)))
         further = []
         for point, result in zip(self.points, results, strict=True):
             variables = {

@@ -43,7 +43,7 @@ def made_by_hand():
     """A small dataset with values of its own."""
     values = {"mean_displacement": np.array([1.5, 2.5]), "contact_ratio": np.array([0.25])}
     return statistics(
-        ["a", "b"], ["c"], values, {"contact_ratio": np.array([0.01])}, **provenance("Test", {}, "A. Body")
+        ["a", "b"], ["c"], values, {"contact_ratio": np.array([0.01])}, **provenance("Test", "{}", "A. Body")
     )
 
 

@@ -12,6 +12,7 @@ from impactlab.components.citations import entries
 from impactlab.components.component import known_name
 from impactlab.components.composition import Composition
 from impactlab.components.literature import in_one_line
+from impactlab.components.stored import json_of, stored
 from impactlab.reference.densities import QUANTITIES, Curves, Densities
 from impactlab.reference.fokker_planck.convergence import Convergence, Values
 from impactlab.reference.fokker_planck.propagator import Propagator
@@ -59,9 +60,9 @@ class FokkerPlanckReference(Densities):
         for name, error in self._dataset(self.errors.total).data_vars.items():
             attrs = {"units": error.attrs["units"], "long_name": f"numerical error of {error.attrs['long_name']}"}
             dataset[f"{name}_error"] = error.dims, error.values, attrs
-        configuration = {"network": self.network.to_dict(), "basis": self.basis}
+        configuration = {"network": stored(self.network), "basis": self.basis}
         title = "stationary statistics from the Fokker-Planck equation"
-        return dataset.assign_attrs(provenance(title, configuration, in_one_line(entries(configuration))))
+        return dataset.assign_attrs(provenance(title, json_of(configuration), in_one_line(entries(configuration))))
 
     @property
     def basis(self) -> dict[str, float]:
