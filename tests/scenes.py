@@ -81,3 +81,34 @@ def phases(seed, lines, realization, attempt):
     words = np.empty((blocks, 4), dtype=np.uint64)
     philox_words(rows, words)
     return 2.0 * np.pi * ((words.ravel() + 0.5) / 2.0**32)[: len(lines.frequencies)]
+
+
+BUILDINGS = {
+    "tower": il.LinearStructure([2.0, 1.0], [[3.0, -1.0], [-1.0, 1.0]], [[400.0, -150.0], [-150.0, 150.0]]),
+    "beam": il.ModalStructure(
+        [9.0, 20.0], 0.04, mass=[1.5, 1.0], points={"tip": [1.0, -0.6]}, participation=[1.8, 0.7]
+    ),
+    "hut": il.LinearOscillator(mass=1.0, damping=0.5, stiffness=60.0),
+}
+"""Two structures and a body that have no links between them."""
+
+ROOFS = "tower.2", "beam.tip", "hut"
+"""One place of each."""
+
+
+def matrices_of_buildings():
+    """Return mass, damping and stiffness matrices of them, forces M ι by accelerations below each, and their roofs."""
+    mass, damping, stiffness = np.diag([2.0, 1.0, 1.5, 1.0, 1.0]), np.zeros((5, 5)), np.zeros((5, 5))
+    damping[:2, :2], stiffness[:2, :2] = [[3.0, -1.0], [-1.0, 1.0]], [[400.0, -150.0], [-150.0, 150.0]]
+    damping[2:, 2:] = np.diag([2 * 0.04 * 9.0 * 1.5, 2 * 0.04 * 20.0, 0.5])
+    stiffness[2:, 2:] = np.diag([81.0 * 1.5, 400.0, 60.0])
+    forces, roofs = np.zeros((5, 3)), np.zeros((3, 5))
+    forces[:2, 0], forces[2:4, 1], forces[4, 2] = [2.0, 1.0], [1.8, 0.7], 1.0
+    roofs[0, 1], roofs[1, 2:4], roofs[2, 4] = 1.0, [1.0, -0.6], 1.0
+    return mass, damping, stiffness, forces, roofs
+
+
+def covariances_of_buildings(excitations, quantity="displacement"):
+    """Return the exact covariances of their roofs under some excitations."""
+    law = il.exact(il.Network(BUILDINGS, None, excitations))
+    return np.array([[law.covariance(one, other, quantity) for other in ROOFS] for one in ROOFS])

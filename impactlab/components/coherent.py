@@ -10,13 +10,17 @@ from typing import Any
 import numpy as np
 
 from impactlab.components.component import finite, positive
-from impactlab.components.excitation import Excitation, Source
+from impactlab.components.correlated import driving_by
+from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
 from impactlab.components.loads import SAMPLES_SHOWN, take_samples
 from impactlab.errors import InvalidInput
 
 NEGATIVE = 1e-10
 """Eigenvalue of a matrix of coherences, per body, down to which a negative one is rounding."""
+
+ROUNDING = 1e-14
+"""Lowest eigenvalue of such a matrix, per body, of which rounding leaves more than nothing in its root."""
 
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""
@@ -68,13 +72,13 @@ class SharedCosines(Excitation):
 
 
 def coherent(
-    noise: Excitation,
+    noise: Excitation | BaseMotion,
     positions: Mapping[str, Any],
     coherence: Coherence,
     *,
     wave_speed: float | None = None,
     name: str = "noise",
-) -> dict[str, Source]:
+) -> dict[str, Source | BaseMotion]:
     """Return noises of one spectrum at several places, for ``excitations=`` of a network.
 
     The cross-spectral density of two places j and k is ``S(ω) γ(ω, d_jk) exp(iω(x_j − x_k)/c)``, with a coherence γ of
@@ -82,12 +86,17 @@ def coherent(
     of the coherences is a product ``L Lᵀ``, and each column of L has random phases of its own (Shinozuka, J. Sound Vib.
     25, 1972, 111; Deodatis, J. Eng. Mech. 122, 1996, 778).
 
+    An `impactlab.BaseMotion` in the place of the noise is the acceleration of the ground below each body or structure.
+    Displacements are then those beside the ground at its own place; see there.
+
     Parameters
     ----------
-    noise : TabulatedNoise, ShinozukaNoise or another sum of cosines
-        Its spectral density is that at each place.
+    noise : TabulatedNoise, ShinozukaNoise or another sum of cosines, or BaseMotion
+        Its spectral density is that at each place. The table of coloured noise is
+        ``il.TabulatedNoise(frequencies, noise.density(frequencies))``.
     positions : mapping of str to float or sequence of float
-        Place of each body, or point of a structure, on a line or by coordinates (m).
+        Place of each body, or point of a structure, on a line or by coordinates (m); of what is on the ground, with a
+        `BaseMotion`.
     coherence : callable
         Coherences γ from -1 to 1 at angular frequencies, (frequency,) (rad s-1), of two places at a distance (m), such
         as :func:`davenport` and :func:`harichandran_vanmarcke` return.
@@ -99,7 +108,7 @@ def coherent(
 
     Returns
     -------
-    dict of str to Source
+    dict of str to Source or BaseMotion
 
     Raises
     ------
@@ -107,16 +116,22 @@ def coherent(
         If the noise is no sum of cosines, positions are no numbers, or a matrix of coherences has a negative
         eigenvalue; the message tells the frequency.
     """
-    if not isinstance(noise, Excitation) or noise.kind != "lines" or isinstance(noise, SharedCosines):
-        raise InvalidInput(f"coherent takes a sum of cosines such as il.TabulatedNoise, not {noise!r}.")
+    kind, given = driving_by("coherent", noise)
+    if not isinstance(given, Excitation) or given.kind != "lines" or isinstance(given, SharedCosines):
+        table = "; il.TabulatedNoise(frequencies, noise.density(frequencies)) is that of coloured noise"
+        raise InvalidInput(
+            f"coherent takes a sum of cosines such as il.TabulatedNoise, not {given!r}"
+            f"{table if getattr(given, 'kind', '') == 'filter' else ''}."
+        )
     places = _places(positions)
     speed = math.inf if wave_speed is None else finite("coherent: wave_speed", wave_speed)
     if not speed:
         raise InvalidInput("coherent: wave_speed must not be 0; leave it out where no wave passes.")
-    frequencies, amplitudes = (np.asarray(part, dtype=float) for part in noise.lines())  # type: ignore[attr-defined]
+    frequencies, amplitudes = (np.asarray(part, dtype=float) for part in given.lines())  # type: ignore[attr-defined]
     roots = _roots(_matrices(frequencies, places, coherence), frequencies)
-    bodies, result = list(positions), {}
-    repeats = None if math.isinf(noise.period) else noise.period
+    bodies = list(positions)
+    result: dict[str, Source | BaseMotion] = {}
+    repeats = None if math.isinf(given.period) else given.period
     for number in range(len(bodies)):
         for row in range(number, len(bodies)):
             share = roots[:, row, number]
@@ -125,7 +140,7 @@ def coherent(
                 own = SharedCosines(
                     frequencies, amplitudes * share, shifts, f"{name} {number + 1}", repeats_after=repeats
                 )  # fmt: skip
-                result[f"{name} {number + 1} {bodies[row]}"] = Source(own, on=bodies[row])
+                result[f"{name} {number + 1} {bodies[row]}"] = kind(own, on=bodies[row])
     return result
 
 
@@ -239,5 +254,5 @@ def _roots(matrices: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
             f"coherent: no noises have these coherences at {frequencies[wrong[0]]:g} rad/s, where the lowest "
             f"eigenvalue of their matrix is {lowest[wrong[0]]:g}."
         )
-    more = 2.0 * NEGATIVE * count  # so that rounding leaves no negative pivot
+    more = np.maximum(ROUNDING * count - 2.0 * lowest, 0.0)[:, None, None]  # so that no pivot is negative
     return np.asarray(np.linalg.cholesky((matrices + more * np.eye(count)) / (1.0 + more)))

@@ -196,13 +196,15 @@ class Composition:
         for place, body in self._oscillators.items():
             if isinstance(body, PrescribedMotion | PrescribedBody):  # beside the ground
                 continue
-            whole = not item.on or place in item.on
             if not isinstance(body, Structure):
-                inertia |= {place: body.mass} if whole else {}
+                inertia[place] = item.factor(place) * body.mass
                 continue
-            following = [own for own in body.places() if whole or f"{place}.{own}" in item.on]
+            factors = {own: item.factor(f"{place}.{own}", place) for own in body.places()}
             try:
-                inertia |= _named(place, body.inertia(following)) if whole or following else {}
+                for factor in dict.fromkeys(factors.values() if factors else [item.factor(place)]):
+                    following = [own for own in factors if factors[own] == factor]
+                    forces = _named(place, body.inertia(following)) if factor else {}
+                    inertia |= {own: inertia.get(own, 0.0) + factor * force for own, force in forces.items()}
             except InvalidInput as error:
                 raise InvalidInput(f"BaseMotion {name!r} cannot move {place!r}: {error}") from None
         return Source(item.acceleration, on={body: -force for body, force in inertia.items() if force})

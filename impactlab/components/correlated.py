@@ -1,4 +1,4 @@
-"""Correlated noises on several bodies, as sources of independent ones."""
+"""Correlated noises on several bodies, or of the ground below them, as sources of independent ones."""
 
 from __future__ import annotations
 
@@ -10,32 +10,36 @@ from typing import Any
 import numpy as np
 
 from impactlab.components.evaluation import real_array
-from impactlab.components.excitation import Excitation, Source
+from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.matrices import NEGLIGIBLE, sum_of_squares
 from impactlab.errors import InvalidInput
 
 
-def correlated(noise: Excitation, densities: Any, on: Sequence[str], *, name: str = "noise") -> dict[str, Source]:
+def correlated(
+    noise: Excitation | BaseMotion, densities: Any, on: Sequence[str], *, name: str = "noise"
+) -> dict[str, Source | BaseMotion]:
     """Return correlated noises on several bodies: sources of independent noises, for ``excitations=`` of a network.
 
     The matrix of the spectral densities of the forces, of each on the diagonal and between two beside it, is
     `densities` times the density of the noise. With ``il.WhiteNoise(1.0)`` it is `densities` itself (N2 s rad-1), with
-    coloured noise of variance 1 it is that of the covariances (N2).
+    coloured noise of variance 1 it is that of the covariances (N2). With an `impactlab.BaseMotion` in the place of the
+    noise it is that of the accelerations of the ground below each body or structure (m2 s-3 rad-1).
 
     Parameters
     ----------
-    noise : Excitation
-        Of which each source has one of its own: white or coloured noise, or a sum of cosines with random phases.
+    noise : Excitation or BaseMotion
+        Of which each source has one of its own: white or coloured noise, or a sum of cosines with random phases, or a
+        motion of the ground by one of them.
     densities : (body, body) array_like
         Symmetric matrix without negative eigenvalues.
     on : sequence of str
-        Names of the bodies, or points of structures.
+        Names of the bodies, or points of structures; of what is on the ground, with a `BaseMotion`.
     name : str
         The sources are called by it and a number, such as "noise 1".
 
     Returns
     -------
-    dict of str to Source
+    dict of str to Source or BaseMotion
         As many as the rank of the matrix.
 
     Raises
@@ -43,17 +47,27 @@ def correlated(noise: Excitation, densities: Any, on: Sequence[str], *, name: st
     InvalidInput
         If the noise is none, or the matrix is not symmetric, of another size, or has a negative eigenvalue.
     """
-    if not isinstance(noise, Excitation) or noise.kind == "force":
-        raise InvalidInput(f"correlated takes a noise such as il.WhiteNoise(1.0), not {noise!r}.")
+    kind, own = driving_by("correlated", noise)
+    if not isinstance(own, Excitation) or own.kind == "force":
+        raise InvalidInput(f"correlated takes a noise such as il.WhiteNoise(1.0), not {own!r}.")
     if isinstance(on, str) or not all(isinstance(body, str) for body in on) or len(set(on)) < len(on):
         raise InvalidInput(f"correlated: on must be different names of bodies, not {reprlib.repr(on)}.")
     matrix = _checked(densities, len(on))
-    result = {}
+    result: dict[str, Source | BaseMotion] = {}
     for number, (weights, strength) in enumerate(sum_of_squares(matrix), 1):
         size = math.sqrt(strength)
         shares = {body: size * float(weight) for body, weight in zip(on, weights, strict=True) if weight}
-        result[f"{name} {number}"] = Source(noise, on=shares)
+        result[f"{name} {number}"] = kind(own, on=shares)
     return result
+
+
+def driving_by(place: str, noise: Any) -> tuple[type[Source] | type[BaseMotion], Any]:
+    """Return what bodies are driven by, forces or motions of the ground, and the noise of it."""
+    if not isinstance(noise, BaseMotion):
+        return Source, noise
+    if noise.on:
+        raise InvalidInput(f"{place} takes a BaseMotion without on=; it names itself what is on the ground.")
+    return BaseMotion, noise.acceleration
 
 
 def _checked(given: Any, count: int) -> np.ndarray:

@@ -213,15 +213,9 @@ class Source(Component):
         super().__post_init__()
         take_part(self, "excitation", Excitation, "an excitation such as il.WhiteNoise(1.0)")
         on = {self.on: 1.0} if isinstance(self.on, str) else self.on
-        if not isinstance(on, Mapping) or not all(isinstance(name, str) for name in on):
+        if not isinstance(on, Mapping):
             raise InvalidInput(f"Source.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")
-        if not on:
-            raise InvalidInput("Source.on is empty, so that it drives nothing; name the bodies with their weights.")
-        weights = {name: finite(f"Source.on: the weight of {name!r}", weight) for name, weight in on.items()}
-        for name, weight in weights.items():
-            if not weight:
-                raise InvalidInput(f"Source.on: the weight of {name!r} is 0; leave it out, or give it another.")
-        object.__setattr__(self, "on", Weights(weights))
+        object.__setattr__(self, "on", _weights("Source", on))
 
     def to_dict(self) -> dict[str, Any]:
         return {**super().to_dict(), "on": dict(self.on)}
@@ -236,6 +230,9 @@ class BaseMotion(Component):
     Structures, 4th ed., 2012, section 9.4). In a network it has a name of its own, as in
     ``excitations={"ground": il.BaseMotion(il.SampledForce(times, accelerations))}``.
 
+    Bodies on different grounds, such as those of `impactlab.coherent`, have their displacements beside their own ground
+    each. Contacts and couplings between them compare these, so that what the grounds move apart is left out.
+
     A constant acceleration is gravity: ``il.BaseMotion(il.ConstantForce(9.80665))`` pulls all bodies to the left, where
     displacements are negative.
 
@@ -244,25 +241,51 @@ class BaseMotion(Component):
     acceleration : Excitation
         Any excitation, whose numbers are accelerations (m s-2), or of white noise their spectral density
         (m2 s-3 rad-1).
-    on : sequence of str
-        Names of bodies, structures or coordinates of structures that follow the ground; all by default.
+    on : sequence of str, or mapping of str to float
+        Names of bodies, structures or coordinates of structures that follow the ground; all by default. With factors of
+        the acceleration they follow it more or less, or against it; that of a coordinate goes before that of its
+        structure.
 
     Raises
     ------
     InvalidInput
-        If `on` is not made of names.
+        If `on` is not made of names, or a factor is 0 or not finite.
     """
 
     acceleration: Excitation = parameter(kw_only=False)
-    on: str | Sequence[str] = parameter(())
+    on: Any = parameter(())
 
     def __post_init__(self) -> None:
         take_part(self, "acceleration", Excitation, "an excitation such as il.SampledForce(times, accelerations)")
-        names = (self.on,) if isinstance(self.on, str) else self.on
-        if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        on = (self.on,) if isinstance(self.on, str) else self.on
+        if isinstance(on, Mapping):
+            object.__setattr__(self, "on", _weights("BaseMotion", on))
+        elif isinstance(on, Sequence) and all(isinstance(name, str) for name in on):
+            object.__setattr__(self, "on", tuple(on))
+        else:
             raise InvalidInput(f"BaseMotion.on must be names of bodies, not {reprlib.repr(self.on)}.")
-        object.__setattr__(self, "on", tuple(names))
         super().__post_init__()
+
+    def factor(self, *names: str) -> float:
+        """Return the factor of the acceleration of what has some names, the most particular first; 0 if it rests."""
+        factors = dict.fromkeys(self.on, 1.0) if isinstance(self.on, tuple) else self.on
+        return next((factors[name] for name in names if name in factors), 0.0) if factors else 1.0
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**super().to_dict(), "on": list(self.on) if isinstance(self.on, tuple) else dict(self.on)}
+
+
+def _weights(kind: str, on: Mapping[Any, Any]) -> Weights[float]:
+    """Return the weights of bodies by name, or refuse them."""
+    if not all(isinstance(name, str) for name in on):
+        raise InvalidInput(f"{kind}.on must be {{name of a body: weight}}, not {reprlib.repr(on)}.")
+    if not on:
+        raise InvalidInput(f"{kind}.on is empty, so that it drives nothing; name the bodies with their weights.")
+    weights = {name: finite(f"{kind}.on: the weight of {name!r}", weight) for name, weight in on.items()}
+    for name, weight in weights.items():
+        if not weight:
+            raise InvalidInput(f"{kind}.on: the weight of {name!r} is 0; leave it out, or give it another.")
+    return Weights(weights)
 
 
 def two_sided(cls: type, per_hertz: float) -> float:

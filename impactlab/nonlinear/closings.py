@@ -111,6 +111,8 @@ def jitter(model: Model, step: float, duration: float) -> np.ndarray:
     density = np.mean([model.intensities(float(time)) for time in times], axis=0)
     for item in lines_of(model):
         near = np.abs(np.log2(item.frequencies * step / np.pi)) < 1.0
+        if not near.any():
+            continue
         own = 0.25 * (item.amplitudes[near] ** 2).sum() / (1.5 * np.pi / step)
         gains = item.gains if item.gains.shape[1] == 1 else item.gains[:, near]
         np.add.at(density, [*item.bodies], (np.abs(gains) ** 2).mean(axis=1) * own)

@@ -225,7 +225,9 @@ class Measures:
 
     def ground_text(self, name: str, motion: BaseMotion) -> str:
         """Return what is written at a motion of the ground."""
-        on = f" of {', '.join(motion.on)}" if motion.on else ""
+        factors = {place: motion.factor(place) for place in motion.on}
+        told = [place if factor == 1.0 else f"{number_text(factor)} {place}" for place, factor in factors.items()]
+        on = f" of {', '.join(told)}" if told else ""
         return f"{name}: base motion{on}, {excitation_lines(motion.acceleration)[0]}"
 
     def shared_text(self, push: Push) -> str:

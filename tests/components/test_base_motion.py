@@ -41,8 +41,25 @@ def test_a_full_mass_matrix():
         np.testing.assert_allclose(list(network.sources["ground"].on.values()), expected, rtol=1e-12)
 
 
-def test_copies():
-    network = shaken(il.BaseMotion(RECORD, on=["tower"]), ball=BALL, tower=LUMPED)
+def test_factors_of_the_acceleration():
+    """That of a coordinate goes before that of its structure; modes get −Φᵀ M ι with factors in ι."""
+    motion = il.BaseMotion(RECORD, on={"ball": -2.0, "tower": 0.5, "tower.high": 3.0})
+    on = shaken(motion, ball=BALL, tower=LUMPED, other=BALL).sources["ground"].on
+    assert on == {"ball": 1.0, "tower.low": -1.0, "tower.high": -9.0}
+    network = shaken(il.BaseMotion(RECORD, on={"slab.u": 0.5, "slab.turn": -2.0}), slab=FULL)
+    shapes = np.array([list(network.points[f"slab.{name}"].values()) for name in ("u", "turn")])
+    expected = -shapes.T @ np.array(FULL.mass) @ [0.5, -2.0]
+    np.testing.assert_allclose(list(network.sources["ground"].on.values()), expected, rtol=1e-12)
+    for points in ({}, {"tip": [1.0]}):
+        pole = il.ModalStructure([6.0], 0.02, points=points, participation=[2.0])
+        assert shaken(il.BaseMotion(RECORD, on={"pole": 0.5}), pole=pole).sources["ground"].on == {"pole.1": -1.0}
+        assert shaken(il.BaseMotion(RECORD), pole=pole).sources["ground"].on == {"pole.1": -2.0}
+
+
+@pytest.mark.parametrize("on", [["tower"], {"tower": 0.5, "tower.low": 2.0}])
+def test_copies(on):
+    network = shaken(il.BaseMotion(RECORD, on=on), ball=BALL, tower=LUMPED)
+    assert il.Network.from_toml(network.to_toml()) == network
     assert il.Network.from_dict(json.loads(json.dumps(network.to_dict()))) == network
     assert "BaseMotion(SampledForce" not in repr(network)
     assert "ground: BaseMotion(acceleration=SampledForce(" in repr(network)
@@ -102,8 +119,12 @@ def test_bad_motion(motion, message):
 def test_bad_fields():
     with pytest.raises(il.InvalidInput, match=r"BaseMotion.acceleration must be an excitation such as il.SampledForce"):
         il.BaseMotion([0.0, 1.0])
-    with pytest.raises(il.InvalidInput, match=r"BaseMotion.on must be names of bodies, not \{'a': 1.0\}"):
-        il.BaseMotion(RECORD, on={"a": 1.0})
+    with pytest.raises(il.InvalidInput, match=r"BaseMotion.on must be names of bodies, not 3"):
+        il.BaseMotion(RECORD, on=3)
+    with pytest.raises(il.InvalidInput, match=r"BaseMotion.on: the weight of 'a' is 0; leave it out"):
+        il.BaseMotion(RECORD, on={"a": 0.0})
+    with pytest.raises(il.InvalidInput, match=r"BaseMotion.on is empty, so that it drives nothing"):
+        il.BaseMotion(RECORD, on={})
     with pytest.raises(il.InvalidInput, match=r"The source 'ball' has the name of a body"):
         il.Network({"ball": BALL}, {}, {"ball": il.BaseMotion(RECORD)})
 

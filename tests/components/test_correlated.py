@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scenes import BUILDINGS, covariances_of_buildings, matrices_of_buildings
+from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 
@@ -35,6 +37,53 @@ def test_equal_bodies_have_covariances_in_proportion_to_the_matrix(noise):
     np.testing.assert_array_less(np.abs(each.mean(axis=0) - found), 4.5 * error)
 
 
+GROUND = il.KanaiTajimi(1.3, 15.0, 0.6)
+RATIOS = np.array([[1.0, 0.6, 0.2], [0.6, 0.9, 0.3], [0.2, 0.3, 0.5]])
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
+def test_correlated_motions_of_the_ground_move_structures_as_lyapunovs_equation_says(quantity):
+    """The soil below each building is a filter of its own, of three correlated white noises."""
+    mass, damping, stiffness, forces, roofs = matrices_of_buildings()
+    inverse = np.linalg.inv(mass)
+    drift, root = np.zeros((16, 16)), np.linalg.cholesky(RATIOS)
+    for soil in range(3):
+        drift[2 * soil : 2 * soil + 2, 2 * soil : 2 * soil + 2] = [[0.0, 1.0], [-(15.0**2), -2.0 * 0.6 * 15.0]]
+        acceleration = np.array([15.0**2, 2.0 * 0.6 * 15.0])  # of the layer, −(ω² z + 2ζω z'), its sign is free
+        drift[11:, 2 * soil : 2 * soil + 2] = -np.outer(inverse @ forces[:, soil], acceleration)
+    drift[6:11, 11:], drift[11:, 6:11], drift[11:, 11:] = np.eye(5), -inverse @ stiffness, -inverse @ damping
+    given = np.zeros((16, 3))
+    given[1:6:2] = np.sqrt(1.3) * root
+    covariance = solve_continuous_lyapunov(drift, -2.0 * np.pi * given @ given.T)
+    part = slice(6, 11) if quantity == "displacement" else slice(11, 16)
+    found = covariances_of_buildings(il.correlated(il.BaseMotion(GROUND), RATIOS, on=list(BUILDINGS)), quantity)
+    np.testing.assert_allclose(found, roofs @ covariance[part, part] @ roofs.T, rtol=1e-9)
+
+
+def test_full_and_no_correlation_of_the_ground_are_one_motion_and_independent_ones():
+    ground, on = il.BaseMotion(GROUND), ["tower", "beam"]
+    bodies = {name: BUILDINGS[name] for name in on}
+    one = il.Network(bodies, None, il.correlated(ground, np.ones((2, 2)), on))
+    assert one.sources == il.Network(bodies, None, {"noise 1": ground}).sources
+    apart = il.Network(bodies, None, il.correlated(ground, np.diag([4.0, 0.25]), on))
+    own = {"noise 1": il.BaseMotion(GROUND, on={"tower": 2.0}), "noise 2": il.BaseMotion(GROUND, on={"beam": 0.5})}
+    assert apart.sources == il.Network(bodies, None, own).sources
+
+
+def test_correlated_ground_accelerations_in_a_run():
+    """Beside contacts that never close, in standard errors of independent realizations."""
+    network = il.Network(
+        BUILDINGS,
+        {"far": il.Contact("tower.2", "beam.tip", il.LinearContact(10.0), clearance=50.0)},
+        il.correlated(il.BaseMotion(GROUND), RATIOS, on=list(BUILDINGS)),
+    )
+    result = il.simulate(network, 20.0, realizations=128, rng=3, record=il.Trajectory(0.5))
+    x = np.stack([result.point_displacement.sel(point="beam.tip"), result.displacement.sel(oscillator="hut")])
+    each = (x[0] * x[1]).mean(axis=-1)
+    expected = il.exact(network.replace(contacts={"far": None})).covariance("beam.tip", "hut", "displacement")
+    assert abs(each.mean() - expected) < 4.0 * each.std(ddof=1) / np.sqrt(len(each))
+
+
 def test_what_is_no_matrix_of_densities_is_refused():
     noise = il.WhiteNoise(1.0)
     with pytest.raises(il.InvalidInput, match="no negative eigenvalue, but the lowest of 2 is -1"):
@@ -51,6 +100,10 @@ def test_what_is_no_matrix_of_densities_is_refused():
         il.correlated(noise, np.eye(2), ["a", "a"])
     with pytest.raises(il.InvalidInput, match="a noise such as"):
         il.correlated(il.ConstantForce(1.0), np.eye(3), NAMES)
+    with pytest.raises(il.InvalidInput, match="a noise such as"):
+        il.correlated(il.BaseMotion(il.ConstantForce(1.0)), np.eye(3), NAMES)
+    with pytest.raises(il.InvalidInput, match="correlated takes a BaseMotion without on="):
+        il.correlated(il.BaseMotion(noise, on="a"), np.eye(3), NAMES)
 
 
 def test_a_table_has_the_power_of_its_bands():

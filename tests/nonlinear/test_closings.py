@@ -7,7 +7,9 @@ import pytest
 from impactlab_numerics.laws.contacts import JumpContact
 
 import impactlab as il
+from impactlab.assembly.model import Model
 from impactlab.kernels.sums import closings
+from impactlab.nonlinear.closings import jitter
 
 
 def wall(law, *, clearance=0.5, damping=0.2, excitation=None):
@@ -174,6 +176,16 @@ def test_bounded_noise():
         for item in (il.ExactFlow(), il.RungeKutta4())
     )
     assert float(flow.contact_rate[0]) == pytest.approx(float(steps.contact_rate[0]), rel=5e-3)
+
+
+@pytest.mark.parametrize("step", [0.5, 0.01])
+def test_what_cosines_change_velocities_by_in_a_step(step):
+    """Also where two that share their phases have none as fast as the steps."""
+    noise = il.ShinozukaNoise(0.2 / np.pi, band=(0.0, 3.0), components=600)
+    for given in ({"a": noise}, il.coherent(noise, {"a": 0.0}, lambda frequencies, distance: 1.0)):
+        network = wall(il.LinearContact(100.0)).replace(excitations={"a": None, **given})
+        expected = np.sqrt(2.0 * np.pi * step * 0.2 / np.pi) if step == 0.5 else 0.0  # as of white noise of the density
+        assert jitter(Model.of(network), step, 10.0) == pytest.approx([expected], rel=0.01)
 
 
 @pytest.mark.parametrize("integrator", [il.ExactFlow(), il.RungeKutta4(), il.EulerMaruyama()], ids=repr)
