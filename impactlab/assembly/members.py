@@ -12,7 +12,7 @@ import numpy as np
 from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
 from impactlab.components.component import Component, finite
-from impactlab.components.evaluation import TIME, UPDATE
+from impactlab.components.evaluation import TIME, UPDATE, of_objects
 
 PLACES, HEADER = 3, 2
 """Entries of `Members.indices` before those of the kinds, and for each kind."""
@@ -197,15 +197,11 @@ def _canonical(kind: Kind) -> tuple[bool, str, str, str, tuple[str, ...]]:
     return kind.role == "intensity", kind.role, kind.component.__name__, kind.component.__module__, kind.sampled
 
 
-def by_kind(role: str, components: Sequence[Component], kernel: str) -> dict[Kind, list[int]]:
+def by_kind(role: str, components: Sequence[Component], kernel: str) -> dict[Kind, np.ndarray]:
     """Return which components are of each kind, by their numbers."""
-    result: dict[Kind, list[int]] = {}
-    known: dict[int, list[int]] = {}  # many members may have one component
-    for number, component in enumerate(components):
-        if id(component) not in known:
-            known[id(component)] = result.setdefault(Kind.of(role, component, kernel), [])
-        known[id(component)].append(number)
-    return result
+    kinds: dict[Kind, int] = {}
+    places = of_objects(lambda component: kinds.setdefault(Kind.of(role, component, kernel), len(kinds)), components)
+    return {kind: np.flatnonzero(np.array(places) == place) for kind, place in kinds.items()}
 
 
 def _table(kind: Kind, rows: Rows, samples: Samples) -> Table:

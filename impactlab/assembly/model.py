@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
+from itertools import compress, islice
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -17,10 +17,10 @@ from impactlab.assembly.members import LEADING, ROUND, SLIDING, Kind, Members, R
 from impactlab.assembly.sources import Sources
 from impactlab.components.contact import Contact, ContactLaw, RigidContact, RoundContact
 from impactlab.components.coupling import CoulombFrictionCoupling, Coupling, CouplingLaw, MatrixTerm
-from impactlab.components.evaluation import TIME, call_each
+from impactlab.components.evaluation import TIME, call_each, of_classes, of_objects
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator
-from impactlab.components.sides import directions_of, is_difference, is_round, weights_of
+from impactlab.components.sides import are_differences, directions_of, is_round, weights_of
 from impactlab.machine import uncollected
 
 Result = TypeVar("Result")
@@ -108,20 +108,26 @@ class Model:
         """Names of the couplings."""
         return tuple(self.network.couplings)
 
-    @property
-    def contact_laws(self) -> list[ContactLaw]:
-        """Laws of the contacts."""
-        return [item.law for item in self.network.contacts.values()]
+    @cached_property
+    def oscillators(self) -> tuple[Oscillator, ...]:
+        """The bodies by slot; equal ones are one object, as those of the next two."""
+        return same(self.network.oscillators.values())
 
-    @property
-    def coupling_laws(self) -> list[CouplingLaw]:
+    @cached_property
+    def contact_laws(self) -> tuple[ContactLaw, ...]:
+        """Laws of the contacts."""
+        return same([item.law for item in self.network.contacts.values()])
+
+    @cached_property
+    def coupling_laws(self) -> tuple[CouplingLaw, ...]:
         """Laws of the couplings."""
-        return [item.law for item in self.network.couplings.values()]
+        return same([item.law for item in self.network.couplings.values()])
 
     @property
     def excitations(self) -> list[tuple[str, Excitation]]:
-        """All excitations with their names, those of each kind one after the other."""
-        return [named for kind in self.sources.values() for named in kind.named()]
+        """All excitations with the first of their names, those of each kind one after the other."""
+        named = [item for kind in self.sources.values() for item in kind.named()]
+        return list({id(item[1]): item for item in reversed(named)}.values())[::-1]
 
     @cached_property
     def white(self) -> tuple[int, ...]:
@@ -157,6 +163,8 @@ class Model:
     def prescribed(self) -> np.ndarray:
         """Whether the motion of each body is given, (body,) of bool."""
         given = self.network.prescribed
+        if not given:
+            return np.zeros(len(self.bodies), dtype=bool)
         return np.array([name in given for name in self.bodies], dtype=bool)
 
     @cached_property
@@ -179,12 +187,12 @@ class Model:
     @cached_property
     def rigid(self) -> np.ndarray:
         """Whether each contact is rigid, (contact,) of bool."""
-        return np.array([isinstance(law, RigidContact) for law in self.contact_laws], dtype=bool)
+        return np.array(of_classes(lambda kind: issubclass(kind, RigidContact), self.contact_laws), dtype=bool)
 
     @cached_property
     def round(self) -> np.ndarray:
         """Whether each contact acts in a plane, (contact,) of bool."""
-        return np.array([is_round(contact) for contact in self.network.contacts.values()], dtype=bool)
+        return _round(self.network)
 
     @cached_property
     def impacted(self) -> np.ndarray:
@@ -196,7 +204,7 @@ class Model:
     @cached_property
     def rubbing(self) -> np.ndarray:
         """Whether each coupling is dry friction that sticks, (coupling,) of bool."""
-        return np.array([isinstance(law, CoulombFrictionCoupling) for law in self.coupling_laws], dtype=bool)
+        return np.array(of_classes(lambda kind: issubclass(kind, CoulombFrictionCoupling), self.coupling_laws), bool)
 
     @cached_property
     def rubbed(self) -> np.ndarray:
@@ -220,7 +228,7 @@ class Model:
     @cached_property
     def matrix_terms(self) -> np.ndarray:
         """Whether each coupling is a term of the matrices of a structure, (coupling,) of bool."""
-        return np.array([isinstance(law, MatrixTerm) for law in self.coupling_laws], dtype=bool)
+        return np.array(of_classes(lambda kind: issubclass(kind, MatrixTerm), self.coupling_laws), dtype=bool)
 
     @cached_property
     def passes(self) -> int:
@@ -296,7 +304,7 @@ class Model:
     @cached_property
     def timed_contacts(self) -> np.ndarray:
         """Whether the force of each contact depends on time, (contact,) of bool."""
-        return np.array([TIME in law.kernel("force")[1] for law in self.contact_laws], dtype=bool)
+        return np.array(of_classes(lambda kind: TIME in kind.kernel("force")[1], self.contact_laws), dtype=bool)
 
     @property
     def rated(self) -> bool:
@@ -333,7 +341,7 @@ class Model:
         """Whether each body has a residual force, (body,) of bool."""
         if not self.members.of_role("residual"):
             return np.zeros(len(self.bodies), dtype=bool)
-        return np.array([body.has_kernel("residual") for body in self.network.oscillators.values()])
+        return np.array(of_classes(lambda kind: kind.has_kernel("residual"), self.oscillators))
 
     def intensities(self, time: float = 0.0) -> np.ndarray:
         """Two-sided spectral density of the white noise on each body (N2 s rad-1), (body,)."""
@@ -412,15 +420,29 @@ class Model:
         return result
 
 
+def same(items: Iterable[Result]) -> tuple[Result, ...]:
+    """Return items, in the place of equal ones the first of these."""
+    first: dict[Result, Result] = {}
+    return tuple(of_objects(lambda item: first.setdefault(item, item), list(items)))
+
+
+def _round(network: Described) -> np.ndarray:
+    """Whether each contact acts in a plane, (contact,) of bool."""
+    kinds = of_classes(lambda kind: issubclass(kind, RoundContact), network.contacts.values())
+    return np.array(kinds, dtype=bool)
+
+
 def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[Excitation]]:
     """Return the excitations by what they define."""
-    given = network.excitations
-    own = {**given, **network.prescribed}
-    bodies = {name: item for name in slots if isinstance(item := own.get(name), Excitation)}
     shared = network.sources
+    own: dict[str, Any] = {**network.excitations, **network.prescribed}
+    of_bodies: dict[Any, dict[str, Any]] = {kind: {} for kind in KINDS}
+    for name in slots:
+        if name in own:
+            of_bodies[own[name].kind][name] = own[name]
     return {
         kind: Sources.of(
-            {name: item for name, item in bodies.items() if item.kind == kind},
+            of_bodies[kind],
             {name: (item.excitation, item.on) for name, item in shared.items() if item.excitation.kind == kind},
             slots,
         )
@@ -437,7 +459,7 @@ def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
     contacts: list[Contact | RoundContact]
     contacts, couplings = list(network.contacts.values()), list(network.couplings.values())
     kicking = [item for name, item in network.couplings.items() if name not in flowing]
-    plain = all(map(is_difference, [*contacts, *kicking]))
+    plain = are_differences([*contacts, *kicking])
 
     def links_of(items: Sequence[Any], plain: bool) -> Links:
         if plain:
@@ -445,14 +467,14 @@ def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
         directions = [item for link in items for item in directions_of(link)]
         combinations = [{slots[name]: weight for name, weight in weights_of(item).items()} for item in directions]
         along = Combinations.of(combinations, len(slots))
-        if not any(map(is_round, items)):
+        if not any(of_classes(lambda kind: issubclass(kind, RoundContact), items)):
             return along
         link = np.repeat(np.arange(len(items)), [1 + is_round(item) for item in items])
         center = [place for item in items for place in (item.center if is_round(item) else (0.0,))]
         mobility = 1.0 / np.array([body.mass for body in network.oscillators.values()])
         return RoundLinks(len(slots), along, link, np.array(center), mobility)
 
-    return links_of(contacts, plain), links_of(couplings, plain and all(map(is_difference, couplings)))
+    return links_of(contacts, plain), links_of(couplings, plain and are_differences(couplings))
 
 
 def _pairs(slots: Mapping[Any, int], links: Sequence[Contact | Coupling]) -> np.ndarray:
@@ -478,7 +500,7 @@ def _members(
 
     def add(role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray) -> None:
         for kind, numbers in by_kind(role, components, kernel).items():
-            chosen = [components[number] for number in numbers]
+            chosen = [components[number] for number in numbers.tolist()]
             columns = [item[numbers] for item in leading[: len(kind.leading)]]
             table = np.stack(columns, axis=1) if columns else np.zeros((len(numbers), 0))
             result[kind] = Rows(chosen, indices[numbers].reshape(len(numbers), len(LEADING[role])), table)
@@ -486,10 +508,10 @@ def _members(
     bodies = list(network.oscillators.values())
     mobility = 1.0 / np.array([body.mass for body in bodies])
     contacts = list(network.contacts.values())
-    straight = np.flatnonzero([not is_round(contact) for contact in contacts])
+    straight = np.flatnonzero(~_round(network))
     clearance = np.array([contact.clearance for contact in contacts])[straight]
     along = ends.squares(mobility)[straight]
-    add("force", [contacts[number].law for number in straight], "force", straight, clearance, along)
+    add("force", [contacts[number].law for number in straight.tolist()], "force", straight, clearance, along)
     for role, laws, indices, columns in _in_plane(contacts, ends, len(network.couplings)):
         add(role, laws, "force", indices, *columns)
     role = "coupling" if ends.plain else "combination"
@@ -501,10 +523,12 @@ def _members(
     for kind in by_kind(role, [item.law for name, item in network.couplings.items() if acting[name]], "force"):
         # also without a row: the text does not depend on what flows
         result.setdefault(kind, Rows([], np.zeros((0, len(LEADING[role])), np.int64), np.zeros((0, 0))))
-    bent = [slot for slot, body in enumerate(bodies) if body.has_kernel("residual")]
-    add("residual", [bodies[slot] for slot in bent], "residual", np.array(bent, dtype=np.int64), mobility[bent])
+    bent = np.flatnonzero(of_classes(lambda kind: kind.has_kernel("residual"), bodies))
+    add("residual", [bodies[slot] for slot in bent.tolist()], "residual", bent, mobility[bent])
     for role, family, kernel in _IN_TIME:
-        excitations = [item for item in sources[family].excitations if item.has_kernel(kernel)]
+        own = sources[family].excitations
+        having = of_classes(lambda kind, kernel=kernel: kind.has_kernel(kernel), own)  # type: ignore[misc]
+        excitations = list(compress(own, having))
         add(role, excitations, kernel, np.arange(len(excitations)))
     return result
 

@@ -61,6 +61,8 @@ class _Expanded(NamedTuple):
     contacts: dict[str, Contact | RoundContact]
     excitations: dict[str, Excitation | Source]
     couplings: dict[str, Coupling]
+    sources: dict[str, Source]
+    prescribed: dict[str, Excitation]
 
 
 class Composition:
@@ -88,7 +90,9 @@ class Composition:
         self._check_names(bodies, terms, points)
         self._check_held()
         self._check_massless()
-        self._check_prescribed(bodies)
+        prescribed = {name: body.displacement for name, body in bodies.items() if isinstance(body, PrescribedBody)}
+        if prescribed:
+            self._check_prescribed(prescribed, len(bodies))
         excitations = {
             name: self._forces(name, item) if isinstance(item, BaseMotion) else item
             for name, item in self._excitations.items()
@@ -98,7 +102,8 @@ class Composition:
             contacts = {name: _without_points(name, item, points) for name, item in contacts.items()}
             couplings = {name: _without_points(name, item, points) for name, item in couplings.items()}
             excitations = {name: _at_bodies(name, item, points) for name, item in excitations.items()}
-        self._expanded = _Expanded(bodies, points, contacts, excitations, couplings | terms)
+        sources = {name: item for name, item in excitations.items() if isinstance(item, Source)}
+        self._expanded = _Expanded(bodies, points, contacts, excitations, couplings | terms, sources, prescribed)
         check_potentials("contact", _laws(self._contacts), "force", "potential")
         check_potentials("coupling", _laws(self._couplings), "force", "potential", both_sides=True)
         check_potentials("body", bodies, "residual", "residual_potential", both_sides=True)
@@ -169,11 +174,8 @@ class Composition:
                     f"make {body!r} an il.LinearOscillator with a mass."
                 )
 
-    def _check_prescribed(self, bodies: Mapping[str, Oscillator]) -> None:
+    def _check_prescribed(self, given: Mapping[str, Excitation], bodies: int) -> None:
         """Refuse bodies of given motion that are random, pushed, or in touch with nothing that is free to move."""
-        given = {name: body.displacement for name, body in bodies.items() if isinstance(body, PrescribedBody)}
-        if not given:
-            return
         for name, displacement in given.items():
             if displacement.kind != "force":
                 raise InvalidInput(
@@ -184,7 +186,7 @@ class Composition:
             for body in given.keys() & ({name} if isinstance(item, Excitation) else set(item.on)):
                 what = "has an excitation" if name == body else f"is driven by {name!r}"
                 raise InvalidInput(f"{body!r} {what}, but moves as it is given, whatever force acts on it.")
-        if len(given) == len(bodies):
+        if len(given) == bodies:
             raise InvalidInput("All bodies move as they are given; a network needs one that is free to move.")
         for name, link in [*self._contacts.items(), *self._couplings.items()]:
             if given.keys() >= set(named_by(link)):
@@ -232,8 +234,7 @@ class Composition:
     @property
     def prescribed(self) -> Mapping[str, Excitation]:
         """The displacements of bodies whose motion is given, by their names."""
-        bodies = self._expanded.bodies.items()
-        return {name: body.displacement for name, body in bodies if isinstance(body, PrescribedBody)}
+        return MappingProxyType(self._expanded.prescribed)
 
     @property
     def contacts(self) -> Mapping[str, Any]:
@@ -261,7 +262,7 @@ class Composition:
     @property
     def sources(self) -> Mapping[str, Source]:
         """The excitations that have a name of their own."""
-        return {name: item for name, item in self._expanded.excitations.items() if isinstance(item, Source)}
+        return MappingProxyType(self._expanded.sources)
 
     def excitations_on(self, bodies: Set[str]) -> dict[str, Any]:
         """Return the excitations that act on any of some bodies, by name."""

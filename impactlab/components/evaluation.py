@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from numbers import Number
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,6 +27,9 @@ Found = tuple[Callable[..., float], tuple[str, ...], tuple[str, ...]]
 ERRORS = ArithmeticError, AttributeError, LookupError, NameError, TypeError, ValueError
 """What a kernel may raise where it is not defined, or wrong."""
 
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
 _FEW = 4  # points of each component up to which equal ones are found
 _POINTS = 1_000_000  # numbers of Python at a time, which take much memory
 
@@ -35,6 +38,19 @@ def by_name(names: Sequence[str], kinematic: Sequence[Any]) -> dict[str, Any]:
     """Return kinematic arguments by their names; the time is 0 where it is left out."""
     left_out = names[len(kinematic) :] == (TIME,)
     return dict(zip(names, (*kinematic, 0.0) if left_out else kinematic, strict=True))
+
+
+def of_classes(function: Callable[[type[Any]], Answer], items: Iterable[Any]) -> list[Answer]:
+    """Return what a function says of the class of each item; it is asked once for each class."""
+    classes = list(map(type, items))
+    known = {cls: function(cls) for cls in dict.fromkeys(classes)}
+    return [known[cls] for cls in classes]
+
+
+def of_objects(function: Callable[[Item], Answer], items: Sequence[Item]) -> list[Answer]:
+    """Return what a function says of each item; it is asked once for each object."""
+    known = {key: function(item) for key, item in {id(item): item for item in items}.items()}
+    return [known[id(item)] for item in items]
 
 
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
@@ -48,7 +64,7 @@ def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> n
     result: np.ndarray = np.empty(np.broadcast_shapes(*(item.shape for item in kinematic)))
     if len(components) > 1 and result.shape[1] <= _FEW:
         arrays = [np.broadcast_to(item, result.shape) for item in kinematic]
-        first, which = _distinct(components, arrays)
+        first, which = distinct(components, arrays)
         if len(first) < len(components):
             result[:] = call_each([components[row] for row in first], name, *(item[first] for item in arrays))[which]
             return result
@@ -88,17 +104,26 @@ def floats_of(function: Callable[..., float], columns: Sequence[Iterable[Any]]) 
     return found if set(map(type, found)) <= {float} else None
 
 
-def _distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first of all components that are the same with the same numbers, and which of these each one is."""
+def distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of all components that are the same with the same numbers, and which of these each one is.
+
+    The arrays are (component,) or (component, point); what is first comes first.
+    """
     import numpy as np  # studies are listed without it
 
     identities = np.fromiter(map(id, components), np.float64, len(components))  # addresses have 48 bits
-    table = np.column_stack([identities, *arrays])
-    order = np.lexsort(table.T)
-    new = np.append(True, (table[order[1:]] != table[order[:-1]]).any(axis=1))
+    columns = [column for item in arrays for column in (item.T if item.ndim > 1 else [item])]
+    varying = [column for column in [identities, *columns] if (column != column[:1]).any()]
+    if not varying:
+        return np.arange(min(len(components), 1)), np.zeros(len(components), dtype=np.int64)
+    order = np.lexsort(varying)
+    new = np.append(True, np.logical_or.reduce([column[order[1:]] != column[order[:-1]] for column in varying]))
+    first, place = order[new], np.empty(np.count_nonzero(new), dtype=np.int64)
+    by_place = np.argsort(first)
+    place[by_place] = np.arange(len(first))
     which = np.empty(len(components), dtype=np.int64)
-    which[order] = np.cumsum(new) - 1
-    return order[new], which
+    which[order] = place[np.cumsum(new) - 1]
+    return first[by_place], which
 
 
 def _without_overflow(function: Callable[..., float]) -> Callable[..., float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, NamedTuple
@@ -127,6 +127,12 @@ def named_by(link: Any) -> Iterator[str]:
 def is_difference(link: Any) -> bool:
     """Whether both sides of a contact or coupling are bodies, or one is the wall."""
     return not isinstance(link.first, Combination | tuple) and not isinstance(link.second, Combination | tuple)
+
+
+def are_differences(links: Iterable[Any]) -> bool:
+    """Whether all links are differences; see `is_difference`."""
+    sides = {kind for link in links for kind in (type(link.first), type(link.second))}
+    return not any(issubclass(kind, Combination | tuple) for kind in sides)
 
 
 def check_sides(link: Any) -> None:

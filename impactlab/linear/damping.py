@@ -30,8 +30,9 @@ def damped(model: Model) -> tuple[Model, Model]:
     itself where nothing depends on the velocity, or a force takes no power at any energy.
     """
     heat, decay = model.damping.copy(), model.damping.copy()
-    for slot, body in enumerate(model.network.oscillators.values()):
-        if body.has_kernel("residual") and "velocity" in body.kernel("residual")[1]:
+    for slot in np.flatnonzero(model.residual).tolist():
+        body = model.oscillators[slot]
+        if "velocity" in body.kernel("residual")[1]:
             power_in = float(np.pi * model.initial_intensities[slot] / model.mass[slot])
             energy = _balance(body, power_in)
             if energy > 0.0:

@@ -137,8 +137,9 @@ def laws_in_time(model: Model) -> dict[str, list[tuple[Component, str, float]]]:
                 for direction in directions_of(link):
                     for name, weight in weights_of(direction).items():
                         result[name].append((link.law, "force", sign * weight))
-    for name, body in network.oscillators.items():
-        if body.has_kernel("residual") and TIME in body.kernel("residual")[1]:
+    for slot in np.flatnonzero(model.residual).tolist():
+        name, body = model.bodies[slot], model.oscillators[slot]
+        if TIME in body.kernel("residual")[1]:
             result[name].append((body, "residual", -1.0))
     return result
 
@@ -155,7 +156,8 @@ def with_given_motions(model: Model, displacement: np.ndarray, time: float) -> n
 def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
     """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
     result: dict[Excitation | LawInTime, str] = {}
-    for item in (*model.network.excitations.values(), *model.network.prescribed.values()):
+    given = (*model.network.excitations.values(), *model.network.prescribed.values())
+    for item in {id(item): item for item in given}.values():
         excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):

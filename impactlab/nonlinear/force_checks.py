@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impactlab.assembly.model import Model, keep, kept
 from impactlab.components.component import Component
-from impactlab.components.evaluation import call_each
+from impactlab.components.evaluation import call_each, distinct, of_classes
 from impactlab.errors import InvalidInput
 from impactlab.linear.laws import spread
 from impactlab.nonlinear.tangent_stiffness import Stiffening, moments
@@ -166,10 +166,8 @@ def _values(forces: Sequence[_Force], place: np.ndarray, rate: np.ndarray) -> np
 
 def _contacts(model: Model, length: np.ndarray, speed: np.ndarray) -> list[_Force]:
     """Return one force for each law, length and speed that there is."""
-    speed = speed * np.array(["rate" in law.kernel("force")[1] for law in model.contact_laws], dtype=bool)
-    return _unique(
-        "contact", "force", "indentation", zip(model.contacts, model.contact_laws, length, speed, strict=True)
-    )
+    speed = speed * np.array(of_classes(lambda kind: "rate" in kind.kernel("force")[1], model.contact_laws), dtype=bool)
+    return _unique("contact", "force", "indentation", model.contacts, model.contact_laws, length, speed)
 
 
 def _others(model: Model) -> list[_Force]:
@@ -177,17 +175,22 @@ def _others(model: Model) -> list[_Force]:
     length = spread(model)[0] if len(model.coupled) or model.residual.any() else np.zeros(len(model.bodies))
     length = np.where(np.isfinite(length), length, 1.0)  # 1 m where the deviation without contacts is not known
     extensions = model.coupled.largest(length)
-    couplings = zip(model.couplings, model.coupling_laws, extensions, np.zeros_like(extensions), strict=True)
-    bodies = zip(*zip(*model.network.oscillators.items(), strict=True), length, np.zeros_like(length), strict=True)
-    bent = (row for row, some in zip(bodies, model.residual, strict=True) if some)
+    bent = np.flatnonzero(model.residual)
+    names = [model.bodies[slot] for slot in bent.tolist()]
+    bodies = [model.oscillators[slot] for slot in bent.tolist()]
     return [
-        *_unique("coupling", "force", "extension", couplings), *_unique("body", "residual", "displacement", bent)
-    ]  # fmt: skip
+        *_unique("coupling", "force", "extension", model.couplings, model.coupling_laws, extensions),
+        *_unique("body", "residual", "displacement", names, bodies, length[bent]),
+    ]
 
 
-def _unique(what: str, kernel: str, of: str, members: Iterable[tuple[str, Any, float, float]]) -> list[_Force]:
-    """Return the forces of members, name, component, scale and rate each, but those that are equal once."""
-    found: dict[tuple[Any, ...], str] = {}
-    for name, component, scale, rate in members:
-        found.setdefault((component, float(scale), float(rate)), name)
-    return [_Force(f"{what} {name!r}", row[0], kernel, of, *row[1:]) for row, name in found.items()]
+def _unique(
+    what: str, kernel: str, of: str, names: Sequence[str], members: Sequence[Any], scale: np.ndarray,
+    rate: np.ndarray | None = None,
+) -> list[_Force]:  # fmt: skip
+    """Return the forces of members at their scales and rates, 0 if none are given, but those that are equal once."""
+    rate = np.zeros_like(scale) if rate is None else rate
+    return [
+        _Force(f"{what} {names[row]!r}", members[row], kernel, of, float(scale[row]), float(rate[row]))
+        for row in distinct(members, [scale, rate])[0].tolist()
+    ]

@@ -9,9 +9,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model, kept, same
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
-from impactlab.components.evaluation import TIME, call_each
+from impactlab.components.evaluation import TIME, call_each, distinct, of_classes
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.linear.damping import damped
 from impactlab.linear.given_functions import irregular_times, kinds_of, largest_energy, largest_speed, look, span_of
@@ -149,15 +149,18 @@ class Stiffening:
         The thermal penetration stores the energy, ``∫₀^δ F = E``; for ``F = η δ^p`` it is
         ``((p + 1) E/η)^(1/(p + 1))``. The static one is that of a negative clearance.
         """
-        return cls._with_contacts(model, energy, times, *_contacts_at_stiffest(_contact_rows(model, energy), times))
+        found = _contacts_at_stiffest(model.contact_laws, _contact_rows(model, energy), times)
+        return cls._with_contacts(model, energy, times, *found)
 
     @classmethod
     def of_each(cls, models: Sequence[Model], energies: Sequence[np.ndarray]) -> list[Self]:
         """Evaluate several scenes, in which no law depends on time: contacts of all of them are looked at together."""
         rows = [_contact_rows(*scene) for scene in zip(models, energies, strict=True)]
-        found, places = _contacts_at_stiffest([row for of_model in rows for row in of_model], _BEGIN)
+        laws, columns = same([law for model in models for law in model.contact_laws]), np.concatenate(rows, axis=1)
+        found, places = _contacts_at_stiffest(laws, columns, _BEGIN)
         result = []
-        for model, energy, chosen in zip(models, energies, _split(places, [len(item) for item in rows]), strict=True):
+        lengths = [len(model.contact_laws) for model in models]
+        for model, energy, chosen in zip(models, energies, _split(places, lengths), strict=True):
             own, at = np.unique(chosen, return_inverse=True)
             result.append(cls._with_contacts(model, energy, _BEGIN, found[:, own], at))
         return result
@@ -173,23 +176,24 @@ class Stiffening:
         rest = model.ends.pushes(force)
         rest = np.where(np.isfinite(yielding), rest * np.minimum(yielding, 1e300), 0.0)
         springs, heats = model.coupling[0], energy[model.first_of(model.coupled)]
-        none, laws, oscillators = np.zeros_like(springs), model.coupling_laws, [*model.network.oscillators.values()]
+        none, laws, oscillators = np.zeros_like(springs), model.coupling_laws, model.oscillators
         couplings, of_couplings = _beside_springs(_Forces, laws, springs == 0.0, none, heats, times)
         bodies, of_bodies = _beside_springs(_Residuals, oscillators, model.residual, model.stiffness, energy, times)
         profiles = of_contacts, of_couplings, of_bodies
         return cls(energy, penetration, tangent, springs + couplings, bodies, rest, profiles, times)
 
 
-def _contact_rows(model: Model, energy: np.ndarray) -> list[tuple[Any, ...]]:
-    """Return law, time, energy, overlap and compliance of each contact."""
+def _contact_rows(model: Model, energy: np.ndarray) -> np.ndarray:
+    """Return time, energy, overlap and compliance of each contact, (4, contact)."""
     overlap = np.maximum(-model.clearance, 0.0)
     compliance = np.where(overlap > 0.0, model.ends.squares(flexibility(model)), 0.0)
-    columns = (item.tolist() for item in (energy[model.first_of(model.ends)], overlap, compliance))
-    return list(zip(model.contact_laws, np.zeros(len(model.ends)).tolist(), *columns, strict=True))
+    return np.stack([np.zeros(len(model.ends)), energy[model.first_of(model.ends)], overlap, compliance])
 
 
-def _contacts_at_stiffest(rows: list[tuple[Any, ...]], times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return _at_stiffest(_penetrations, rows, "force", times, 1, 3 + COLUMNS)
+def _contacts_at_stiffest(
+    laws: Sequence[ContactLaw], rows: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    return _at_stiffest(_penetrations, laws, rows, "force", times, 1, 3 + COLUMNS)
 
 
 def _split(items: np.ndarray, lengths: Sequence[int]) -> list[np.ndarray]:
@@ -227,33 +231,32 @@ class _Contacts(_Forces):
 
 
 def of_unique(
-    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], count: int
+    function: Callable[..., np.ndarray], members: Sequence[Any], columns: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``function(members, *arrays)``, (count, place), for rows that differ, and the place of each row."""
-    places = {row: index for index, row in enumerate(dict.fromkeys(rows))}
-    if not rows:
+    """Return ``function(members, *columns)``, (count, place), of those that differ, and the place of each member."""
+    if not members:
         return np.zeros((count, 0)), np.zeros(0, dtype=int)
-    members, *columns = zip(*places, strict=True)
-    found = np.atleast_2d(function(members, *(np.array(column) for column in columns)))
-    return found, np.array([places[row] for row in rows])
+    first, places = distinct(members, [*columns])
+    found = function([members[row] for row in first.tolist()], *(column[first] for column in columns))
+    return np.atleast_2d(found), places
 
 
 def _at_stiffest(
-    function: Callable[..., np.ndarray], rows: list[tuple[Any, ...]], kernel: str, times: np.ndarray, row: int,
-    count: int,
+    function: Callable[..., np.ndarray], members: Sequence[Any], columns: np.ndarray, kernel: str, times: np.ndarray,
+    row: int, count: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return what `of_unique` does of a function of members, times (0 in the rows) and numbers, at one of some times.
+    """Return what `of_unique` does of a function of members, times (0 in the columns) and numbers at one of some times.
 
     It is that at which a row of results is largest; to laws that do not depend on time all are alike.
     """
-    timed = {kind for kind in {type(item[0]) for item in rows} if TIME in kind.kernel(kernel)[1]}
-    if not timed:
-        return of_unique(function, rows, count)
-    moments = [(item, times.tolist() if type(item[0]) in timed else [0.0] * len(times)) for item in rows]
-    expanded = [(item[0], moment, *item[2:]) for item, of_item in moments for moment in of_item]
-    found, places = of_unique(function, expanded, count)
-    places = places.reshape(len(rows), len(times))
-    return found, places[np.arange(len(rows)), found[row, places].argmax(axis=1)]
+    timed = np.array(of_classes(lambda kind: TIME in kind.kernel(kernel)[1], members), dtype=bool)
+    if not timed.any():
+        return of_unique(function, members, columns, count)
+    moments = np.where(timed[:, None], times, 0.0).ravel()
+    expanded = np.concatenate([moments[None], np.repeat(columns[1:], len(times), axis=1)])
+    found, places = of_unique(function, [item for item in members for _ in times], expanded, count)
+    places = places.reshape(len(members), len(times))
+    return found, places[np.arange(len(members)), found[row, places].argmax(axis=1)]
 
 
 def _beside_springs(
@@ -262,8 +265,9 @@ def _beside_springs(
 ) -> tuple[np.ndarray, tuple[Profiles, np.ndarray]]:  # fmt: skip
     """Return the stiffness of chosen members beside springs, 0 of others, and profiles as `Stiffening` has them."""
     slots = np.flatnonzero(chosen)
-    rows = [(members[slot], 0.0, float(springs[slot]), float(energy[slot])) for slot in slots.tolist()]
-    found, places = _at_stiffest(partial(_tangents, kind), rows, kind.kernel, times, 0, 1 + COLUMNS)
+    some = [members[slot] for slot in slots.tolist()]
+    rows = np.stack([np.zeros(len(slots)), springs[slots], energy[slots]])
+    found, places = _at_stiffest(partial(_tangents, kind), some, rows, kind.kernel, times, 0, 1 + COLUMNS)
     stiffness, at = np.zeros(len(members)), np.full(len(members), -1)
     stiffness[slots], at[slots] = found[0, places], places
     return stiffness, (Profiles.of(found[1:]), at)

@@ -6,6 +6,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import contact_forces
+from impactlab.components.evaluation import distinct
 from impactlab.components.oscillator import DuffingOscillator
 from impactlab.nonlinear.tangent_stiffness import energy_of
 
@@ -33,18 +34,20 @@ def certified(model: Model, penetration: np.ndarray, step: float) -> bool:
         return False
     if model.sources["intensity"].joining or model.round.any():
         return False
-    if any(not law.linear[0] for law in model.coupling_laws):
+    if not model.coupling[0].all():
         return False
     if not _powers(model, penetration.tobytes()):
         return False
-    bodies = {body for body in model.network.oscillators.values() if body.has_kernel("residual")}
-    return all(isinstance(body, DuffingOscillator) for body in bodies)
+    bent = np.flatnonzero(model.residual).tolist()
+    return all(isinstance(model.oscillators[slot], DuffingOscillator) for slot in bent)
 
 
 @kept
 def _powers(model: Model, penetrations: bytes) -> bool:
     """Whether the forces of all contacts are nearly powers of indentations up to some depths (m)."""
-    for law, depth in dict.fromkeys(zip(model.contact_laws, np.frombuffer(penetrations).tolist(), strict=True)):
+    depths = np.frombuffer(penetrations)
+    for row in distinct(model.contact_laws, [depths])[0].tolist():
+        law, depth = model.contact_laws[row], float(depths[row])
         if depth > 0.0 and not _a_power(contact_forces([law], depth * _PLACES[None])[0], _PLACES):
             return False
     return True

@@ -10,8 +10,7 @@ import numpy as np
 
 from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import contact_forces
-from impactlab.components.evaluation import call_each
-from impactlab.components.sides import is_round
+from impactlab.components.evaluation import call_each, of_classes
 from impactlab.nonlinear.tangent_stiffness import Stiffening, of_unique
 
 OF_CONTACTS, OF_BODIES = 0.2, 0.07
@@ -65,8 +64,7 @@ def damping_rates(model: Model, stiffening: Stiffening) -> tuple[np.ndarray, np.
     extensions, along = _places(of_couplings, stiffening.couplings), model.coupled.squares(mobility)
     couplings = _rates(model.coupling_laws, "force", extensions, along, of_couplings, times)
     bodies, residual = np.zeros(len(model.mass)), np.flatnonzero(model.residual)
-    oscillators = list(model.network.oscillators.values())
-    bent = [oscillators[slot] for slot in residual]
+    bent = [model.oscillators[slot] for slot in residual.tolist()]
     displacements = _places(energy, model.stiffness + stiffening.bodies)[residual]
     bodies[residual] = _rates(bent, "residual", displacements, mobility[residual], energy[residual], times)
     return contacts, couplings, bodies
@@ -80,10 +78,10 @@ def slope_step(model: Model, stiffening: Stiffening) -> float:
     """
     mobility, energy = 1.0 / model.mass, np.where(np.isfinite(stiffening.energy), stiffening.energy, 0.0)
     of_couplings, along = energy[model.first_of(model.coupled)], model.coupled.squares(mobility)
-    oscillators, residual = list(model.network.oscillators.values()), np.flatnonzero(model.residual)
+    residual = np.flatnonzero(model.residual)
     members = [
         *((law, "force") for law in model.coupling_laws),
-        *((oscillators[slot], "residual") for slot in residual),
+        *((model.oscillators[slot], "residual") for slot in residual),
     ]
     numbers = np.append(of_couplings, energy[residual]), np.append(along, mobility[residual])
     steepest = _steepest_friction(model, stiffening)
@@ -124,9 +122,10 @@ def _steepest_friction(model: Model, stiffening: Stiffening) -> float:
 
 def _frictions(model: Model) -> tuple[np.ndarray, list[Any]]:
     """Return the contacts in a plane that have friction, and its laws."""
-    laws = [contact.friction if is_round(contact) else None for contact in model.network.contacts.values()]
-    slots = np.flatnonzero([law is not None for law in laws])
-    return slots, [laws[slot] for slot in slots]
+    slots, contacts = np.flatnonzero(model.round).tolist(), list(model.network.contacts.values())
+    frictions = {slot: contacts[slot].friction for slot in slots}
+    rubbing = [slot for slot in slots if frictions[slot] is not None]
+    return np.array(rubbing, dtype=np.int64), [frictions[slot] for slot in rubbing]
 
 
 def _places(energy: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -150,8 +149,9 @@ def _rates(
     times.
     """
     result = np.zeros(len(members))
-    slowing = [row for row, item in enumerate(members) if not _VELOCITIES.isdisjoint(item.kernel(kernel)[1])]
-    rows = [(members[row], float(mobility[row]), float(energy[row]), *places[row].tolist()) for row in slowing]
+    depends = of_classes(lambda kind: not _VELOCITIES.isdisjoint(kind.kernel(kernel)[1]), members)
+    slowing = np.flatnonzero(depends)
+    rows = np.concatenate([[mobility[slowing], energy[slowing]], places[slowing].T])
 
     def of_members(chosen: Sequence[Any], mobility: np.ndarray, energy: np.ndarray, *at: np.ndarray) -> np.ndarray:
         deviation = np.sqrt(energy * mobility)
@@ -168,8 +168,8 @@ def _rates(
             worst = np.maximum(worst, rates)
         return worst
 
-    found, places = of_unique(of_members, rows, 1)
-    result[slowing] = found[0, places]
+    found, which = of_unique(of_members, [members[row] for row in slowing.tolist()], rows, 1)
+    result[slowing] = found[0, which]
     return result
 
 

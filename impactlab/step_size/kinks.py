@@ -10,6 +10,7 @@ import numpy as np
 from impactlab.assembly.links import Links, Pairs, joined
 from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
+from impactlab.components.evaluation import of_objects
 from impactlab.errors import warn
 from impactlab.nonlinear.profiles import COLUMNS, Profiles, of_powers
 from impactlab.nonlinear.tangent_stiffness import Stiffening
@@ -88,9 +89,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
 
 def powers_of(model: Model) -> np.ndarray:
     """Return stiffness and exponent of the laws that are known to be powers, NaN of others, (2, contact)."""
-    laws = model.contact_laws
-    known = {id(law): _power_of(law) for law in {id(law): law for law in laws}.values()}
-    return np.array([known[id(law)] for law in laws]).reshape(-1, 2).T
+    return np.array(of_objects(_power_of, model.contact_laws)).reshape(-1, 2).T
 
 
 def _power_of(law: ContactLaw) -> tuple[float, float]:
