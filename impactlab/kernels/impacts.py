@@ -27,11 +27,11 @@ contact closes and how fast, the size of its motion, and how often it has closed
 PATHS = RESTS + 1
 """How many rows these are."""
 
-IMPULSE, IMPACTS, RESTING, LARGEST = range(4)
-"""Rows of what is seen in a step: the sum of the impulses, the number of impacts, and whether a contact rests; and the
-largest size of its motion so far."""
+IMPULSE, IMPACTS, RESTING, LARGEST, ENDLESS = range(5)
+"""Rows of what is seen in a step: the sum of the impulses, the number of impacts, and whether a contact rests; the
+largest size of its motion so far; and the number of the first step, from 1 on, in which its impacts were too many."""
 
-SEEN = LARGEST + 1
+SEEN = ENDLESS + 1
 """How many rows these are."""
 
 CLEARANCE, RESTITUTION, INERTIA = range(3)
@@ -283,6 +283,13 @@ def _pressed(flight, contact, lane):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _note_endless(seen, contact, now, lane):  # type: ignore[no-untyped-def]
+    """Keep the first step in which a contact had too many impacts."""
+    if seen[ENDLESS, contact, lane] == 0.0:
+        seen[ENDLESS, contact, lane] = now + 1.0
+
+
+@kernel
 def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     """Let a contact close: it opens again with the restitution e, or rests.
 
@@ -299,7 +306,10 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     pressed = _pressed(flight, contact, lane)
     short = pull > 0.0 and 2.0 * rebound <= max(1.0 - restitution, 2.0 / MANY) * pull * left
     kicked = restitution < 1.0 and pressed + pull * step > 0.0 and speed <= 1.5 * abs(pressed)
-    rests = short or kicked or paths[EVENTS, contact] > MANY
+    rests = short or kicked
+    if not rests and paths[EVENTS, contact] > MANY:
+        rests = True
+        _note_endless(flight.impacts.seen, contact, now, lane)
     # the kick before gave at once what grows over a step, from half a step before it on
     ahead = (1.0 + restitution) * (time / step - 0.5) * pressed
     change = -speed if rests else -(speed + rebound + (ahead if rebound + ahead > 0.0 else 0.0))
@@ -377,8 +387,10 @@ def _collide(flight, now, lane):  # type: ignore[no-untyped-def]
             return
         _meet(flight, first, now, lane)
     for contact in range(count):  # bodies that rest on each other: what overlaps yet is held in the next step
-        resting = paths[RESTS, contact] == 1.0 or paths[DUE, contact] < math.inf
-        impacts.seen[RESTING, contact, lane] = 1.0 if resting else 0.0
+        due = paths[DUE, contact] < math.inf
+        impacts.seen[RESTING, contact, lane] = 1.0 if due or paths[RESTS, contact] == 1.0 else 0.0
+        if due:
+            _note_endless(impacts.seen, contact, now, lane)
 
 
 @kernel

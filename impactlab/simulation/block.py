@@ -15,6 +15,7 @@ from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.functions_of_time import sum_panels
+from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.random import fill_normals
@@ -60,6 +61,7 @@ class BlockResult:
     contacts: np.ndarray  # (batch, row, contact, lane)
     products: np.ndarray  # (batch, row, pair, lane)
     points: np.ndarray  # (batch, phase, row, point, lane)
+    endless: np.ndarray  # (rigid, lane) number of the first step, from 1 on, with too many impacts; 0 for none
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
 
 
@@ -619,7 +621,8 @@ class Block:
             if keeper.wants_end:
                 keeper.end(self._final())
         bodies, contacts, products, points = kept
-        return BlockResult(bodies, contacts, products, points, [keeper.result() for keeper in keepers])
+        endless = self.events.impacts.seen[ENDLESS].copy()
+        return BlockResult(bodies, contacts, products, points, endless, [keeper.result() for keeper in keepers])
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, their velocities, contact forces and states of laws, [quantity, lane]."""

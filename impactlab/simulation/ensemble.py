@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from impactlab.errors import ImpactLabError, Interrupted
+from impactlab.kernels.impacts import MANY
 from impactlab.machine import begin, cores, shares_memory, workers_of
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
@@ -163,6 +164,24 @@ class _TiledBlock(Block):
             self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
             self.sums.samples[:, tile.bodies[: tile.own_bodies]] = part.sums.samples
             self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
+
+
+def endless_chatter(plan: Plan, results: list[BlockResult]) -> str:
+    """Say which rigid contact had too many impacts in a step first, and when; nothing where none had."""
+    steps = np.concatenate([result.endless for result in results], axis=-1)
+    if not steps.any():
+        return ""
+    first = np.where(steps > 0.0, steps, np.inf).min(axis=-1)
+    rigid = int(first.argmin())
+    time = (first[rigid] - 1.0 - plan.clock.spin_up_steps) * plan.clock.step
+    name, lanes = plan.system.contacts[plan.impacts.rigid.contacts[rigid]], np.count_nonzero(steps[rigid])
+    others = np.count_nonzero(np.isfinite(first)) - 1
+    return (
+        f"Chatter of {name!r} does not end: it had more than {MANY} impacts in the step at t = {time:g} s, and in "
+        f"{lanes} of {steps.shape[-1]} realization(s){f', as had {others} other contact(s)' if others else ''}. They "
+        "are held at rest for what is left of such a step, which takes energy unless bodies rest on each other: give "
+        "a shorter step=."
+    )
 
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, ...]:

@@ -233,6 +233,8 @@ class _Keepers(Keeper):
 
 def _of_network(whole: BlockResult, place: int, number: int) -> BlockResult:
     """Return what a block found of one network."""
-    bodies, contacts = (np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts))
+    bodies, contacts, endless = (
+        np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts, whole.endless)
+    )
     records: list[dict[str, Any]] = [item["networks"][place] for item in whole.records]  # type: ignore[misc]
-    return BlockResult(bodies, contacts, whole.products, whole.points, records)
+    return BlockResult(bodies, contacts, whole.products, whole.points, endless, records)

@@ -41,7 +41,7 @@ from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.results.stack import Findings
 from impactlab.simulation.block import BlockResult, compiled
-from impactlab.simulation.ensemble import continued, merged, run, run_block
+from impactlab.simulation.ensemble import continued, endless_chatter, merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.labelling import findings_of
 from impactlab.simulation.measured_step import measured, worth_measuring
@@ -450,6 +450,8 @@ def _estimated(
 ) -> Findings:
     """Return what the dataset of a finished run holds, and warn of what it leaves open."""
     estimates = estimate(plan, *merged(results), rows=rows)
+    if message := endless_chatter(plan, results):
+        warn(message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     # means are those of the whole transient, as from any state that is given
