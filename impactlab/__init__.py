@@ -105,6 +105,7 @@ _HOME = {
     "sweeps.citation": ["citation"],
     "sweeps.rerun": ["network_of", "rerun"],
     "reference.compare": ["compare"],
+    "reference.over_time": ["exact_covariance"],
     "reference.reference": ["ExactReference", "exact"],
     "reference.fokker_planck.law": ["FokkerPlanckReference"],
     "reference.fokker_planck.solution": ["fokker_planck"],

@@ -108,6 +108,7 @@ from impactlab.records.trajectory import Trajectory as Trajectory
 from impactlab.reference.compare import compare as compare
 from impactlab.reference.fokker_planck.law import FokkerPlanckReference as FokkerPlanckReference
 from impactlab.reference.fokker_planck.solution import fokker_planck as fokker_planck
+from impactlab.reference.over_time import exact_covariance as exact_covariance
 from impactlab.reference.reference import ExactReference as ExactReference
 from impactlab.reference.reference import exact as exact
 from impactlab.results.dataset import save as save

@@ -504,7 +504,10 @@ def finite_array(name: str, values: Any) -> np.ndarray:
     """Return an array of finite numbers, or refuse it."""
     import numpy as np  # studies are listed without it
 
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{name} must be numbers, not {reprlib.repr(values)}.") from None
     if not np.isfinite(array).all():
         raise InvalidInput(f"{name} must hold finite numbers only.")
     return array

@@ -11,7 +11,14 @@ import numpy as np
 from impactlab.components.excitation import Excitation
 from impactlab.components.filters import Filter
 from impactlab.linear.systems import LinearSystem
-from impactlab.linear.transitions import FilteredSteps, drift_matrix, gaussian_transition, lower_root, noise_root
+from impactlab.linear.transitions import (
+    FilteredSteps,
+    drift_matrix,
+    gaussian_transition,
+    lower_root,
+    noise_root,
+    with_delayed_response,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +63,8 @@ class FilteredMotion:
         none = np.zeros((self.states, len(drift)))
         return np.block([[self.filter.drift, none], [push, drift]])
 
-    def _growth(self, size: int) -> np.ndarray:
-        """What the noise adds to the covariance of all states per time."""
+    def growth(self, size: int) -> np.ndarray:
+        """Return what the noise adds to the covariance of so many states per time, those of the filter first."""
         given = np.zeros(size)
         given[: self.states] = self.filter.input
         return np.asarray(2.0 * np.pi * np.outer(given, given))
@@ -67,6 +74,11 @@ class FilteredMotion:
         """The drift of the states of the filter, then displacements and velocities of the bodies."""
         system = self.system
         return self._joint(drift_matrix(system.mass, system.damping, system.stiffness), self._push)
+
+    @property
+    def rate(self) -> float:
+        """Bound of the eigenvalues of the drift (s-1)."""
+        return max(self.filter.fastest, sum(self.system.scales))
 
     @cached_property
     def covariance(self) -> np.ndarray | None:
@@ -78,7 +90,7 @@ class FilteredMotion:
         """
         if not self.system.rates.all():
             return None
-        own = lyapunov(self.filter.drift, self._growth(self.states))
+        own = lyapunov(self.filter.drift, self.growth(self.states))
         triangle, turned = self.system.triangular
         back, reduction = np.linalg.inv(turned), self.system.reduction
         push = back @ reduction @ self._push
@@ -102,25 +114,25 @@ class FilteredMotion:
         rest.
         """
         count = self.states + 2 * len(self.slots)
-        if self.excitation.at_rest:
-            return np.zeros((count, count))
-        if self.covariance is not None and not self.modulated:
+        if self.covariance is not None and not (self.modulated or self.excitation.at_rest):
             return noise_root(self.covariance)
         result = np.zeros((count, count))
         own = slice(self.states)
-        result[own, own] = noise_root(lyapunov(self.filter.drift, self._growth(self.states)))
+        result[own, own] = noise_root(self.filter_start())
         return result
+
+    def filter_start(self) -> np.ndarray:
+        """Return the covariance of the filter's states where a run begins: stationary, or 0 if it is at rest there."""
+        at_rest = np.zeros((self.states, self.states))
+        return at_rest if self.excitation.at_rest else lyapunov(self.filter.drift, self.growth(self.states))
 
     def steps(self, step: float) -> FilteredSteps:
         """Return what a step (s) does, exactly, whatever its length; an envelope is linear in time in it."""
         count, bodies = self.states, 2 * len(self.slots)
         drift = self.drift
-        rate = max(self.filter.fastest, sum(self.system.scales))
-        if self.modulated:  # the integral of q Φ(q) f, of which a part is the response to f times the time
-            none = np.zeros((len(drift), bodies))
-            more = np.concatenate([np.zeros((bodies, count)), np.eye(bodies)], axis=1)
-            drift = np.block([[drift, none], [more, drift[count:, count:]]])
-        a, q = gaussian_transition(drift[None], self._growth(len(drift))[None], step, rate)
+        if self.modulated:
+            drift = with_delayed_response(drift, count)
+        a, q = gaussian_transition(drift[None], self.growth(len(drift))[None], step, self.rate)
         by_body = np.arange(bodies).reshape(2, -1).T.ravel()  # x and v of a body follow each other
         read = np.eye(len(drift))[np.concatenate([np.arange(count), *(
             first + by_body for first in range(count, len(drift), bodies)
@@ -136,7 +148,7 @@ class FilteredMotion:
     def own_steps(self, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Return M and N of the states of the filter alone."""
         a, q = gaussian_transition(
-            self.filter.drift[None], self._growth(self.states)[None], step, self.filter.fastest
+            self.filter.drift[None], self.growth(self.states)[None], step, self.filter.fastest
         )  # fmt: skip
         root = lower_root(q[0], np.diag(q[0]))
         return a[0], root[:, root.any(axis=0)]

@@ -239,6 +239,19 @@ def diffusion_matrix(mass: np.ndarray, intensity: np.ndarray) -> np.ndarray:
     return np.block([[none, none], [none, 2.0 * np.pi * intensity / np.outer(mass, mass)]])
 
 
+def with_delayed_response(drift: np.ndarray, count: int) -> np.ndarray:
+    """Return the drift of `count` states of a filter and of bodies, and of ``∫ q Φ(q) f`` as further states.
+
+    Φ is the flow of the bodies, f what drives them, and q the time from then to the end: with the response
+    ``∫ Φ(q) f`` of bodies that begin at rest it gives that to f times a factor that is linear in time.
+    """
+    size, bodies = len(drift), len(drift) - count
+    result = np.zeros((size + bodies, size + bodies))
+    result[:size, :size], result[size:, size:] = drift, drift[count:, count:]
+    result[size:, count:size] = np.eye(bodies)
+    return result
+
+
 def van_loan(drift: np.ndarray, growth: np.ndarray) -> np.ndarray:
     """Return Van Loan's block matrix, whose exponential has the transition and the covariance of a motion."""
     size = drift.shape[-1]

@@ -22,6 +22,7 @@ from impactlab.reference.subsystems import (
     UNHEATED,
     Subsystem,
     differ,
+    is_enveloped,
     is_linear,
     is_stationary,
     named,
@@ -61,14 +62,15 @@ class LinearPart:
     subsystem: Subsystem
 
     @cached_property
-    def _model(self) -> Model:
+    def model(self) -> Model:
+        """The bodies with their couplings and excitations as arrays."""
         return Model.of(self.subsystem.without_contacts())
 
     @cached_property
     def system(self) -> LinearSystem:
         """Their matrices."""
-        springs, dampers = (self._model.links.springs(strength) for strength in self._model.coupling)
-        return system_of(self._model, np.arange(self._model.wall), springs, dampers)
+        springs, dampers = (self.model.links.springs(strength) for strength in self.model.coupling)
+        return system_of(self.model, np.arange(self.model.wall), springs, dampers)
 
     @cached_property
     def reasons(self) -> list[str]:
@@ -78,7 +80,7 @@ class LinearPart:
     @cached_property
     def law(self) -> GaussianLaw:
         """The law, where there are no reasons against it."""
-        system, model = self.system, self._model
+        system, model = self.system, self.model
         together = ((np.arange(len(model.bodies)), system),)
         cosines = [
             CosineResponse(item.frequencies, item.amplitudes, receptance)
@@ -98,12 +100,12 @@ class LinearPart:
     @cached_property
     def _harmonics(self) -> dict[float, np.ndarray]:
         """Complex amplitudes of the harmonic forces on the bodies by their angular frequencies, (body,) (N)."""
-        forces = self._model.sources["force"]
+        forces = self.model.sources["force"]
         result: dict[float, np.ndarray] = {}
         for number, excitation in enumerate(forces.excitations):
             if isinstance(excitation, Harmonic):
                 bodies, weights = forces.driven(number)
-                force = result.setdefault(excitation.frequency, np.zeros(self._model.wall, dtype=complex))
+                force = result.setdefault(excitation.frequency, np.zeros(self.model.wall, dtype=complex))
                 force[bodies] += weights * excitation.amplitude * np.exp(1j * (excitation.phase - 0.5 * math.pi))
         return result
 
@@ -116,7 +118,12 @@ class LinearPart:
         network = self.subsystem.network
         for name in self.subsystem.bodies:
             for _, excitation, _ in network.excitations_of(name):
-                if not (is_stationary(excitation) or isinstance(excitation, Harmonic)):
+                if is_enveloped(excitation):
+                    yield (
+                        f"{name!r} is excited by {type(excitation).__name__}, which depends on time, so that no law is "
+                        "stationary; il.exact_covariance knows the covariance over time."
+                    )
+                elif not (is_stationary(excitation) or isinstance(excitation, Harmonic)):
                     yield (
                         f"{name!r} is excited by {type(excitation).__name__}, which depends on time; with constant "
                         "white or coloured noise or a sum of cosines of random phases the law would be stationary, "
@@ -124,7 +131,7 @@ class LinearPart:
                     )
 
     def _unstable(self) -> Iterator[str]:
-        system, model, names = self.system, self._model, self.subsystem.bodies
+        system, model, names = self.system, self.model, self.subsystem.bodies
         driven = model.initial_intensities.any() or any(item.amplitudes.any() for item in lines_of(model))
         driven = driven or any(filter_of(item).input.any() for item in model.sources["filter"].excitations)
         driven = driven or any(impulses_of(item).density for item in model.sources["impulses"].excitations)

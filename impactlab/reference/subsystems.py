@@ -11,11 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.assembly.links import Pairs, connected_parts
+from impactlab.components.coloured import Modulated
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
 from impactlab.components.excitation import Excitation, Source
-from impactlab.components.loads import Harmonic
+from impactlab.components.loads import Harmonic, ModulatedNoise
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -224,6 +225,11 @@ def is_stationary(excitation: Excitation) -> bool:
     if excitation.kind == "filter":
         return not excitation.has_kernel("modulation")
     return excitation.kind in ("lines", "impulses") or is_steady_noise(excitation)
+
+
+def is_enveloped(excitation: Excitation) -> bool:
+    """Whether an excitation is noise with an envelope that is linear between samples."""
+    return isinstance(excitation, Modulated | ModulatedNoise)
 
 
 def is_steady_noise(excitation: Excitation) -> bool:

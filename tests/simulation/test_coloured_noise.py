@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 
 import impactlab as il
@@ -18,6 +17,7 @@ KANAI = il.KanaiTajimi(1.0, 15.0, 0.6)
 CLOUGH = il.CloughPenzien(1.0, 15.0, 0.6, 1.5, 0.6)
 OU = il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5)
 BAND = il.BandPassNoise(1.0, frequency=8.0, damping_ratio=0.1)
+GROWS_AND_FADES = [0.0, 2.0, 6.0, 10.0], [0.0, 1.0, 1.0, 0.0]
 WALL = il.Contact("a", il.WALL, il.HertzContact(1e4), clearance=0.2)
 few = pytest.mark.filterwarnings("ignore:Too few independent samples")
 
@@ -46,21 +46,17 @@ def system_of(noise):
     return drift, push, growth
 
 
-def variance_in_time(noise, times, envelope, at_rest=False):
-    """Variance of the displacement of the body, at rest at first, by Lyapunov's equation in time."""
-    drift, push, growth = system_of(noise)
-    size, states = len(drift), len(drift) - 2
-    start = np.zeros((size, size))
-    if not at_rest:
-        start[:states, :states] = solve_continuous_lyapunov(drift[:states, :states], -growth[:states, :states])
-
-    def slope(t, p):
-        p = p.reshape(size, size)
-        moving = drift + envelope(t) * push
-        return (moving @ p + p @ moving.T + growth).ravel()
-
-    found = solve_ivp(slope, (0.0, times[-1]), start.ravel(), t_eval=times, rtol=1e-8, atol=1e-12, max_step=0.1)
-    return found.y.reshape(size, size, -1)[states, states]
+def assert_covariances(result, law):
+    """Those of displacement and velocity of the body at all samples but the first, in standard errors of the run."""
+    x, v = (result[name].values[:, 1:, 0] for name in ("displacement", "velocity"))
+    x, v = x - x.mean(axis=0), v - v.mean(axis=0)
+    names = ("variance_displacement", "covariance_displacement_velocity", "variance_velocity")
+    for name, products in zip(names, (x**2, x * v, v**2), strict=True):
+        error = products.std(axis=0, ddof=1) / np.sqrt(len(products))
+        z = (products.mean(axis=0) - law[name].values.ravel()) / error
+        assert np.abs(z).max() < 4.0, name
+    scatter = (x**2).std(axis=0) / np.sqrt(len(x))
+    assert (scatter < 2.0 / np.sqrt(len(x)) * law.variance_displacement[:, 0]).all()  # so that the test can fail
 
 
 @pytest.mark.parametrize("options", [{}, {"step": 0.5}], ids=["default", "half a period"])
@@ -130,29 +126,37 @@ def test_what_has_no_exact_law_says_why():
         il.exact(on_ground(il.Modulated(KANAI, [0.0, 1.0], [1.0, 1.0])))
 
 
-@pytest.mark.parametrize("step", [None, 0.25], ids=["default", "quarter of a period"])
-def test_an_envelope_against_lyapunovs_equation_in_time(step):
-    times, envelope = [0.0, 2.0, 6.0, 10.0], [0.0, 1.0, 1.0, 0.0]
-    noise = il.Modulated(CLOUGH, times, envelope)
+@pytest.mark.parametrize(
+    ("noise", "step"),
+    [
+        (il.Modulated(CLOUGH, *GROWS_AND_FADES), None),
+        (il.Modulated(CLOUGH, *GROWS_AND_FADES), 0.25),
+        (il.ModulatedNoise(1.0, *GROWS_AND_FADES), None),
+    ],
+    ids=["default", "quarter of a period", "white"],
+)
+def test_an_envelope_against_lyapunovs_equation_in_time(noise, step):
     result = il.simulate(
-        on_ground(noise), 10.0, realizations=4000, rng=3, step=step, record=il.Trajectory(1.0), spin_up=0.0
+        on_ground(noise), 10.0, realizations=40_000, rng=3, step=step, record=il.Trajectory(1.0), spin_up=0.0
     )
-    found = result.displacement.values[:, 1:, 0].var(axis=0)
-    expected = variance_in_time(CLOUGH, np.arange(1.0, 11.0), lambda t: np.interp(t, times, envelope))
-    np.testing.assert_allclose(found, expected, rtol=4.0 * np.sqrt(2.0 / 4000.0))
+    assert_covariances(result, il.exact_covariance(on_ground(noise), np.arange(1.0, 11.0)))
+
+
+def test_an_envelope_that_begins_in_the_spin_up():
+    noise = il.Modulated(OU.replace(at_rest=True), [-1.0, 0.5, 2.0], [0.4, 1.0, -1.0])
+    result = il.simulate(on_ground(noise), 2.0, realizations=10_000, rng=3, record=il.Trajectory(0.5), spin_up=0.8)
+    times, spin_up = result.time.values[1:], result.attrs["spin_up"]
+    assert_covariances(result, il.exact_covariance(on_ground(noise), times, spin_up=spin_up))
 
 
 @few
 @pytest.mark.parametrize("at_rest", [False, True])
 def test_a_start_from_rest(at_rest):
-    noise = OU.replace(at_rest=at_rest)
+    network = on_ground(OU.replace(at_rest=at_rest))
     result = il.simulate(
-        on_ground(noise), 2.0, realizations=4000, rng=4, step=0.1, initial="rest", spin_up=0.0,
-        record=il.Trajectory(0.2),
-    )  # fmt: skip
-    found = result.displacement.values[:, 1:, 0].var(axis=0)
-    expected = variance_in_time(OU, 0.2 * np.arange(1, 11), lambda t: 1.0, at_rest)
-    np.testing.assert_allclose(found, expected, rtol=4.0 * np.sqrt(2.0 / 4000.0))
+        network, 2.0, realizations=4000, rng=4, step=0.1, initial="rest", spin_up=0.0, record=il.Trajectory(0.2)
+    )
+    assert_covariances(result, il.exact_covariance(network, 0.2 * np.arange(1, 11)))
 
 
 @few
@@ -161,9 +165,7 @@ def test_given_states_begin_with_a_filter_that_is_stationary():
     options = {"spin_up": 0.0, "initial": {"displacement": {"a": 0.3}}, "record": il.Trajectory(0.1), "step": 0.1}
     result = il.simulate(on_ground(OU), 1.0, realizations=2000, rng=4, **options)
     assert (result.displacement.values[:, 0, 0] == 0.3).all()
-    found = result.displacement.values[:, 1:, 0].var(axis=0)
-    expected = variance_in_time(OU, 0.1 * np.arange(1, 11), lambda t: 1.0)
-    np.testing.assert_allclose(found, expected, rtol=4.0 * np.sqrt(2.0 / 2000.0))
+    assert_covariances(result, il.exact_covariance(on_ground(OU), 0.1 * np.arange(1, 11)))
 
 
 @few
