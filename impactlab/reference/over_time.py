@@ -15,6 +15,7 @@ from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
 from impactlab.components.literature import in_one_line
 from impactlab.components.loads import ModulatedNoise
+from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
 from impactlab.linear.laws import filtered_motions, impulsive_motions
@@ -175,7 +176,8 @@ def _labelled(network: Composition, times: np.ndarray, covariance: np.ndarray, s
     variables["covariance_displacement_velocity"] = labelled(
         ("time", BODY, OTHER), covariance[:, x, v], "m2 s-1", "covariance of displacement and velocity"
     )
-    configuration = {"network": network.to_dict()}
+    configuration = {"network": stored(network)}
     return xr.Dataset(variables, coordinates).assign_attrs(
-        provenance("exact covariance over time", configuration, in_one_line(entries(configuration))), spin_up=spin_up
+        provenance("exact covariance over time", json_of(configuration), in_one_line(entries(configuration))),
+        spin_up=spin_up,
     )
