@@ -1,4 +1,4 @@
-"""Write the page of all laws and loads, docs/catalogue.md, and draw what each does.
+"""Write the page of all that networks are made of, docs/catalogue.md, and draw what each part does.
 
 Run ``python docs/figures/catalogue.py [FOLDER]``; the default is this folder. It takes seconds.
 """
@@ -16,14 +16,15 @@ from impactlab.plotting.style import COLORS, style
 
 INTRODUCTION = """# Catalogue
 
-All bodies, contact laws, couplings and excitations of the package, as `il.catalogue()` returns them. δ is an
-indentation, e an extension, x a displacement; a prime is a derivative by time. Parameters have their units and
-defaults; the docstrings say more. A law of one's own is a class of a few lines: see [how to](how_to.md).
+All that networks are made of, bodies, contacts and couplings with their laws, and excitations, as `il.catalogue()`
+returns them; names in small letters are functions that make some. δ is an indentation, e an extension, x a
+displacement; a prime is a derivative by time. Parameters have their units and defaults; the docstrings say more. A law
+of one's own is a class of a few lines: see [how to](how_to.md).
 """
 
 POINTS, TURNS = 2000, 2.25
 
-EXAMPLES: dict[str, dict[str, il.Component]] = {
+EXAMPLES: dict[str, dict[str, Any]] = {
     "contact laws": {
         "AdhesiveContact": il.AdhesiveContact(1.0, pull_off=0.2),
         "CarvalhoMartinsContact": il.CarvalhoMartinsContact(1.0, restitution=0.6),
@@ -41,7 +42,7 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
         "TsujiContact": il.TsujiContact(1.0, damping=0.4),
         "WaltonBraunContact": il.WaltonBraunContact(loading=1.0, unloading=2.0),
     },
-    "couplings": {
+    "coupling laws": {
         "BilinearCoupling": il.BilinearCoupling(1.0, outer_stiffness=3.0, break_extension=0.5),
         "BoucWenCoupling": il.BoucWenCoupling(1.0, yield_displacement=0.3, ratio=0.1),
         "CoulombFrictionCoupling": il.CoulombFrictionCoupling(1.0),
@@ -55,6 +56,12 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
         "PowerLawDampingCoupling": il.PowerLawDampingCoupling(1.0, exponent=0.5),
         "QuadraticDampingCoupling": il.QuadraticDampingCoupling(1.0),
         "ZenerCoupling": il.ZenerCoupling(1.0, relaxing_stiffness=1.0, damping=1.0),
+    },
+    "contacts and couplings": {
+        "Contact": [il.Contact("a", il.WALL, il.HertzContact(1.0), clearance=0.3)],
+        "RoundContact": [il.RoundContact(("a", "b"), il.WALL, il.HertzContact(1.0), clearance=0.5)],
+        "Coupling": [il.Coupling("a", il.WALL, il.LinearCoupling(1.0))],
+        "backlash": [*il.backlash("a", il.WALL, il.HertzContact(1.0), clearance=0.3, name="gap").values()],
     },
     "bodies": {
         "DoubleWellOscillator": il.DoubleWellOscillator(cubic=2.0, repulsion=1.0),
@@ -78,14 +85,16 @@ EXAMPLES: dict[str, dict[str, il.Component]] = {
 AXES = {
     "bodies": ("displacement (m)", "force (N)"),
     "contact laws": ("indentation (m)", "force (N)"),
-    "couplings": ("extension (m)", "force (N)"),
+    "contacts and couplings": ("displacement (m)", "force (N)"),
+    "coupling laws": ("extension (m)", "force (N)"),
     "excitations": ("time (s)", "force (N)"),
 }
 
 CAPTIONS = {
     "bodies": "Force of spring, damper and residual force, beside the displacement, of x = cos t.",
     "contact laws": "Force beside the indentation, of δ = sin t.",
-    "couplings": "Force beside the extension, of e = sin t from rest.",
+    "contacts and couplings": "Force on a body beside its displacement x; in the round clearance at y = 0.3 m along x.",
+    "coupling laws": "Force beside the extension, of e = sin t from rest.",
     "excitations": "Force over time.",
 }
 
@@ -105,11 +114,25 @@ def followed(law: Any, kernel: str, place: np.ndarray, rate: np.ndarray, interva
     return forces
 
 
+def pushed(link: Any, x: np.ndarray) -> np.ndarray:
+    """Return the force on a body at its displacements from a contact or a coupling with a wall."""
+    if isinstance(link, il.RoundContact):
+        radius = np.hypot(x, 0.3)
+        return -link.law.evaluate(radius - link.clearance) * x / radius
+    sign = 1.0 if link.second is il.WALL else -1.0
+    if isinstance(link, il.Coupling):
+        return sign * link.law.evaluate(-sign * x)
+    return -sign * link.law.evaluate(sign * x - link.clearance)
+
+
 def curve(family: str, component: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return what is drawn of a component."""
     if family == "excitations":
         time = np.linspace(0.0, 10.0, POINTS)
         return time, np.broadcast_to(component.call("force", time), time.shape)
+    if family == "contacts and couplings":
+        x = np.linspace(-1.0, 1.0, POINTS)
+        return x, sum(pushed(link, x) for link in component)
     if family == "bodies":
         time = np.linspace(0.0, 2.0 * np.pi, POINTS)
         x, v = np.cos(time), -np.sin(time)

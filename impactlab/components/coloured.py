@@ -13,7 +13,7 @@ from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
 from impactlab.components.literature import article, entry, together
-from impactlab.components.loads import SAMPLES_SHOWN, between, shown_samples, take_samples
+from impactlab.components.loads import SAMPLES_SHOWN, ModulatedNoise, between, shown_samples, take_samples
 
 _KANAI_TAJIMI = together(
     article(
@@ -224,6 +224,8 @@ class Modulated(Excitation):
         If the noise is not coloured, there are not as many values as times, fewer than two, one is not finite, or times
         do not increase.
     """
+
+    citation = ModulatedNoise.citation
 
     noise: FilteredNoise = parameter(kw_only=False)
     times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)
