@@ -11,17 +11,22 @@ from numba import types
 from numba.core import cgutils
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 from impactlab.kernels.scalars import DISABLED, scalar
 
 _unpack_tuple: Any = cgutils.unpack_tuple
 _in_frame: Any = cgutils.alloca_once
-_populate_array: Any = populate_array
 _literal: Any = types.literal
 
 pointer_to: Any = types.CPointer
 """Type of what `address_of` returns, by the type of the value."""
+
+
+def _populate_array(*arguments: Any) -> None:
+    from numba.np.arrayobj import populate_array  # late: it loads numba's library, of which only the compiler has use
+
+    populate: Any = populate_array
+    populate(*arguments)
 
 
 def _without_count(context: Any, builder: Any, kind: Any, item: Any) -> Any:

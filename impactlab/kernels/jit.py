@@ -16,8 +16,7 @@ import shutil
 import stat
 import sys
 import tempfile
-import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -28,11 +27,13 @@ import numpy as np
 from llvmlite.binding import add_symbol
 from numba import f8, i8, types, void
 from numba.core import cgutils
+from numba.core.ccallback import CFunc
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 from impactlab.errors import ImpactLabWarning, warn
-from impactlab.kernels.scalars import DISABLED, scalar
+from impactlab.kernels.machine_code import Cache, CacheAlone
+from impactlab.kernels.scalars import DISABLED, deferred, scalar
 
 Function = Callable[..., Any]
 
@@ -51,11 +52,7 @@ _BLOCKS, _BLOCKS_OF_ONE = f8[:, :, ::1], f8[:, ::1]
 _EVALUATE = void(FORCES, *[_BLOCKS] * 2, f8[::1], i8[::1], *[_BLOCKS] * 3)
 _EVALUATE_ONE = void(FORCES_OF_ONE, *[_BLOCKS_OF_ONE] * 2, f8[::1], i8[::1], *[_BLOCKS_OF_ONE] * 3)
 
-config: Any = numba.config
 _declared: Any = cgutils.get_or_insert_function
-
-_CACHED = threading.RLock()
-"""Held while numba's setting is ours: threads that save and restore it at once would leave it so."""
 
 _dispatchers: list[Any] = []
 _kernels: dict[Any, Callable[[Function], Function]] = {}
@@ -97,12 +94,20 @@ def allocating(function: Function) -> Function:
 def _kernel(
     function: Function, made_by: Callable[[Function], Function], pipeline: type[Compiler], counting: bool = False
 ) -> Function:
-    with _cached_here():
-        options = _options(counting, pipeline)
-        compiled = numba.njit(nogil=True, cache=True, forceinline=True, **options)(function)
-    _dispatchers.append(compiled)
+    def make(function: Function) -> Any:
+        return _dispatcher(function, Cache, forceinline=True, **_options(counting, pipeline))
+
+    compiled = deferred(function, make)
     _kernels[compiled] = made_by
-    return compiled  # type: ignore[no-any-return]
+    return compiled
+
+
+def _dispatcher(function: Function, cached: type[Cache], **options: Any) -> Any:
+    """Return a function that numba compiles, for the types of its arguments, or finds in the cache."""
+    compiled: Any = numba.njit(nogil=True, **options)(function)
+    compiled._cache = cached(function, cache_folder())
+    _dispatchers.append(compiled)
+    return compiled
 
 
 def inlined(function: Function) -> Function:
@@ -134,11 +139,7 @@ def loop(signature: Any, function: Function, counting: bool = False) -> Function
     """
     if DISABLED:
         return function
-    with _cached_here():
-        compiled: Any = numba.njit(signature, nogil=True, cache=True, **_options(counting))(function)
-    _dispatchers.append(compiled)
-    (found,) = compiled.overloads.values()
-    return found.entry_point  # type: ignore[no-any-return]
+    return _dispatcher(function, CacheAlone, **_options(counting)).compile(signature)  # type: ignore[no-any-return]
 
 
 def timetable(function: Function) -> Function:
@@ -219,8 +220,11 @@ def part(signature: Any, function: Function, counting: bool = False) -> Any:
 
 
 def _callback(signature: Any, function: Function, counting: bool) -> Any:
-    with _cached_here():
-        compiled: Any = numba.cfunc(signature, cache=True, **_options(counting, Apart))(function)
+    options = _options(counting, Apart)
+    pipeline = options.pop("pipeline_class")
+    compiled: Any = CFunc(function, (signature.args, signature.return_type), {}, options, pipeline)
+    compiled._cache = CacheAlone(function, cache_folder())
+    compiled.compile()
     _dispatchers.append(compiled)
     return compiled
 
@@ -308,15 +312,3 @@ def _kernel_digest() -> str:
         for file in sorted((package / folder).glob("*.py")):
             digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:16]
-
-
-@contextlib.contextmanager
-def _cached_here() -> Iterator[None]:
-    """Let numba put its cache into our folder while a function is being decorated."""
-    with _CACHED:
-        before = config.CACHE_DIR
-        config.CACHE_DIR = str(cache_folder())
-        try:
-            yield
-        finally:
-            config.CACHE_DIR = before

@@ -8,7 +8,7 @@ import pytest
 
 import impactlab as il
 from impactlab.assembly.build import build, digest
-from impactlab.kernels import jit
+from impactlab.kernels import jit, machine_code
 
 SCENE = """
 import json
@@ -76,12 +76,19 @@ def scene():
 
 
 def test_second_process_and_changed_parameters_compile_nothing(scene, run_python):
-    """Laws, bodies and noises with other parameters, more of them, and more realizations."""
+    """Laws, bodies and noises with other parameters, more of them, and more realizations.
+
+    What only the compiler needs is not even loaded: numba's library of arrays, and all that it knows of SciPy.
+    """
     text = SCENE + (
-        "first = run()\nrun(il.HertzContact(2e4), bodies=5, realizations=7)\nprint(json.dumps([first, compilations()]))"
+        "import sys\n"
+        "first = run()\nrun(il.HertzContact(2e4), bodies=5, realizations=7)\n"
+        "of_compiler = {'numba.np.arrayobj', 'numba.np.arraymath', 'scipy.linalg'} & set(sys.modules)\n"
+        "print(json.dumps([first, compilations(), sorted(of_compiler)]))"
     )
-    numbers, compiled = json.loads(run_python("-c", text))
+    numbers, compiled, of_compiler = json.loads(run_python("-c", text))
     assert compiled == 0
+    assert of_compiler == []
     assert numbers == scene["run"]()
 
 
@@ -172,19 +179,19 @@ def test_cache_into_which_others_can_write(how, tmp_path, monkeypatch):
         jit.cache_folder.cache_clear()
 
 
-def test_a_setting_of_numba_survives_threads():
+def test_a_setting_of_numba_survives_threads(tmp_path):
     """It is saved and restored while a function is made."""
-    before = jit.config.CACHE_DIR
+    before = machine_code.config.CACHE_DIR
     inside, leave, also_inside, left = (threading.Event() for _ in range(4))
 
     def one():
-        with jit._cached_here():
+        with machine_code._placed_in(tmp_path):
             inside.set()
             leave.wait(60.0)
         left.set()
 
     def other():
-        with jit._cached_here():
+        with machine_code._placed_in(tmp_path):
             also_inside.set()
             left.wait(60.0)
 
@@ -196,7 +203,7 @@ def test_a_setting_of_numba_survives_threads():
     leave.set()
     for thread in threads:
         thread.join(60.0)
-    assert before == jit.config.CACHE_DIR
+    assert before == machine_code.config.CACHE_DIR
 
 
 def test_python_without_compiler_gives_the_same_bits(run_python):
