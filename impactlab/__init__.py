@@ -54,6 +54,7 @@ _HOME = {
         "Chirp",
         "ConstantForce",
         "Harmonic",
+        "ModulatedForce",
         "ModulatedNoise",
         "Pulse",
         "SampledForce",

@@ -56,6 +56,7 @@ from impactlab.components.linear_structure import LinearStructure as LinearStruc
 from impactlab.components.loads import Chirp as Chirp
 from impactlab.components.loads import ConstantForce as ConstantForce
 from impactlab.components.loads import Harmonic as Harmonic
+from impactlab.components.loads import ModulatedForce as ModulatedForce
 from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce

@@ -44,6 +44,7 @@ def type_of(field):
 
 SAMPLES = {
     "ContactLaw": il.HertzContact(1e4), "CouplingLaw": il.LinearCoupling(1e3), "Excitation": il.WhiteNoise(1.0),
+    "carrier": il.Harmonic(1.5, frequency=5.0),
     "FilteredNoise": il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.5),
     "str": "text", "bool": True,
     "Sequence[float]": (1.0, 2.0), "Sequence[float] | np.ndarray": (1.0, 2.0), "float | Sequence[float]": (1.0, 2.0),
@@ -66,7 +67,7 @@ def sample(cls):
         elif type_of(field) == "int":
             values[field.name] = int(low) + 7
         elif field.default is dataclasses.MISSING:
-            values[field.name] = SAMPLES.get(type_of(field), field.name)
+            values[field.name] = SAMPLES.get(field.name, SAMPLES.get(type_of(field), field.name))
     return cls(**values)
 
 

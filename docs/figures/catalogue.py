@@ -76,6 +76,9 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "Chirp": il.Chirp(1.0, start_frequency=2.0, end_frequency=12.0, duration=8.0),
         "ConstantForce": il.ConstantForce(1.0),
         "Harmonic": il.Harmonic(1.0, frequency=2.0),
+        "ModulatedForce": il.ModulatedForce(
+            il.Harmonic(1.0, frequency=5.0), (0.0, 3.0, 6.0, 9.0), (0.0, 1.0, 1.0, 0.0)
+        ),
         "Pulse": il.Pulse(1.0, duration=2.0, start=2.0),
         "SampledForce": il.SampledForce((0.0, 2.0, 3.0, 6.0, 10.0), (0.0, 1.0, -0.6, 0.3, 0.0)),
     },

@@ -146,6 +146,8 @@ def _generated(form: _Form, names: dict[Kind, str]) -> tuple[str, list[Read]]:
         parts += ["\n" + _PEAKS, *map(peak_loop, rated)]
     for role, what in _TIMETABLES.items():
         of_role = [loop for loop in loops if loop.kind.role == role]
+        if role == "forcing":
+            of_role += [loop for loop in loops if loop.kind.role == "factor"]
         if of_role:
             parts += ["\n" + _TIMETABLE.format(name=role, what=what), *map(_timetable_loop, of_role)]
     return single_text("".join(parts)) if form.single else "".join(parts), reads
@@ -201,8 +203,9 @@ def _gathering(form: _Form) -> str:
 
 
 def _timetable_loop(loop: Loop) -> str:
+    write = "*=" if loop.kind.role == "factor" else "="
     return (
         f"{loop.runs()}"
         "            for index in range(result.shape[0]):\n"
-        f"                result[index, row + member] = {loop.call({'time': 'times[index]'})}\n"
+        f"                result[index, row + member] {write} {loop.call({'time': 'times[index]'})}\n"
     )

@@ -25,12 +25,13 @@ LEADING = {
     "round": ("slot", "along_x", "along_y", "mobile_x", "mobile_y"),
     "rubbing": ("slot", "along_x", "along_y", "mobile_x", "mobile_y"),
     "forcing": ("row",),
+    "factor": ("row",),
     "intensity": ("row",),
     "modulation": ("row",),
 }
-"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's, and 'combination' a coupling's
-where links have weights. 'round' are contacts in a plane, 'rubbing' those with friction: their links along x and y, and
-the same times inverse masses."""
+"""Indices of a member of each kind; 'force' is a contact's, 'forcing' an excitation's, 'factor' what that is multiplied
+by, and 'combination' a coupling's where links have weights. 'round' are contacts in a plane, 'rubbing' those with
+friction: their links along x and y, and the same times inverse masses."""
 
 
 Table = tuple[np.ndarray, np.ndarray]

@@ -530,6 +530,9 @@ def _members(
         having = of_classes(lambda kind, kernel=kernel: kind.has_kernel(kernel), own)  # type: ignore[misc]
         excitations = list(compress(own, having))
         add(role, excitations, kernel, np.arange(len(excitations)))
+    factors = [item.multiplied_by for item in sources["force"].excitations]
+    products = np.flatnonzero([item is not None for item in factors])
+    add("factor", [factors[row] for row in products], "force", products)
     return result
 
 

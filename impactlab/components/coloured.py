@@ -13,7 +13,15 @@ from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
 from impactlab.components.literature import article, entry, together
-from impactlab.components.loads import SAMPLES_SHOWN, ModulatedNoise, between, shown_samples, take_samples
+from impactlab.components.loads import (
+    MODULATED_BY,
+    SAMPLES_SHOWN,
+    ModulatedNoise,
+    between,
+    shown_samples,
+    take_samples,
+)
+from impactlab.errors import InvalidInput
 
 _KANAI_TAJIMI = together(
     article(
@@ -207,7 +215,7 @@ class Modulated(Excitation):
 
     The envelope is linear between its samples, and 0 before the first and after the last one (Priestley, Evolutionary
     spectra and non-stationary processes, J. R. Stat. Soc. B 27, 1965, 204). White noise with an envelope is
-    `ModulatedNoise`.
+    `ModulatedNoise`, a given force `ModulatedForce`. Sums of cosines and impulses have none.
 
     Parameters
     ----------
@@ -232,6 +240,9 @@ class Modulated(Excitation):
     envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
 
     def __post_init__(self) -> None:
+        given = getattr(self.noise, "kind", None)
+        if given in MODULATED_BY and given != "filter":
+            raise InvalidInput(f"Modulated.noise must be coloured noise, not {self.noise!r}; {MODULATED_BY[given]}.")
         take_part(self, "noise", FilteredNoise, "coloured noise such as il.KanaiTajimi(1.0, 15.0, 0.6)")
         take_samples(self, "envelope")
         super().__post_init__()

@@ -97,6 +97,11 @@ class Excitation(Component):
         return math.inf
 
     @property
+    def multiplied_by(self) -> Excitation | None:
+        """Return another given force that what the kernel ``force`` returns is multiplied by, of a product."""
+        return None
+
+    @property
     def acts_between(self) -> tuple[float, float]:
         """Times before and after which there is no force, between which it is looked at to choose a step (s)."""
         return -math.inf, math.inf

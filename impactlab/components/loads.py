@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import reprlib
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from impactlab.components.component import known_name
+from impactlab.components.component import known_name, take_part
 from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation
 from impactlab.components.fields import parameter
@@ -25,11 +26,26 @@ _SHAPES = {"rectangle": 0, "half-sine": 1, "versed-sine": 2}
 _AFTER = "error", "zero", "repeat"
 """What may follow the last sample."""
 
+_ORDERS = {"previous": 0, "linear": 1, "cubic": 3}
+"""Degrees of the polynomials between samples by the name of an interpolation."""
+
 _PLACES = {"times": ("time", "s"), "frequencies": ("frequency", "rad/s")}
 """What samples may be of: what one of them is called, and its unit."""
 
 SAMPLES_SHOWN = 6
 """Samples up to which all are printed."""
+
+MODULATED_BY = {
+    "force": "a given force with an envelope is an il.ModulatedForce",
+    "intensity": "white noise with an envelope is an il.ModulatedNoise",
+    "filter": "coloured noise with an envelope is an il.Modulated",
+    "lines": (
+        "sums of cosines have no envelope, since what they move would be no sum of cosines: take coloured noise of "
+        "much the same spectrum, or samples of one realization, il.SampledForce"
+    ),
+    "impulses": "impulses have no envelope: change their mean or rate from run to run, each going on from the last one",
+}
+"""What an envelope of another kind of excitation is."""
 
 
 class ConstantForce(Excitation):
@@ -160,7 +176,9 @@ class Pulse(Excitation):
 
 
 class SampledForce(Excitation):
-    """Force given by samples, linear between them; 0 before the first one.
+    """Force given by samples, by default linear between them; 0 before the first one.
+
+    Steps that divide the distances of samples know exactly its mean and its growth in them.
 
     Parameters
     ----------
@@ -173,22 +191,30 @@ class SampledForce(Excitation):
     after : str
         What follows the last sample: "error" refuses runs that are longer, "zero" is no force, and "repeat" the samples
         again, with the last one in the place of the first, so that they repeat before the first one as well.
+    interpolation : str
+        What is between two samples: "linear", "previous" for the value of the first of them, as a digital controller
+        holds it, or "cubic" for the spline with continuous second derivatives, the third ones of which are continuous
+        at the second and the last but one sample (de Boor, A Practical Guide to Splines, 1978, chapter 4); it is
+        periodic if samples repeat that end as they begin.
 
     Raises
     ------
     InvalidInput
-        If there are not as many values as times, fewer than two, one is not finite, or times do not increase.
+        If there is no such interpolation, there are not as many values as times, fewer than two, one is not finite, or
+        times do not increase.
     """
 
     times: Sequence[float] | np.ndarray = parameter(units="s")
     values: Sequence[float] | np.ndarray = parameter(units="N", kw_only=False)
     scale: float = parameter(1.0)
     after: str = parameter("error")
+    interpolation: str = parameter("linear")
 
     def __post_init__(self) -> None:
         take_samples(self, "values")
         super().__post_init__()
         known_name("value of SampledForce.after", self.after, _AFTER)
+        known_name("value of SampledForce.interpolation", self.interpolation, _ORDERS)
 
     @classmethod
     def from_dataarray(cls, record: xr.DataArray, **fields: Any) -> Self:
@@ -199,7 +225,7 @@ class SampledForce(Excitation):
         record : (time,) DataArray
             Values, with a coordinate of times.
         **fields
-            ``scale`` and ``after``.
+            ``scale``, ``after`` and ``interpolation``.
         """
         dimensions: tuple[Any, ...] = getattr(record, "dims", ())
         if len(dimensions) != 1 or dimensions[0] not in record.coords:
@@ -228,11 +254,104 @@ class SampledForce(Excitation):
         """Whether the samples repeat."""
         return self.after == "repeat"
 
+    @property
+    def order(self) -> int:
+        """Degree of the polynomials between samples."""
+        return _ORDERS[self.interpolation]
+
+    @functools.cached_property
+    def curvatures(self) -> tuple[float, ...]:
+        """Second derivatives of the spline at the samples; none if it is no spline (N s-2)."""
+        if self.order < 3:
+            return ()
+        from scipy.interpolate import CubicSpline  # loaded only where it is asked for
+
+        closed = self.repeats and self.values[0] == self.values[-1]
+        spline = CubicSpline(self.times, self.values, bc_type="periodic" if closed else "not-a-knot")
+        return tuple(spline(self.times, 2).tolist())
+
     @staticmethod
-    def force(time, times, values, scale, repeats):  # type: ignore[no-untyped-def]
+    def force(time, times, values, curvatures, scale, repeats, order):  # type: ignore[no-untyped-def]
         if repeats:
             time = times[0] + (time - times[0]) % (times[-1] - times[0])
-        return scale * between(time, times, values)
+        if not times[0] <= time <= times[-1]:
+            return 0.0
+        if order == 1:
+            return scale * between(time, times, values)
+        low = sample_before(time, times)
+        if order == 0:
+            return scale * values[low]
+        length = times[low + 1] - times[low]
+        share = (time - times[low]) / length
+        rest = 1.0 - share
+        bent = (rest**3 - rest) * curvatures[low] + (share**3 - share) * curvatures[low + 1]
+        return scale * (rest * values[low] + share * values[low + 1] + length**2 / 6.0 * bent)
+
+
+class ModulatedForce(Excitation):
+    """Given force times an envelope given by samples: ``e(t) f(t)``, such as a harmonic force that begins slowly.
+
+    The envelope is linear between its samples, and 0 before the first and after the last one. Noise with an envelope is
+    `ModulatedNoise` or `Modulated`.
+
+    Parameters
+    ----------
+    carrier : Excitation
+        The force where the envelope is 1: a given function of time, such as `Harmonic`, `Chirp` or `SampledForce`, but
+        no `ModulatedForce`.
+    times : (sample,) array_like
+        Increasing times of the samples, at equal or other distances (s). The measurement begins at 0.
+    envelope : (sample,) array_like
+        Factor e of the force.
+
+    Raises
+    ------
+    InvalidInput
+        If the carrier is no given force, there are not as many values as times, fewer than two, one is not finite, or
+        times do not increase.
+    """
+
+    carrier: Excitation = parameter(kw_only=False)
+    times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)
+    envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
+
+    def __post_init__(self) -> None:
+        take_part(self, "carrier", Excitation, "a given force such as il.Harmonic(1.0, frequency=5.0)")
+        if isinstance(self.carrier, ModulatedForce):
+            raise InvalidInput("ModulatedForce.carrier has an envelope; give the product of both to its own carrier.")
+        if self.carrier.kind != "force":
+            raise InvalidInput(
+                f"ModulatedForce.carrier must be a given force such as il.Harmonic(1.0, frequency=5.0), not "
+                f"{self.carrier!r}; {MODULATED_BY[str(self.carrier.kind)]}."
+            )
+        take_samples(self, "envelope")
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else f"{shown_samples(self)} of {self.carrier!r}"
+
+    @property
+    def known_until(self) -> float:
+        end = self.carrier.known_until
+        return math.inf if self.times[-1] <= end else end
+
+    @property
+    def acts_between(self) -> tuple[float, float]:
+        first, last = self.carrier.acts_between
+        first, last = max(first, self.times[0]), min(last, self.times[-1])
+        return first, max(first, last)
+
+    @property
+    def multiplied_by(self) -> Excitation:
+        return self.carrier
+
+    def call(self, name: str, *kinematic: Any) -> np.ndarray:
+        own = super().call(name, *kinematic)
+        return own * self.carrier.call(name, *kinematic) if name == "force" else own
+
+    @staticmethod
+    def force(time, times, envelope):  # type: ignore[no-untyped-def]
+        return between(time, times, envelope)  # what the force of the carrier is multiplied by
 
 
 class TabulatedNoise(Excitation):
@@ -350,13 +469,20 @@ class ModulatedNoise(Excitation):
 
 
 def between(time: float, times: Sequence[float], values: Sequence[float]) -> float:
-    """Return what is linear between samples, and 0 elsewhere.
+    """Return what is linear between samples, and 0 elsewhere."""
+    if not times[0] <= time <= times[-1]:
+        return 0.0
+    low = sample_before(time, times)
+    share = (time - times[low]) / (times[low + 1] - times[low])
+    return (1.0 - share) * values[low] + share * values[low + 1]
+
+
+def sample_before(time: float, times: Sequence[float]) -> int:
+    """Return the number of the last sample, but for the last of all, that is not after a time.
 
     Samples at equal distances are found where they must be, others by bisection.
     """
     low, high = 0, len(times) - 1
-    if not times[0] <= time <= times[high]:
-        return 0.0
     middle = min(int((time - times[0]) / (times[high] - times[0]) * high), high - 1)
     while high - low > 1:
         if times[middle] <= time:
@@ -364,8 +490,7 @@ def between(time: float, times: Sequence[float], values: Sequence[float]) -> flo
         else:
             high = middle
         middle = low + 1 if times[low + 1] > time else (low + high) // 2
-    share = (time - times[low]) / (times[high] - times[low])
-    return (1.0 - share) * values[low] + share * values[high]
+    return low
 
 
 def take_samples(owner: Any, name: str, of: str = "times") -> None:

@@ -40,6 +40,7 @@ SOURCES: dict[str, str] = {
     ),
     "LinearStructure": _STRUCTURES,
     "ModalStructure": _STRUCTURES,
+    "ModulatedForce": _VIBRATIONS,
     "PowerLawContact": _CONTACTS,
     "PowerLawCoupling": entry(
         "book", "Vakakis, A. F. and Gendelman, O. V. and Bergman, L. A. and McFarland, D. M. and others", 2008,

@@ -49,6 +49,7 @@ def obstacle(planned: Planned) -> str:
         "bodies of given motion": bool(model.prescribed.any()),
         "laws with states": model.remembering,
         "links with weights": not model.ends.plain or not model.coupled.plain,
+        "products of given forces": bool(model.members.of_role("factor")),
         "fields that are rows of numbers": bool(model.members.samples.size),
         "points of structures": bool(plan.points),
         "tiles": bool(plan.subdomains.tiles),

@@ -105,6 +105,25 @@ def test_values_without_meaning_are_refused():
     with pytest.raises(il.InvalidInput, match=r"correlation_time must be larger than 0 s"):
         il.OrnsteinUhlenbeckNoise(1.0, correlation_time=0.0)
     with pytest.raises(il.InvalidInput, match=r"Modulated.noise must be coloured noise"):
-        il.Modulated(il.WhiteNoise(1.0), [0.0, 1.0], [1.0, 1.0])
+        il.Modulated(3.0, [0.0, 1.0], [1.0, 1.0])
     with pytest.raises(il.InvalidInput, match="abstract"):
         il.FilteredNoise()
+
+
+@pytest.mark.parametrize(
+    ("given", "advice"),
+    [
+        (il.WhiteNoise(1.0), "white noise with an envelope is an il.ModulatedNoise"),
+        (il.ConstantForce(1.0), "a given force with an envelope is an il.ModulatedForce"),
+        (il.TabulatedNoise([0.0, 1.0], [1.0, 1.0]), "sums of cosines have no envelope, .* take coloured noise of much"),
+        (il.PoissonImpulses(1.0, mean=1.0), "impulses have no envelope: change their mean or rate from run to run"),
+    ],
+    ids=lambda item: type(item).__name__,
+)
+def test_what_is_said_of_envelopes_of_other_excitations(given, advice):
+    message = rf"Modulated.noise must be coloured noise, not {type(given).__name__}.*{advice}"
+    with pytest.raises(il.InvalidInput, match=message):
+        il.Modulated(given, [0.0, 1.0], [1.0, 1.0])
+    if given.kind != "force":
+        with pytest.raises(il.InvalidInput, match=rf"must be a given force such as .*, not {type(given).__name__}"):
+            il.ModulatedForce(given, [0.0, 1.0], [1.0, 1.0])

@@ -1,5 +1,7 @@
 """Loads: forces of common shapes in time, against closed forms of the motion and other solvers."""
 
+import itertools
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -20,6 +22,36 @@ SHAPES = {
 }
 
 
+ENVELOPE = [0.1, 0.9, 2.0, 3.0], [0.5, 1.0, -0.5, 0.0]
+KNOWN = [0.0, 0.7, 1.5, 4.0], [1.0, -2.0, 0.5, 1.0]
+
+
+CORNERS = 0.1, 0.7, 0.9, 1.5, 2.0, 2.25
+"""Times at which their products change."""
+
+
+class Beats(il.Excitation):
+    """A force that a user may write."""
+
+    size: float = il.parameter(units="N")
+
+    @staticmethod
+    def force(time, size):
+        return size * np.cos(4.0 * time) * np.cos(time)
+
+
+CARRIERS = {
+    "constant": il.ConstantForce(2.0), "harmonic": il.Harmonic(2.0, frequency=FREQUENCY, phase=0.4),
+    "chirp": il.Chirp(1.5, start_frequency=1.0, end_frequency=20.0, duration=2.25), "samples": il.SampledForce(*KNOWN),
+    "user's own": Beats(1.5),
+}  # fmt: skip
+FORCES = {
+    "constant": lambda t: 2.0, "harmonic": lambda t: 2.0 * np.sin(FREQUENCY * t + 0.4),
+    "chirp": lambda t: 1.5 * np.sin(t + 0.5 * 19.0 / 2.25 * t**2) if t <= 2.25 else 0.0,
+    "samples": lambda t: np.interp(t, *KNOWN), "user's own": lambda t: 1.5 * np.cos(4.0 * t) * np.cos(t),
+}  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def motion():
     """Displacements from rest under each load: an oscillator of its own without damping."""
@@ -30,6 +62,7 @@ def motion():
     loads["resonance"] = il.Harmonic(2.0, frequency=FREQUENCY)
     times = np.sort(np.append(np.linspace(0.0, 4.0, 4001), np.linspace(0.0, 4.0, 771)[1:-1] + 1e-4))
     loads["samples"] = il.SampledForce(times, 2.0 * np.sin(5.0 * times + 0.3))
+    loads |= {f"{name} with an envelope": il.ModulatedForce(item, *ENVELOPE) for name, item in CARRIERS.items()}
     network = il.Network(dict.fromkeys(loads, BODY), {}, loads)
     return il.simulate(network, 4.0, step=0.01, initial={}, record=il.Trajectory(0.25)).displacement[0]
 
@@ -77,6 +110,43 @@ def test_a_chirp_that_ends(motion):
     np.testing.assert_allclose(found[times <= 2.25], first[0], atol=1e-6 * np.abs(found).max())
     rest = solve_ivp(slope, (2.25, 4.0), first[:, -1], t_eval=times[times > 2.25], rtol=1e-10, atol=1e-12).y
     np.testing.assert_allclose(found[times > 2.25], rest[0], atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_a_force_with_an_envelope_moves_an_oscillator_as_duhamel_s_integral_says(motion, name):
+    def response(time):
+        push = lambda at: np.interp(at, *ENVELOPE) * FORCES[name](at) * np.sin(FREQUENCY * (time - at))  # noqa: E731
+        ends = [end for end in CORNERS if end < time] + [min(time, 3.0)]
+        parts = itertools.pairwise(ends) if time > 0.1 else ()
+        return sum(quad(push, *part, epsabs=1e-12)[0] for part in parts) / (MASS * FREQUENCY)
+
+    times, found = of(motion, f"{name} with an envelope")
+    np.testing.assert_allclose(found, [response(time) for time in times], atol=1e-6 * np.abs(found).max())
+
+
+def test_a_product_is_as_plain_in_a_right_hand_side():
+    load = il.ModulatedForce(il.Harmonic(3.0, frequency=5.0), *ENVELOPE)
+    network = il.Network({"a": BODY, "b": BODY}, {}, {"a": load, "b": il.Harmonic(1.0, frequency=2.0)})
+    for time in (0.05, 0.5, 1.3, 3.5):
+        rates = network.compile().rhs(time, np.zeros(4))
+        expected = [np.interp(time, *ENVELOPE, left=0.0, right=0.0) * 3.0 * np.sin(5.0 * time), np.sin(2.0 * time)]
+        np.testing.assert_allclose(rates[2:], np.array(expected) / MASS, rtol=1e-14, atol=1e-15)
+        assert load.call("force", time) == pytest.approx(expected[0], rel=1e-14, abs=1e-15)
+
+
+def test_when_a_product_is_known_and_of_what_it_is_made():
+    short = il.SampledForce([1.0, 2.0], [1.0, 1.0])
+    assert il.ModulatedForce(short, [0.0, 1.5], [1.0, 1.0]).acts_between == (1.0, 1.5)
+    assert il.ModulatedForce(short, [0.0, 1.5], [1.0, 1.0]).known_until == np.inf
+    assert il.ModulatedForce(short, [0.0, 2.5], [1.0, 1.0]).known_until == 2.0
+    assert il.ModulatedForce(short, [5.0, 6.0], [1.0, 1.0]).acts_between == (5.0, 5.0)
+    load = il.ModulatedForce(il.Harmonic(1.0, frequency=2.0), np.arange(50.0), np.ones(50))
+    assert repr(load) == "ModulatedForce of 50 samples from 0 to 49 s of Harmonic(amplitude=1.0, frequency=2.0)"
+    assert il.Excitation.from_dict(load.to_dict()) == load
+    with pytest.raises(il.InvalidInput, match=r"has an envelope; give the product of both to its own carrier"):
+        il.ModulatedForce(load, [0.0, 1.0], [1.0, 1.0])
+    with pytest.raises(il.InvalidInput, match=r"ModulatedForce takes a value for each time, not 1 for 2 times"):
+        il.ModulatedForce(short, [0.0, 1.0], [1.0])
 
 
 def test_a_harmonic_force_acts_in_the_spin_up():
@@ -133,6 +203,38 @@ def test_samples_move_a_body_as_a_piecewise_linear_force():
     free = lsim(system, np.zeros(1201), grid[:1201], X0=ramp[2][-1])[1]
     found, expected = data.displacement[0, :, 1], np.concatenate([ramp[1][:-1], free])
     np.testing.assert_allclose(found, expected[::50], atol=1e-7 * np.abs(expected).max())
+
+
+def test_values_that_are_held_move_a_body_exactly():
+    """A body under a force that is constant between samples, at steps that divide their distance."""
+    data = path(shaken(il.SampledForce(TIMES, VALUES, interpolation="previous")), step=0.01)
+    system = [[0.0, 1.0], [-60.0 / MASS, -0.8 / MASS]], [[0.0], [1.0 / MASS]], [[1.0, 0.0]], [[0.0]]
+    _, expected, _ = lsim(system, VALUES[:351], TIMES[:351], interp=False)
+    found = data.displacement.sel(oscillator="a")[0, ::2]
+    np.testing.assert_allclose(found, expected[::25], atol=1e-9 * np.abs(expected).max())
+
+
+def test_cubic_samples_are_a_spline():
+    """One that keeps cubic polynomials; between samples of a sine of 32 in a period it is off by (h⁴/384) or less."""
+    times = np.array([0.0, 0.3, 0.5, 1.1, 1.6, 2.0])
+    at = np.linspace(0.0, 2.0, 401)
+    load = il.SampledForce(times, times**3 - 2.0 * times, scale=3.0, interpolation="cubic")
+    np.testing.assert_allclose(load.call("force", at), 3.0 * (at**3 - 2.0 * at), atol=1e-12)
+    times = np.linspace(0.0, 2.0 * np.pi, 33)
+    values = np.sin(times)
+    values[-1] = values[0]
+    wave = il.SampledForce(times, values, after="repeat", interpolation="cubic")
+    at = np.linspace(-20.0, 20.0, 2001)
+    assert np.abs(wave.call("force", at) - np.sin(at)).max() < 1.05 * times[1] ** 4 / 384.0
+    assert np.abs(wave.replace(interpolation="linear").call("force", at) - np.sin(at)).max() > 4e-3
+
+
+def test_cubic_samples_of_a_sine_do_what_the_sine_does():
+    times = np.linspace(0.0, 4.0, 81)
+    force = il.Harmonic(2.0, frequency=5.0)
+    loads = {"sine": force, "cubic": il.SampledForce(times, force.call("force", times), interpolation="cubic")}
+    data = path(il.Network(dict.fromkeys(loads, BODY), {}, loads), 4.0, step=0.01).displacement[0]
+    np.testing.assert_allclose(data[:, 1], data[:, 0], atol=2e-5 * np.abs(data).max())
 
 
 def test_at_the_chosen_step_samples_are_resolved():
@@ -211,6 +313,8 @@ def test_bad_samples(arguments, message):
         il.SampledForce(*arguments)
     with pytest.raises(il.InvalidInput, match=r"no value of SampledForce.after 'cycle'; allowed are 'error', 'zero'"):
         il.SampledForce([0.0, 1.0], [1.0, 1.0], after="cycle")
+    with pytest.raises(il.InvalidInput, match=r"no value of SampledForce.interpolation 'sinc'; allowed are 'previous'"):
+        il.SampledForce([0.0, 1.0], [1.0, 1.0], interpolation="sinc")
 
 
 def test_modulated_noise_moves_an_oscillator_as_its_envelope_says():
