@@ -39,7 +39,7 @@ class Described(Protocol):
     def contacts(self) -> Mapping[str, Any]: ...
     @property
     def couplings(self) -> Mapping[str, Coupling]: ...
-    @property
+    @cached_property
     def excitations(self) -> Mapping[str, Excitation | Source]: ...
     @property
     def sources(self) -> Mapping[str, Source]: ...
@@ -123,7 +123,7 @@ class Model:
         """Laws of the couplings."""
         return same([item.law for item in self.network.couplings.values()])
 
-    @property
+    @cached_property
     def excitations(self) -> list[tuple[str, Excitation]]:
         """All excitations with the first of their names, those of each kind one after the other."""
         named = [item for kind in self.sources.values() for item in kind.named()]

@@ -44,13 +44,14 @@ def of_classes(function: Callable[[type[Any]], Answer], items: Iterable[Any]) ->
     """Return what a function says of the class of each item; it is asked once for each class."""
     classes = list(map(type, items))
     known = {cls: function(cls) for cls in dict.fromkeys(classes)}
-    return [known[cls] for cls in classes]
+    return list(map(known.__getitem__, classes))
 
 
 def of_objects(function: Callable[[Item], Answer], items: Sequence[Item]) -> list[Answer]:
     """Return what a function says of each item; it is asked once for each object."""
-    known = {key: function(item) for key, item in {id(item): item for item in items}.items()}
-    return [known[id(item)] for item in items]
+    keys = list(map(id, items))
+    known = {key: function(item) for key, item in dict(zip(keys, items, strict=True)).items()}
+    return list(map(known.__getitem__, keys))
 
 
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:

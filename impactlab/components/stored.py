@@ -75,12 +75,12 @@ class _Writer:
         kinds = dict.fromkeys(map(type, values))
         if len(kinds) == 1 and str in kinds:
             return _texts(values)
-        distinct = {id(value): value for value in values}
-        known: dict[int, str] = {}
+        keys = list(map(id, values))
+        distinct, known = dict(zip(keys, values, strict=True)), dict[int, str]()
         for kind in kinds:
             own = distinct if len(kinds) == 1 else {at: value for at, value in distinct.items() if type(value) is kind}
             known.update(zip(own, self._of_kind(kind, list(own.values())), strict=True))
-        return [known[id(value)] for value in values]
+        return list(map(known.__getitem__, keys))
 
     def _of_kind(self, kind: Any, values: list[Any]) -> list[str]:
         if issubclass(kind, Component) and kind.to_dict is Component.to_dict:

@@ -228,7 +228,7 @@ class ExactFlow(Integrator):
         slots, which = np.append(first, second), np.repeat((0, 1), (len(first), len(second)))
         number = np.full(len(model.mass), -1)
         number[[*own.white]] = np.arange(len(own.white))
-        names = tuple(model.bodies[slot] for slot in slots)
+        names = tuple(map(model.bodies.__getitem__, slots.tolist()))
         rows = NoiseRows(slots, names, which, number[slots], columns[:, which, slots])
         others = model.sources["intensity"].beyond_own
         if not others:

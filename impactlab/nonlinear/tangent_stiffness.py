@@ -52,7 +52,7 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
 def _heat(model: Model, duration: float, spin_up: float) -> np.ndarray:
     """Return the temperature of each body under its noise, and of a large impulse (J), (body,)."""
     noises, densities, of_time = model.sources["intensity"], model.initial_densities.copy(), kinds_of(model)
-    for number, excitation in enumerate(noises.excitations):
+    for number, excitation in enumerate(noises.excitations if of_time else ()):
         if excitation in of_time:
             densities[number] = look(model, excitation, *span_of(excitation, -spin_up, duration))[1].max()
     intensity = noises.added(densities, len(model.bodies))

@@ -133,8 +133,12 @@ class Plan:
         steps: np.ndarray = (before + end + last) // phases - (before + begin + last) // phases
         return steps
 
-    def restricted(self, tile: Tile) -> Plan:
-        """Return the plan of a tile."""
+    @cached_property  # for the memory that they take, and for the blocks that run
+    def tiles(self) -> tuple[Plan, ...]:
+        """The plans of the tiles."""
+        return tuple(map(self._restricted, self.subdomains.tiles))
+
+    def _restricted(self, tile: Tile) -> Plan:
         parts = ("system", "forces", "method", "noise", "start", "observed")
         return replace(
             self, **{name: getattr(self, name).restricted(tile) for name in parts}, subdomains=Subdomains(0, ())

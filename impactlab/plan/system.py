@@ -32,8 +32,8 @@ class System:
         """Return those of a tile."""
         ends = Pairs(len(tile.bodies), tile.ends)
         return System(
-            tuple(self.bodies[slot] for slot in tile.bodies),
-            tuple(self.contacts[slot] for slot in tile.contacts),
+            tuple(map(self.bodies.__getitem__, tile.bodies.tolist())),
+            tuple(map(self.contacts.__getitem__, tile.contacts.tolist())),
             self.linear[:, tile.bodies],
             ends,
             self.clearance[tile.contacts],

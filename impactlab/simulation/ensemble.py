@@ -125,7 +125,7 @@ class _TiledBlock(Block):
     def __init__(self, plan: Plan, index: int, tick: Tick, pool: concurrent.futures.Executor | None) -> None:
         super().__init__(plan, index, tick)
         self.pool = pool
-        self.parts = [Block(plan.restricted(tile), index, lambda steps: None) for tile in plan.subdomains.tiles]
+        self.parts = [Block(tile, index, lambda steps: None) for tile in plan.tiles]
 
     def _call(self, count: int, snapshots: np.ndarray, summing: bool, every: int, phase: int) -> None:
         """Let every tile make its steps from the state of the network, and bring their own bodies together."""

@@ -32,8 +32,7 @@ def sizes(plan: Plan) -> tuple[int, int]:
     of_sums += 8 * plan.method.integrator.phases * POINT_ROWS * len(plan.points)
     counted = Counted()
     allocate(plan, 1, counted)
-    for tile in plan.subdomains.tiles:
-        part = plan.restricted(tile)
+    for part in plan.tiles:
         allocate(part, 1, counted)
         counted.bytes += part.method.coefficients.nbytes
     of_series = plan.driving.nbytes(plan.method.integrator, plan.clock.step, plan.clock.all_steps, TRANSFORMED)

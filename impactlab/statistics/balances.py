@@ -52,7 +52,7 @@ def _before_kicks(chain: Chain, s: np.ndarray) -> np.ndarray:
 def _of_free_bodies(chain: Chain, s: np.ndarray, bodies: np.ndarray, heat: np.ndarray) -> np.ndarray:
     """Return the balance of E[v²] of damped bodies without a spring."""
     a = chain.flows.transition[:, bodies, 1:, 1:]
-    gain = cycle(a**2, np.full((bodies.sum(), 1, 1), 2.0))[:, 0]
+    gain = cycle(a**2, np.full((bodies.sum(), 1, 1), 2.0), chain.motions[bodies])[:, 0]
     power = (chain.increment * s[:, FV])[:, bodies]
     return np.asarray(_before_kicks(chain, s)[:, bodies].mean(axis=0) - heat[bodies] - weighted_sum(gain.T, power))
 
@@ -64,7 +64,8 @@ def _of_held_bodies(
     a, increment = chain.flows.transition[:, bodies], chain.increment
     squares = (a[..., :, None, :, None] * a[..., None, :, None, :]).reshape(*a.shape[:2], 4, 4)  # A ⊗ A
     kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
-    gain = cycle(squares, np.broadcast_to(kicks, (a.shape[1], 4, 2))).reshape(-1, 4, len(a), 2)
+    inputs = np.broadcast_to(kicks, (a.shape[1], 4, 2))
+    gain = cycle(squares, inputs, chain.motions[bodies]).reshape(-1, 4, len(a), 2)
     virial, power = (increment * s[:, FX])[:, bodies], (increment * s[:, FV])[:, bodies]
     of_xx, of_xv, of_vv = (
         weighted_sum(gain[:, row, :, 0].T, virial) + weighted_sum(gain[:, row, :, 1].T, power) for row in (0, 1, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,19 @@ class Chain:
     stiffness: np.ndarray  # (body,)
     flows: Flows  # what is between kicks
     alone: np.ndarray  # (body,) of bool: whether no coupling is a part of the flow of each body
+
+    @cached_property
+    def motions(self) -> np.ndarray:
+        """Number of the motion of each body, (body,): the same of bodies whose numbers are all the same."""
+        flows = self.flows.transition.swapaxes(0, 1).reshape(len(self.mass), -1)
+        table = np.column_stack([self.mass, self.damping, self.stiffness, flows])
+        table = table[:, (table != table[:1]).any(axis=0)]
+        if not table.size:
+            return np.zeros(len(table), dtype=np.int64)
+        text, width = table.tobytes(), table.itemsize * table.shape[1]
+        numbers: dict[bytes, int] = {}
+        rows = (text[begin : begin + width] for begin in range(0, len(text), width))
+        return np.array([numbers.setdefault(row, len(numbers)) for row in rows], dtype=np.int64)
 
     @property
     def increment(self) -> np.ndarray:
@@ -42,24 +56,28 @@ class Chain:
         held = self.alone & (self.stiffness > 0.0)
         over_time[held] = np.column_stack([1.0 / self.stiffness[held], np.zeros(held.sum())])
         push = np.stack([np.zeros_like(increment[held]), increment[held]], axis=1)
-        at_kicks[held] = cycle(a[:, held], push)
+        at_kicks[held] = cycle(a[:, held], push, self.motions[held])
         free = self.alone & (self.stiffness == 0.0) & (self.damping > 0.0)
         over_time[free, 1] = 1.0 / self.damping[free]
-        at_kicks[free, 1] = cycle(a[:, free, 1:, 1:], increment[free, None])[:, 0]
+        at_kicks[free, 1] = cycle(a[:, free, 1:, 1:], increment[free, None], self.motions[free])[:, 0]
         at_kicks[:, 1] += 0.5 * increment / len(a)  # the velocity is read in the middle of the kick
         return over_time, at_kicks
 
 
-def cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+def cycle(maps: np.ndarray, inputs: np.ndarray, motions: np.ndarray) -> np.ndarray:
     """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
 
-    The maps L are (phase, body, n, n), the inputs B (body, n, m), and the means (body, n, phase m).
+    The maps L are (phase, body, n, n), the inputs B (body, n, m), and the means (body, n, phase m). Those of bodies
+    with the same one of the `motions` are equal, and are worked out once.
     """
+    _, first, which = np.unique(motions, return_index=True, return_inverse=True)
+    if len(first) < len(motions):
+        return cycle(maps[:, first], inputs[first], motions[first])[which]
     phases, bodies, size, _ = maps.shape
     columns = inputs.shape[2]
     result = np.empty((bodies, size, phases * columns))
-    for first in range(0, bodies, _CHUNK):
-        part = slice(first, first + _CHUNK)
+    for begin in range(0, bodies, _CHUNK):
+        part = slice(begin, begin + _CHUNK)
         system = np.tile(np.eye(phases * size), (len(inputs[part]), 1, 1))
         given = np.zeros((len(system), phases * size, phases * columns))
         for phase, matrices in enumerate(maps[:, part]):

@@ -56,9 +56,10 @@ class Units:
                 whole[1][row] = contacts[:, row].max(axis=0)
         alone = realizations >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
-        if alone:
+        if alone or len(steps) == 1:
             moments = _moments(plan, total, *whole)
-            return cls(moments, moments, np.ones(realizations), steps, alone, pushes)
+            weights = np.ones(realizations) if alone else np.repeat(steps, realizations)
+            return cls(moments, moments, weights, steps, alone, pushes)
         counts = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
         moments = _moments(plan, counts, *map(_joined, whole, sums))
         units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))

@@ -87,6 +87,7 @@ def _closing_step(model: Model, stiffening: Stiffening, decay: np.ndarray) -> fl
     return float((roots / np.sqrt(tangent[counted] * mobility[counted])).min(initial=np.inf))
 
 
+@kept
 def powers_of(model: Model) -> np.ndarray:
     """Return stiffness and exponent of the laws that are known to be powers, NaN of others, (2, contact)."""
     return np.array(of_objects(_power_of, model.contact_laws)).reshape(-1, 2).T
@@ -118,7 +119,8 @@ def _often(clearance: np.ndarray, energy: np.ndarray, compliance: np.ndarray) ->
         spread = energy * compliance
     known = (spread > 0.0) & (spread < np.inf)
     exponent = -0.5 * np.maximum(clearance, 0.0) ** 2 / np.where(known, spread, np.inf)
-    return np.array([math.exp(item) for item in exponent.tolist()])  # NumPy's own depends on the processor
+    different, which = np.unique(exponent, return_inverse=True)
+    return np.array([math.exp(item) for item in different.tolist()])[which]  # NumPy's own depends on the processor
 
 
 class _Passes(NamedTuple):
