@@ -49,7 +49,7 @@ _HOME = {
     ],
     "components.coherent": ["SharedCosines", "coherent", "davenport", "harichandran_vanmarcke"],
     "components.correlated": ["correlated"],
-    "components.impulses": ["PoissonImpulses"],
+    "components.impulses": ["ModulatedImpulses", "PoissonImpulses"],
     "components.loads": [
         "Chirp",
         "ConstantForce",

@@ -51,6 +51,7 @@ from impactlab.components.hysteresis import JenkinsCoupling as JenkinsCoupling
 from impactlab.components.hysteresis import MaxwellCoupling as MaxwellCoupling
 from impactlab.components.hysteresis import PiezoelectricCoupling as PiezoelectricCoupling
 from impactlab.components.hysteresis import ZenerCoupling as ZenerCoupling
+from impactlab.components.impulses import ModulatedImpulses as ModulatedImpulses
 from impactlab.components.impulses import PoissonImpulses as PoissonImpulses
 from impactlab.components.linear_structure import LinearStructure as LinearStructure
 from impactlab.components.loads import Chirp as Chirp

@@ -146,8 +146,8 @@ class Model:
 
     @cached_property
     def modulated(self) -> bool:
-        """Whether a filtered white noise has an envelope that depends on time."""
-        return any(item.has_kernel("modulation") for item in self.sources["filter"].excitations)
+        """Whether a filtered white noise, or impulses, have an envelope that depends on time."""
+        return any(item.has_kernel("modulation") for kind in COLOURED for item in self.sources[kind].excitations)
 
     @cached_property
     def forced(self) -> tuple[int, ...]:
@@ -484,12 +484,15 @@ def _pairs(slots: Mapping[Any, int], links: Sequence[Contact | Coupling]) -> np.
     return np.array(sides, dtype=np.int64).T.copy()
 
 
+COLOURED = "filter", "impulses"
+"""Kinds of excitation that move bodies from sample to sample, in this order."""
+
 _IN_TIME = (
-    ("forcing", "force", "force"),
-    ("intensity", "intensity", "intensity"),
-    ("modulation", "filter", "modulation"),
+    ("forcing", ("force",), "force"),
+    ("intensity", ("intensity",), "intensity"),
+    ("modulation", COLOURED, "modulation"),
 )
-"""Roles of functions of time, which kind of excitation has them, and the names of their kernels."""
+"""Roles of functions of time, which kinds of excitation have them, and the names of their kernels."""
 
 
 def _members(
@@ -525,8 +528,8 @@ def _members(
         result.setdefault(kind, Rows([], np.zeros((0, len(LEADING[role])), np.int64), np.zeros((0, 0))))
     bent = np.flatnonzero(of_classes(lambda kind: kind.has_kernel("residual"), bodies))
     add("residual", [bodies[slot] for slot in bent.tolist()], "residual", bent, mobility[bent])
-    for role, family, kernel in _IN_TIME:
-        own = sources[family].excitations
+    for role, families, kernel in _IN_TIME:
+        own = [item for kind in families for item in sources[kind].excitations]
         having = of_classes(lambda kind, kernel=kernel: kind.has_kernel(kernel), own)  # type: ignore[misc]
         excitations = list(compress(own, having))
         add(role, excitations, kernel, np.arange(len(excitations)))

@@ -215,7 +215,7 @@ class Modulated(Excitation):
 
     The envelope is linear between its samples, and 0 before the first and after the last one (Priestley, Evolutionary
     spectra and non-stationary processes, J. R. Stat. Soc. B 27, 1965, 204). White noise with an envelope is
-    `ModulatedNoise`, a given force `ModulatedForce`. Sums of cosines and impulses have none.
+    `ModulatedNoise`, a given force `ModulatedForce`, impulses `ModulatedImpulses`. Sums of cosines have none.
 
     Parameters
     ----------

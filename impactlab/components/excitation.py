@@ -32,7 +32,8 @@ class Excitation(Component):
       white noise w of the two-sided spectral density 1 over angular frequency, times
       what the kernel ``modulation(time, ...)`` returns where there is one;
     - the method ``impulses(self)``: independent impulses at the times of a Poisson process, returned as
-      their rate (s-1), and mean and standard deviation of their normal sizes (N s).
+      their rate (s-1), and mean and standard deviation of their normal sizes (N s), times
+      what the kernel ``modulation(time, ...)`` returns where there is one.
 
     The noises of two bodies are independent, also when they share one object; one noise on several bodies is a
     `Source`.

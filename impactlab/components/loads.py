@@ -43,7 +43,7 @@ MODULATED_BY = {
         "sums of cosines have no envelope, since what they move would be no sum of cosines: take coloured noise of "
         "much the same spectrum, or samples of one realization, il.SampledForce"
     ),
-    "impulses": "impulses have no envelope: change their mean or rate from run to run, each going on from the last one",
+    "impulses": "impulses with an envelope are il.ModulatedImpulses",
 }
 """What an envelope of another kind of excitation is."""
 

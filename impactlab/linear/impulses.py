@@ -30,10 +30,10 @@ class ImpulsiveMotion:
     slots: np.ndarray  # (body,)
     system: LinearSystem  # of these bodies
     weights: np.ndarray  # (body,) of the impulse on each
+    largest: float = 1.0  # size of the envelope
+    modulated: bool = False  # whether there is an envelope
 
     states = 0
-    modulated = False
-    largest = 1.0
 
     @cached_property
     def _alone(self) -> LinearSystem:
@@ -45,9 +45,14 @@ class ImpulsiveMotion:
         """Stationary covariance of displacements and velocities; None if there is none."""
         return self._alone.covariance
 
-    @cached_property
+    @property
     def mean(self) -> np.ndarray:
-        """Mean displacements and velocities, (2, body); displacements in free directions are taken as 0."""
+        """Mean displacements and velocities where a run begins, (2, body); 0 if there is an envelope."""
+        return np.zeros_like(self._steady_mean) if self.modulated else self._steady_mean
+
+    @cached_property
+    def _steady_mean(self) -> np.ndarray:
+        """Mean without envelope, (2, body); displacements in free directions are taken as 0."""
         system, force = self.system, self.impulses.rate * self.impulses.mean * self.weights
         if not force.any() or not system.rates.all():
             return np.zeros((2, len(self.slots)))
@@ -56,19 +61,20 @@ class ImpulsiveMotion:
 
     def variances(self) -> np.ndarray:
         """Return the mean squares of displacement and velocity, infinite where there is no law, (2, body)."""
-        result = self._alone.variances() + self.mean**2
+        result = self._alone.variances() + self._steady_mean**2
         result[0, self.system.free & (result[1] > 0.0)] = np.inf
         return np.asarray(result)
 
     def start(self) -> np.ndarray:
-        """Return a root of the covariance of the normal law that a run begins with."""
+        """Return a root of the covariance of the normal law that a run begins with; 0 if there is an envelope."""
         count = 2 * len(self.slots)
-        return np.zeros((count, count)) if self.covariance is None else noise_root(self.covariance)
+        return np.zeros((count, count)) if self.modulated or self.covariance is None else noise_root(self.covariance)
 
     def steps(self, step: float) -> FilteredSteps:
         """Return what a step (s) does: the response at its end to an impulse in it is a polynomial of the time.
 
-        It is given by its coefficients of Chebyshev polynomials, for times from -1 to 1, to rounding.
+        It is given by its coefficients of Chebyshev polynomials, for times from -1 to 1, to rounding; where there is an
+        envelope, which is linear in the step, also that of the response times this time.
         """
         if self.impulses.rate * step > MOST_PER_SAMPLE:
             raise InvalidInput(
@@ -90,8 +96,11 @@ class ImpulsiveMotion:
             )
         needed = np.flatnonzero((np.abs(coefficients) > RESOLVED * sizes).any(axis=0)).max(initial=0) + 1
         flow = self._flows(np.array([step]))[0][np.ix_(by_body, by_body)]
-        none = np.zeros((2 * count, 0))
-        return FilteredSteps(none, none, flow, coefficients[by_body, :needed])
+        response = coefficients[by_body, :needed]
+        if self.modulated:
+            response = np.concatenate([np.pad(response, ((0, 0), (0, 1))), _times_time(response)])
+        none = np.zeros((len(response), 0))
+        return FilteredSteps(none, none, flow, response)
 
     def _flows(self, times: np.ndarray) -> np.ndarray:
         """Return the matrices that carry (x, v) over some times, (time, 2 body, 2 body)."""
@@ -125,3 +134,12 @@ class ImpulsiveMotion:
         """Return the spectral density of a sum of displacements with weights, (body,), (m2 s rad-1), (frequency,)."""
         moved = self.system.receptance(along, frequencies) @ self.weights
         return np.asarray(np.abs(moved) ** 2 * self.impulses.density)
+
+
+def _times_time(coefficients: np.ndarray) -> np.ndarray:
+    """Return the Chebyshev coefficients of functions times their variable, one more than given, (row, coefficient)."""
+    result = np.zeros((len(coefficients), coefficients.shape[1] + 1))
+    result[:, 1:] = 0.5 * coefficients  # T₁ T_n = (T_(n+1) + T_(n−1))/2
+    result[:, :-2] += 0.5 * coefficients[:, 1:]
+    result[:, 1] += 0.5 * coefficients[:, 0]
+    return result

@@ -91,7 +91,9 @@ def impulsive_motions(
 ) -> tuple[ImpulsiveMotion, ...]:
     """Return what the impulses of each excitation move, alone or in some systems of bodies."""
     return tuple(
-        ImpulsiveMotion(name, impulses_of(excitation), *moved)
+        ImpulsiveMotion(
+            name, impulses_of(excitation), *moved, excitation.largest_modulation, excitation.has_kernel("modulation")
+        )
         for name, excitation, moved in _moved(model, "impulses", systems)
     )
 
@@ -124,7 +126,7 @@ def impulse_energies(model: Model) -> np.ndarray:
     """Return ``m v²`` of each body after an impulse that few exceed, (body,) (J)."""
     sources, result = model.sources["impulses"], np.zeros(len(model.bodies))
     number, body, weight = sources.drives
-    large = np.array([impulses_of(item).large for item in sources.excitations], dtype=float)
+    large = np.array([impulses_of(item).large * item.largest_modulation for item in sources.excitations], dtype=float)
     np.maximum.at(result, body, (weight * large[number]) ** 2 / model.mass[body])
     return result
 

@@ -13,6 +13,7 @@ from impactlab.components.coloured import Modulated
 from impactlab.components.component import finite, finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
+from impactlab.components.impulses import ModulatedImpulses
 from impactlab.components.literature import in_one_line
 from impactlab.components.loads import ModulatedNoise
 from impactlab.components.stored import json_of, stored
@@ -29,6 +30,9 @@ from impactlab.results.snapshot import TIME
 if TYPE_CHECKING:
     import xarray as xr
 
+_INSTEAD = {"intensity": "il.ModulatedNoise", "filter": "il.Modulated", "impulses": "il.ModulatedImpulses"}
+"""What takes samples of an envelope, by kind of excitation."""
+
 OTHER = f"other_{BODY}"
 """Dimension of the second body of a covariance."""
 
@@ -39,7 +43,8 @@ def exact_covariance(network: Composition, times: Any, *, spin_up: float = 0.0) 
     It is the solution of Lyapunov's equation in time, ``P' = L P + P Lᵀ + e(t)² N`` under white noise with an envelope
     (`ModulatedNoise`), and that with the states of the filter under coloured noise with one (`Modulated`), by exact
     transitions between the samples of the envelope (Soong and Grigoriu, Random Vibration of Mechanical and Structural
-    Systems, 1993, section 4.3). Noises without envelope may act as well, and impulses at random times.
+    Systems, 1993, section 4.3). Noises without envelope may act as well, and impulses at random times
+    (`PoissonImpulses`, `ModulatedImpulses`), which have the covariance of white noise.
 
     A run of `simulate` has this covariance in whatever given state all its realizations begin, "rest" by default under
     an envelope. It is that about the mean, which a given state and given forces make; the mean squares are the
@@ -109,7 +114,7 @@ def _reasons(subsystem: Subsystem) -> Iterator[str]:
         if excitation.kind == "lines":
             yield f"{name!r} is a sum of cosines; of noises that are filters the covariance would be known."
         elif not _is_known(excitation):
-            instead = "il.Modulated" if excitation.kind == "filter" else "il.ModulatedNoise"
+            instead = _INSTEAD[str(excitation.kind)]
             yield (
                 f"{name!r} is {type(excitation).__name__}, a formula of time of one's own; with samples of it, as "
                 f"{instead} takes them, the covariance would be known."
@@ -138,8 +143,13 @@ def _motions(part: LinearPart) -> Iterator[EnvelopedMotion]:
             yield EnvelopedMotion.of_white(system, intensity, _envelope_of(excitation))
         else:
             steady += excitation.call("intensity", 0.0) * np.outer(unit, unit)
-    for shots in impulsive_motions(model, together):  # have the covariance of white noise (Campbell's theorem)
-        steady += shots.impulses.density * np.outer(shots.weights, shots.weights)
+    impulses = [excitation for _, excitation in model.sources["impulses"].named()]
+    for shots, excitation in zip(impulsive_motions(model, together), impulses, strict=True):
+        intensity = shots.impulses.density * np.outer(shots.weights, shots.weights)  # of the same covariance (Campbell)
+        if is_enveloped(excitation):
+            yield EnvelopedMotion.of_white(system, intensity, _envelope_of(excitation))
+        else:
+            steady += intensity
     if steady.any():
         yield EnvelopedMotion.of_white(system, steady, ALWAYS)
     for motion in filtered_motions(model, together):
@@ -147,7 +157,7 @@ def _motions(part: LinearPart) -> Iterator[EnvelopedMotion]:
 
 
 def _envelope_of(excitation: Excitation) -> Envelope:
-    if not isinstance(excitation, Modulated | ModulatedNoise):
+    if not isinstance(excitation, Modulated | ModulatedNoise | ModulatedImpulses):
         return ALWAYS
     return Envelope(np.array(excitation.times), np.array(excitation.envelope))
 

@@ -16,6 +16,7 @@ from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
 from impactlab.components.excitation import Excitation, Source
+from impactlab.components.impulses import ModulatedImpulses
 from impactlab.components.loads import Harmonic, ModulatedNoise
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
@@ -222,14 +223,14 @@ def spectral_density(network: Composition, name: str) -> float | None:
 
 def is_stationary(excitation: Excitation) -> bool:
     """Whether an excitation is a stationary process."""
-    if excitation.kind == "filter":
+    if excitation.kind in ("filter", "impulses"):
         return not excitation.has_kernel("modulation")
-    return excitation.kind in ("lines", "impulses") or is_steady_noise(excitation)
+    return excitation.kind == "lines" or is_steady_noise(excitation)
 
 
 def is_enveloped(excitation: Excitation) -> bool:
     """Whether an excitation is noise with an envelope that is linear between samples."""
-    return isinstance(excitation, Modulated | ModulatedNoise)
+    return isinstance(excitation, Modulated | ModulatedNoise | ModulatedImpulses)
 
 
 def is_steady_noise(excitation: Excitation) -> bool:

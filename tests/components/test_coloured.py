@@ -116,7 +116,7 @@ def test_values_without_meaning_are_refused():
         (il.WhiteNoise(1.0), "white noise with an envelope is an il.ModulatedNoise"),
         (il.ConstantForce(1.0), "a given force with an envelope is an il.ModulatedForce"),
         (il.TabulatedNoise([0.0, 1.0], [1.0, 1.0]), "sums of cosines have no envelope, .* take coloured noise of much"),
-        (il.PoissonImpulses(1.0, mean=1.0), "impulses have no envelope: change their mean or rate from run to run"),
+        (il.PoissonImpulses(1.0, mean=1.0), "impulses with an envelope are il.ModulatedImpulses"),
     ],
     ids=lambda item: type(item).__name__,
 )

@@ -18,6 +18,8 @@ BODY = il.LinearOscillator(mass=2.0, damping=0.8, stiffness=18.0)
 RATE, MEAN, DEVIATION = 0.7, 0.5, 0.3
 HAIL = il.PoissonImpulses(RATE, mean=MEAN, standard_deviation=DEVIATION)
 WALL = {"wall": il.Contact("a", il.WALL, il.HertzContact(100.0), clearance=0.05)}
+ENVELOPE = [0.0, 2.0, 8.0, 20.0], [0.0, 1.5, -0.5, 1.0]
+FADING = il.ModulatedImpulses(RATE, *ENVELOPE, mean=MEAN, standard_deviation=DEVIATION)
 REST = {"initial": "rest", "spin_up": 0.0}
 
 
@@ -72,6 +74,49 @@ def test_skewness():
     assert cumulant(3, 1.5) > 10.0 * (off**3).std() / np.sqrt(off.size)  # a normal law would be told
 
 
+def test_an_envelope_changes_cumulants_as_campbells_theorem_says():
+    """Beside a wall that is never reached, at steps that are not small, in standard errors."""
+    far = {"wall": il.Contact("a", il.WALL, il.LinearContact(1.0), clearance=50.0)}
+    network = alone(contacts=far, noise=il.ModulatedImpulses(9.0, *ENVELOPE, mean=MEAN, standard_deviation=DEVIATION))
+    result = il.simulate(network, 20.0, realizations=2000, rng=4, step=0.25, record=il.Trajectory(5.0), **REST)
+    law = il.exact_covariance(network.replace(contacts={"wall": None}), [5.0, 10.0, 20.0])
+    for number, time in enumerate((5.0, 10.0, 20.0)):
+        moved = {
+            order: quad(
+                lambda s, order=order, time=time: (np.interp(s, *ENVELOPE) * response(time - s)) ** order,
+                0.0, time, points=[2.0, min(8.0, time)], limit=500, epsabs=1e-14,
+            )[0]
+            for order in (1, 2)
+        }  # fmt: skip
+        mean, variance = 9.0 * MEAN * moved[1], 9.0 * (MEAN**2 + DEVIATION**2) * moved[2]
+        assert law.variance_displacement.values[number, 0] == pytest.approx(variance, rel=1e-9)
+        x = result.displacement.sel(time=time).values[:, 0]
+        for values, expected in ((x, mean), ((x - mean) ** 2, variance)):
+            assert abs(values.mean() - expected) < 4.0 * values.std(ddof=1) / np.sqrt(len(values))
+
+
+def test_impulses_and_noises_with_and_without_envelopes_on_two_bodies():
+    """Each has its own envelope: covariances over time, in standard errors."""
+    soil = il.OrnsteinUhlenbeckNoise(0.2, correlation_time=0.3, at_rest=True)
+    excitations = {
+        "hail": il.Source(HAIL.replace(mean=0.0), on={"a": 1.0, "b": -0.5}),
+        "a": il.ModulatedImpulses(2.0, [0.0, 10.0], [0.0, 2.0], mean=0.0, standard_deviation=0.7),
+        "b": il.Modulated(soil, [0.0, 4.0, 10.0], [2.0, 0.0, 0.0]),
+        "ground": il.BaseMotion(il.Modulated(soil, [0.0, 10.0], [0.0, 0.5])),
+        "rain": il.Source(il.ModulatedImpulses(5.0, [0.0, 3.0], [1.0, 0.0], mean=0.0, standard_deviation=0.4), on="b"),
+    }
+    bodies = {"a": BODY, "b": il.LinearOscillator(mass=1.0, damping=0.3, stiffness=4.0)}
+    network = il.Network(bodies, None, excitations, {"spring": il.Coupling("a", "b", il.LinearCoupling(5.0))})
+    result = il.simulate(network, 10.0, realizations=2000, rng=6, step=0.25, record=il.Trajectory(2.5), **REST)
+    law = il.exact_covariance(network, [2.5, 5.0, 10.0])
+    for time in (2.5, 5.0, 10.0):
+        at = result.displacement.sel(time=time)
+        for first, second in (("a", "a"), ("a", "b"), ("b", "b")):
+            products = (at.sel(oscillator=first) * at.sel(oscillator=second)).values
+            expected = law.covariance_displacement.sel(time=time, oscillator=first, other_oscillator=second).item()
+            assert abs(products.mean() - expected) < 4.0 * products.std(ddof=1) / np.sqrt(len(products))
+
+
 def impulses_of(step, duration):
     """Return times and sizes of the impulses of a realization, by what they do to a free body of the same name."""
     free = il.simulate(
@@ -84,10 +129,10 @@ def impulses_of(step, duration):
     return t[steps] + step - (x[steps + 1] - x[steps] - v[steps] * step) / change, 2.0 * change
 
 
-def error_of_path(step, contacts, duration=20.0):
+def error_of_path(step, contacts, duration=20.0, noise=HAIL):
     """Return the largest difference of a path from that of solve_ivp under the same impulses (m)."""
     found = il.simulate(
-        alone(contacts=contacts), duration, realizations=2, rng=3, step=step,
+        alone(contacts=contacts, noise=noise), duration, realizations=2, rng=3, step=step,
         record=il.Trajectory(interval=0.16), **REST,
     ).isel(realization=1, oscillator=0)  # fmt: skip
     at, expected, begin, state = found.time.values, [], 0.0, np.zeros(2)
@@ -98,6 +143,8 @@ def error_of_path(step, contacts, duration=20.0):
 
     times, sizes = impulses_of(step, duration)
     assert len(times) > 5
+    if noise is FADING:
+        sizes = sizes * np.interp(times, *ENVELOPE)
     for end, size in zip([*times, duration + 1e-9], [*sizes, 0.0], strict=True):
         path = solve_ivp(slope, (begin, end), state, rtol=1e-11, atol=1e-13, dense_output=True)
         expected += [path.sol(t)[0] for t in at if begin <= t < end]
@@ -107,6 +154,7 @@ def error_of_path(step, contacts, duration=20.0):
 
 def test_a_linear_path_is_exact():
     assert error_of_path(0.02, None) < 1e-9
+    assert error_of_path(0.02, None, noise=FADING) < 1e-9
 
 
 def test_paths_with_contacts_converge():
@@ -161,7 +209,10 @@ def test_the_numbers_of_impulses_have_poissons_law(expected):
 
 def test_densities_are_refused():
     law = il.exact(alone())
+    assert FADING.acts_between == (0.0, 20.0)
+    assert FADING.largest_modulation == 1.5
     for refused in (
+        lambda: il.exact(alone(noise=FADING)),
         lambda: law.density("a", "displacement", [0.0]),
         lambda: law.crossing_rate("a", "displacement", 0.1),
         lambda: il.exact(alone(contacts=WALL)),
@@ -175,6 +226,7 @@ def test_densities_are_refused():
     [
         (lambda: il.PoissonImpulses(0.0, mean=1.0), "rate must be larger than 0 s-1, not 0.0"),
         (lambda: il.PoissonImpulses(1.0, mean=1.0, standard_deviation=-1.0), "must be at least 0 N s, not -1.0"),
+        (lambda: il.ModulatedImpulses(1.0, [0.0, 1.0], [1.0], mean=1.0), "takes a value for each time, not 1 for 2"),
         (lambda: il.simulate(alone(noise=il.PoissonImpulses(1e5, mean=1e-3)), 1.0, step=0.1), "in a step of 0.1 s"),
         (lambda: il.simulate(alone(), 1.0, integrator=il.EulerMaruyama()), "does not handle the excitation of 'a'"),
     ],
