@@ -103,6 +103,7 @@ _HOME = {
     "simulation.simulate": ["simulate"],
     "sweeps.sweep": ["sweep"],
     "plotting.animation": ["animate"],
+    "sweeps.accelerations": ["absolute_acceleration"],
     "sweeps.citation": ["citation"],
     "sweeps.rerun": ["network_of", "rerun"],
     "reference.compare": ["compare"],

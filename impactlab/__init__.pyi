@@ -120,6 +120,7 @@ from impactlab.statistics.jackknife import effective_samples as effective_sample
 from impactlab.statistics.jackknife import jackknife as jackknife
 from impactlab.studies import Study as Study
 from impactlab.studies.running import run_study as run_study
+from impactlab.sweeps.accelerations import absolute_acceleration as absolute_acceleration
 from impactlab.sweeps.citation import citation as citation
 from impactlab.sweeps.rerun import network_of as network_of
 from impactlab.sweeps.rerun import rerun as rerun

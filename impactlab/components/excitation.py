@@ -240,7 +240,7 @@ class BaseMotion(Component):
     each. Contacts and couplings between them compare these, so that what the grounds move apart is left out.
 
     A constant acceleration is gravity: ``il.BaseMotion(il.ConstantForce(9.80665))`` pulls all bodies to the left, where
-    displacements are negative.
+    displacements are negative. `impactlab.absolute_acceleration` finds what is felt on bodies.
 
     Parameters
     ----------

@@ -19,6 +19,43 @@ from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
 
 
+class Forces:
+    """The forces of a network in some states at a time, the lanes, for what is outside the loops of a run."""
+
+    def __init__(self, model: Model, lanes: int = 1) -> None:
+        self.model, members = model, model.members
+        self._module = build(generate(model))
+        self._parameters = with_states(members.parameters, members.states, lanes, np.zeros)
+        bodies, contacts = len(model.bodies), len(model.contacts)
+        self._x, self._v, self._total = (np.zeros((1, bodies + 1, lanes)) for _ in range(3))
+        self._contacts = np.zeros((1, contacts, lanes)), np.zeros((1, contacts, lanes))
+
+    @property
+    def of_contacts(self) -> np.ndarray:
+        """Those of the contacts where the forces were last looked at, (contact, lane) (N)."""
+        forces: np.ndarray = self._contacts[1][0]
+        return forces
+
+    def __call__(self, t: float, x: np.ndarray, v: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
+        """Return the forces that springs, dampers, contacts and couplings exert on the bodies, (body, lane) (N).
+
+        Displacements and velocities are (body, lane), and states of laws (state, lane).
+        """
+        model = self.model
+        self._x[0, :-1], self._v[0, :-1], self._parameters[-TIMES] = x, v, t
+        if states is not None and states.size:
+            self._parameters[-TIMES - states.size : -TIMES] = states.ravel()
+        indices = model.members.indices
+        evaluate(self._module.forces, self._x, self._v, self._parameters, indices, *self._contacts, self._total)
+        return np.asarray(self._total[0, :-1] - model.stiffness[:, None] * x - model.damping[:, None] * v)
+
+    def given(self, times: np.ndarray) -> np.ndarray:
+        """Return the given forces of all sources at some times, (time, source) (N)."""
+        members, result = self.model.members, np.zeros((len(times), len(self.model.sources["force"].names)))
+        self._module.forcing(times, members.parameters, members.indices, result)
+        return result
+
+
 class CompiledNetwork:
     """The noise-free first-order system of a network, y = [x..., v...].
 
@@ -53,39 +90,18 @@ class CompiledNetwork:
         if self.model.prescribed.any():
             name = self.model.bodies[int(self.model.prescribed.argmax())]
             raise InvalidInput(f"A right-hand side knows no given motion, as of {name!r}; use il.simulate.")
-        self._module = build(generate(self.model))
-        members = self.model.members
-        self._parameters = with_states(members.parameters, members.states, 1, np.zeros)
-        bodies, contacts = len(self.model.bodies), len(self.model.contacts)
-        self._x, self._v, self._total = (np.zeros((1, bodies + 1, 1)) for _ in range(3))
-        self._contacts = np.zeros((1, contacts, 1)), np.zeros((1, contacts, 1))
-        self._given = np.zeros((1, len(self.model.sources["force"].names)))
+        self._forces = Forces(self.model)
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         """Return dy/dt for a state y (2 bodies,), as `scipy.integrate.solve_ivp` wants it."""
         model = self.model
         bodies = len(model.bodies)
         x, v = y[:bodies], y[bodies:]
-        force = self._forces(t, x, v) - model.stiffness * x - model.damping * v
+        force = self._forces(t, x[:, None], v[:, None])[:, 0]
         if model.forced:
-            self._module.forcing(np.array([float(t)]), model.members.parameters, model.members.indices, self._given)
             number, body, weight = model.sources["force"].drives
-            np.add.at(force, body, weight * self._given[0, number])
+            np.add.at(force, body, weight * self._forces.given(np.array([float(t)]))[0, number])
         return np.concatenate([v, force / model.mass])
-
-    def _forces(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the non-linear forces on the bodies; the contacts' are kept."""
-        self._x[0, :-1, 0], self._v[0, :-1, 0], self._parameters[-TIMES] = x, v, t
-        evaluate(
-            self._module.forces,
-            self._x,
-            self._v,
-            self._parameters,
-            self.model.members.indices,
-            *self._contacts,
-            self._total,
-        )
-        return self._total[0, :-1, 0].copy()
 
     def state(
         self, *, displacement: Mapping[str, float] | None = None, velocity: Mapping[str, float] | None = None
@@ -129,8 +145,8 @@ class CompiledNetwork:
         bodies = len(self.model.bodies)
         forces = np.empty((len(t), len(self.model.contacts)))
         for index, (time, column) in enumerate(zip(t, np.asarray(y).T, strict=True)):
-            self._forces(time, column[:bodies], column[bodies:])
-            forces[index] = self._contacts[1][0, :, 0]
+            self._forces(time, column[:bodies, None], column[bodies:, None])
+            forces[index] = self._forces.of_contacts[:, 0]
         snapshots = np.hstack([np.asarray(y).T, forces])
         variables = Snapshot(self.model.bodies, self.model.contacts, points=self.model.points).labelled(
             snapshots, "time"
