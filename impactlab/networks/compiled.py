@@ -20,40 +20,42 @@ from impactlab.results.snapshot import TIME, Snapshot
 
 
 class Forces:
-    """The forces of a network in some states at a time, the lanes, for what is outside the loops of a run."""
+    """The forces of a network in some states at a time, the lanes, for what is outside the loops of a run.
+
+    Attributes
+    ----------
+    x, v : (body, lane) ndarray
+        Displacements and velocities, to be filled in.
+    states : (state, lane) ndarray
+        States of laws, to be filled in; those that laws begin with at first.
+    total : (body, lane) ndarray
+        Forces on the bodies but those of their own springs and dampers, after `evaluate` (N).
+    of_contacts : (contact, lane) ndarray
+        Those of the contacts (N).
+    """
 
     def __init__(self, model: Model, lanes: int = 1) -> None:
-        self.model, members = model, model.members
-        self._module = build(generate(model))
-        self._parameters = with_states(members.parameters, members.states, lanes, np.zeros)
+        self._members, self._module = model.members, build(generate(model))
+        self._given = np.zeros((1, len(model.sources["force"].names)))
+        own, laws = self._members.parameters, self._members.states
+        self._parameters = with_states(own, laws, lanes, np.zeros)
         bodies, contacts = len(model.bodies), len(model.contacts)
-        self._x, self._v, self._total = (np.zeros((1, bodies + 1, lanes)) for _ in range(3))
-        self._contacts = np.zeros((1, contacts, lanes)), np.zeros((1, contacts, lanes))
+        x, v, total = (np.zeros((1, bodies + 1, lanes)) for _ in range(3))
+        indentation, force = np.zeros((2, 1, contacts, lanes))
+        self._arrays = x, v, self._parameters, self._members.indices, indentation, force, total
+        self.x, self.v, self.total, self.of_contacts = x[0, :-1], v[0, :-1], total[0, :-1], force[0]
+        self.states = self._parameters[len(own) : -TIMES].reshape(len(laws), lanes)
 
-    @property
-    def of_contacts(self) -> np.ndarray:
-        """Those of the contacts where the forces were last looked at, (contact, lane) (N)."""
-        forces: np.ndarray = self._contacts[1][0]
+    def evaluate(self, t: float) -> None:
+        """Look at the forces at a time (s)."""
+        self._parameters[-TIMES] = t
+        evaluate(self._module.forces, *self._arrays)
+
+    def given(self, t: float) -> np.ndarray:
+        """Return the given forces of all sources at a time, (source,) (N)."""
+        self._module.forcing(np.array([float(t)]), self._members.parameters, self._members.indices, self._given)
+        forces: np.ndarray = self._given[0]
         return forces
-
-    def __call__(self, t: float, x: np.ndarray, v: np.ndarray, states: np.ndarray | None = None) -> np.ndarray:
-        """Return the forces that springs, dampers, contacts and couplings exert on the bodies, (body, lane) (N).
-
-        Displacements and velocities are (body, lane), and states of laws (state, lane).
-        """
-        model = self.model
-        self._x[0, :-1], self._v[0, :-1], self._parameters[-TIMES] = x, v, t
-        if states is not None and states.size:
-            self._parameters[-TIMES - states.size : -TIMES] = states.ravel()
-        indices = model.members.indices
-        evaluate(self._module.forces, self._x, self._v, self._parameters, indices, *self._contacts, self._total)
-        return np.asarray(self._total[0, :-1] - model.stiffness[:, None] * x - model.damping[:, None] * v)
-
-    def given(self, times: np.ndarray) -> np.ndarray:
-        """Return the given forces of all sources at some times, (time, source) (N)."""
-        members, result = self.model.members, np.zeros((len(times), len(self.model.sources["force"].names)))
-        self._module.forcing(times, members.parameters, members.indices, result)
-        return result
 
 
 class CompiledNetwork:
@@ -97,11 +99,18 @@ class CompiledNetwork:
         model = self.model
         bodies = len(model.bodies)
         x, v = y[:bodies], y[bodies:]
-        force = self._forces(t, x[:, None], v[:, None])[:, 0]
+        force = self._at(t, x, v).total[:, 0] - model.stiffness * x - model.damping * v
         if model.forced:
             number, body, weight = model.sources["force"].drives
-            np.add.at(force, body, weight * self._forces.given(np.array([float(t)]))[0, number])
+            np.add.at(force, body, weight * self._forces.given(t)[number])
         return np.concatenate([v, force / model.mass])
+
+    def _at(self, t: float, x: np.ndarray, v: np.ndarray) -> Forces:
+        """Return the forces in a state."""
+        forces = self._forces
+        forces.x[:, 0], forces.v[:, 0] = x, v
+        forces.evaluate(t)
+        return forces
 
     def state(
         self, *, displacement: Mapping[str, float] | None = None, velocity: Mapping[str, float] | None = None
@@ -145,8 +154,7 @@ class CompiledNetwork:
         bodies = len(self.model.bodies)
         forces = np.empty((len(t), len(self.model.contacts)))
         for index, (time, column) in enumerate(zip(t, np.asarray(y).T, strict=True)):
-            self._forces(time, column[:bodies, None], column[bodies:, None])
-            forces[index] = self._forces.of_contacts[:, 0]
+            forces[index] = self._at(time, column[:bodies], column[bodies:]).of_contacts[:, 0]
         snapshots = np.hstack([np.asarray(y).T, forces])
         variables = Snapshot(self.model.bodies, self.model.contacts, points=self.model.points).labelled(
             snapshots, "time"

@@ -104,14 +104,18 @@ def _accelerations(network: Network, model: Model, dataset: xr.Dataset) -> np.nd
     forces, result = Forces(model, together * realizations), np.empty(x.shape)
     for first in range(0, number, together):
         here = np.arange(first, first + together).clip(max=number - 1)  # the last one again where some are left over
-        values = [item[:, here].reshape(len(item), together * realizations) for item in (x, v, states)]
-        result[:, here] = forces(times[first], *values).reshape(-1, together, realizations)
-    if model.forced:
-        given, sources = forces.given(times), model.sources["force"]
-        grounds = {name for name, item in network.given()["excitations"].items() if isinstance(item, BaseMotion)}
-        for source, body, weight in zip(*sources.drives, strict=True):
-            if sources.names[source] not in grounds:
-                result[body] += weight * given[:, source, None]
+        for own, values in ((forces.x, x), (forces.v, v), (forces.states, states)):
+            own[:] = values[:, here].reshape(own.shape)
+        forces.evaluate(times[first])
+        linear = model.stiffness[:, None] * forces.x + model.damping[:, None] * forces.v
+        result[:, here] = (forces.total - linear).reshape(-1, together, realizations)
+    grounds = {name for name, item in network.given()["excitations"].items() if isinstance(item, BaseMotion)}
+    sources = model.sources["force"]
+    acting = [drive for drive in zip(*sources.drives, strict=True) if sources.names[drive[0]] not in grounds]
+    if acting:
+        given = np.array([forces.given(time).copy() for time in times])
+        for source, body, weight in acting:
+            result[body] += weight * given[:, source, None]
     return np.asarray((result / model.mass[:, None, None]).transpose(2, 1, 0))
 
 
