@@ -4,6 +4,9 @@ The public names are loaded when they are first used, so that importing the pack
 is cheap. ``__init__.pyi`` lists them for editors and type checkers.
 """
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -131,13 +134,29 @@ __all__ = sorted([*_MODULE, *_SUBMODULES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
-    if name in _SUBMODULES:
-        return import_module(f"impactlab.{name}")
-    if name not in _MODULE:
+    if name not in _MODULE and name not in _SUBMODULES:
         raise AttributeError(f"module 'impactlab' has no attribute {name!r}")
-    value = getattr(import_module(f"impactlab.{_MODULE[name]}"), name)
+    with _without_search():
+        if name in _SUBMODULES:
+            return import_module(f"impactlab.{name}")
+        value = getattr(import_module(f"impactlab.{_MODULE[name]}"), name)
     globals()[name] = value
     return value
+
+
+@contextmanager
+def _without_search() -> Iterator[None]:
+    """Let Python not look for garbage among the many objects of modules that are loaded meanwhile, which all stay."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if not gc.get_freeze_count():  # else somebody has frozen objects, and they stay so
+            gc.freeze()
+            gc.unfreeze()  # to the oldest objects, which are searched seldom
+        if collecting:
+            gc.enable()
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import gc
 import inspect
 import re
 from importlib import metadata
@@ -102,3 +103,18 @@ def documented(section):
     """Names that a section of parameters describes."""
     heads = [line for line in section.splitlines() if line and not line.startswith(" ")]
     return {name.strip().lstrip("*") for head in heads for name in head.split(":")[0].split(",")}
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_loading_leaves_the_garbage_collector_as_it_was(collecting):
+    usual, frozen = gc.isenabled(), gc.get_freeze_count()
+    (gc.enable if collecting else gc.disable)()
+    try:
+        il.__getattr__("chain")
+        assert (gc.isenabled(), gc.get_freeze_count()) == (collecting, frozen)
+        gc.freeze()
+        il.__getattr__("chain")
+        assert gc.get_freeze_count() > frozen  # objects that somebody has frozen stay so
+    finally:
+        gc.unfreeze()
+        (gc.enable if usual else gc.disable)()

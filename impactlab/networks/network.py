@@ -15,7 +15,6 @@ from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import WALL
 from impactlab.errors import InvalidInput
 from impactlab.machine import uncollected
-from impactlab.networks.network_file import NetworkFile, text_of
 
 if TYPE_CHECKING:
     from impactlab import CompiledNetwork, Integrator, NetworkCheck
@@ -83,6 +82,8 @@ class Network(Composition):
         It has a table for each body, contact, excitation and coupling, ``[oscillators.name]``, with the name of
         its class as ``type`` and its fields, and a table below for a law, ``[contacts.name.law]``.
         """
+        from impactlab.networks.network_file import text_of  # loaded only where there are files
+
         return text_of(self)
 
     @classmethod
@@ -100,6 +101,8 @@ class Network(Composition):
         InvalidInput
             If the network cannot be made; the message names the line.
         """
+        from impactlab.networks.network_file import NetworkFile
+
         network: Self = NetworkFile.read(source).network(cls)
         return network
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from impactlab.integrators.arguments import Events
 from impactlab.integrators.interval_arguments import Jumps, JumpTables, Work, Zeros, work_space
-from impactlab.integrators.jumps import jumping_loop
 from impactlab.plan.method import Method
 
 
@@ -24,6 +23,8 @@ class JumpingMethod(Method):
         return self.jumps.steps
 
     def loop(self, single: bool, left_out: frozenset[str]) -> Callable[..., None]:
+        from impactlab.integrators.jumps import jumping_loop  # loaded only here
+
         return jumping_loop(left_out)
 
     def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> JumpTables:

@@ -35,7 +35,6 @@ from impactlab.plan.start import realizations_of
 from impactlab.progress import reporter, say
 from impactlab.records.record import Record
 from impactlab.records.trajectory import PairedRealizations, PerRealization, Trajectory, trajectory_size
-from impactlab.records.trajectory_file import written
 from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
@@ -49,10 +48,7 @@ from impactlab.simulation.memory import check_memory
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.request import Request
 from impactlab.simulation.restart import given_by
-from impactlab.simulation.segments import step_error
 from impactlab.simulation.step_error import StepError
-from impactlab.simulation.tolerance import RELAXATION_TIMES as LENGTH
-from impactlab.simulation.tolerance import checked, method_for, reach, without_realizations
 from impactlab.statistics.drift import DRIFT
 from impactlab.statistics.ergodicity import begun_elsewhere
 from impactlab.statistics.estimate import Rows, estimate
@@ -162,6 +158,8 @@ def simulate(
             network, duration, realizations, step, integrator, spin_up, initial, record, statistics, rng
         )
         return _simulate(network, request, Execution(executor, progress, math.inf if allowed is None else allowed, out))
+    from impactlab.simulation.tolerance import RELAXATION_TIMES, checked, method_for, reach, without_realizations
+
     method, seed = integrator or ExactFlow(), seed_of(rng)
     records = Record.all_of(record)
     initial = given_by(initial, network, seed)
@@ -179,7 +177,7 @@ def simulate(
     wanted = wanted_names(statistics)
     wanted = None if wanted is None else tuple(dict.fromkeys((*wanted, *tolerances)))
     longest = math.inf if duration is None else positive("duration", duration)
-    length = min(longest, LENGTH * relaxation_time(damped(model)[1]))
+    length = min(longest, RELAXATION_TIMES * relaxation_time(damped(model)[1]))
     asked = any(isinstance(item, PerRealization) for item in records)
     kept = records if asked else [*records, PairedRealizations()]
     method = method_for(model, method)
@@ -371,6 +369,8 @@ class Part:
 
     def measure(self) -> None:
         """Measure what the step does; choose another where it was not given."""
+        from impactlab.simulation.segments import step_error  # loaded only here
+
         model, request, execution = self.model, self.request, self.execution
 
         def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
@@ -440,6 +440,8 @@ def _run(
         if size and file is not None:
             if not shares_memory(executor):
                 raise InvalidInput("Trajectories are written to a file from threads only: leave out executor= or out=.")
+            from impactlab.records.trajectory_file import written  # loaded only here
+
             say(execution.progress, f"Trajectories: up to {size / 1e9:.3g} GB")
             plan = stack.enter_context(written(plan, file, file.parent))
         return plan, run(plan, executor, progress)
