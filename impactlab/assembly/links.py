@@ -11,6 +11,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from impactlab.assembly.remembered import remembered
+
 
 class Exchanges(NamedTuple):
     """Pairs of coordinates that exchange energy along links, (pair,) each."""
@@ -521,9 +523,13 @@ def joined(one: Links, other: Links) -> Links:
 
 def connected_parts(links: Links) -> np.ndarray:
     """Label of the connected part of each coordinate, (coordinate,) of int; walls do not connect."""
-    pairs = links.pairs
-    first, second = pairs[(pairs < links.count).all(axis=1)].T
-    parts = np.arange(links.count)
+    return _parts(links.pairs, links.count)
+
+
+@remembered
+def _parts(pairs: np.ndarray, count: int) -> np.ndarray:
+    first, second = pairs[(pairs < count).all(axis=1)].T
+    parts = np.arange(count)
     while True:  # every coordinate takes the smallest label in reach, which doubles each time
         before = parts.copy()
         lowest = np.minimum(parts[first], parts[second])

@@ -11,6 +11,7 @@ import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
 from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
+from impactlab.assembly.remembered import remembered
 from impactlab.components.component import Component, finite
 from impactlab.components.evaluation import TIME, UPDATE, of_objects
 
@@ -234,13 +235,12 @@ def packed(
     of_links, numbers_of_links = _of_links(links)
     columns, header = [numbers_of_links, samples], []
     if links.plain:
-        ends = links.pairs
-        tables = [differences(ends), gathering(ends, links.count, order), ends.ravel()]
+        tables = [*_of_pairs(links.pairs, links.count, order), links.pairs.ravel()]
     else:
         tables = [of_links[0], of_links[0][:0], of_links[1]]
     states, left = [np.zeros(0)], sum(start.size for start in starts)
     for kind, (leading, numbers) in enumerate(members):
-        *begins, counts = runs(*leading.T)
+        *begins, counts = _runs_of(leading)
         ends_of_runs = np.cumsum(counts)
         first = sum(map(len, columns)) + (ends_of_runs - counts) * numbers.shape[1]
         entries = [*begins, counts, first]
@@ -255,6 +255,18 @@ def packed(
     heads = [entry for pair in zip(header, places[PLACES:], strict=True) for entry in pair]
     indices = np.concatenate([places[:PLACES], heads, *tables]).astype(np.int64)
     return np.concatenate(columns), indices, np.concatenate(states)
+
+
+@remembered
+def _of_pairs(pairs: np.ndarray, count: int, order: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the loops read of contacts between pairs of so many bodies."""
+    return differences(pairs), gathering(pairs, count, order)
+
+
+@remembered
+def _runs_of(leading: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return where runs of members begin, by their indices, and their lengths."""
+    return tuple(runs(*leading.T))
 
 
 def _of_links(links: Links) -> tuple[list[np.ndarray], np.ndarray]:

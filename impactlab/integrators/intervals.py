@@ -8,11 +8,12 @@ from statistics import NormalDist
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
+from impactlab.assembly.remembered import remembered
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.interval_arguments import IntervalNoise, Jumps
 from impactlab.kernels.random import addresses
-from impactlab.linear.transitions import transition
+from impactlab.linear.transitions import transitions
 
 TOUCHED = 1e-12
 """Largest probability that a contact closes unnoticed, by interval and realization."""
@@ -93,11 +94,10 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
     single = 0.5 * OPERATION + 3.5 * lanes * bodies  # work of a step that is taken by itself
     inside = 0.0  # and of one within an interval, at the levels that were looked at
     best, foreseen = GAIN, 0
-    motion = _Motion(model, step)
     for level in range((LONGEST // LEAF).bit_length()):
         steps = LEAF << level
-        a_of, q_of = motion.over(steps)
-        path, scatter = _bridge(model, a_of, q_of, steps)
+        a_of, q_of = _motion(model, step, steps)
+        path, scatter = _bridge(a_of, q_of, model.ends.pairs, steps)
         path = np.concatenate([path, np.zeros((steps, 1, 4))], axis=1)
         limits, draw = model.clearance - window - _sigmas(model, steps) * scatter, _cholesky(q_of[steps])
         state = z.copy()
@@ -160,7 +160,7 @@ def jump_tables(
     to contact a gap must be for statistics to look at it, (contact,) (m).
     """
     bodies, noisy = len(model.mass), model.intensities() > 0.0
-    a_of, q_of = _Motion(model, step).over(leaf << levels)
+    a_of, q_of = _motion(model, step, leaf << levels)
     sigmas = _sigmas(model, leaf << levels)
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
     path, limit = [], []
@@ -170,7 +170,7 @@ def jump_tables(
             half, inverse = steps // 2, _inverse(q_of[steps])
             gain[level] = q_of[half] @ a_of[half].transpose(0, 2, 1) @ inverse
             rest[level] = q_of[half] - gain[level] @ a_of[half] @ q_of[half]
-        own_path, scatter = _bridge(model, a_of, q_of, steps)
+        own_path, scatter = _bridge(a_of, q_of, model.ends.pairs, steps)
         path.append(own_path)
         limit.append(model.clearance - window - sigmas * scatter)
     factors = _cholesky(q_of[-1])
@@ -199,19 +199,19 @@ def jump_tables(
     )
 
 
-class _Motion:
-    """Flows and covariances of the motion of bodies over 0, 1, 2 … steps, as far as they were asked for."""
+def _motion(model: Model, step: float, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return flows and covariances of the motion of bodies over 0 to a number of steps, (steps, body, 2, 2) each."""
+    linear = model.mass, model.damping, model.stiffness, model.initial_intensities
+    return _repeated(*transitions(*linear, [step, 0.5 * step])[0], number)  # both, as the flow of a step has them
 
-    def __init__(self, model: Model, step: float) -> None:
-        self.a, self.q = transition(model.mass, model.damping, model.stiffness, model.initial_intensities, step)
-        self.flows, self.growth = [np.broadcast_to(np.eye(2), self.a.shape)], [np.zeros_like(self.q)]
 
-    def over(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return those over 0 to a number of steps at least, (steps, body, 2, 2) each."""
-        while len(self.flows) <= number:
-            self.flows.append(self.a @ self.flows[-1])
-            self.growth.append(self.a @ self.growth[-1] @ self.a.transpose(0, 2, 1) + self.q)
-        return np.array(self.flows), np.array(self.growth)
+@remembered
+def _repeated(a: np.ndarray, q: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+    flows, growth = [np.broadcast_to(np.eye(2), a.shape)], [np.zeros_like(q)]
+    for _ in range(number):
+        flows.append(a @ flows[-1])
+        growth.append(a @ growth[-1] @ a.transpose(0, 2, 1) + q)
+    return np.array(flows), np.array(growth)
 
 
 def _sigmas(model: Model, steps: int) -> float:
@@ -219,17 +219,18 @@ def _sigmas(model: Model, steps: int) -> float:
     return -NormalDist().inv_cdf(TOUCHED / (steps * max(1, len(model.ends))))
 
 
-def _bridge(model: Model, a_of: np.ndarray, q_of: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+@remembered
+def _bridge(a_of: np.ndarray, q_of: np.ndarray, pairs: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean path between two ends, by the state at the first and noise, and how far gaps stray from it.
 
-    They are (step, body, 4) and (step, contact); flows and covariances are as `_Motion` returns them.
+    They are (step, body, 4) and (step, contact); flows and covariances are as `_motion` returns them.
     """
     inside = np.arange(1, steps + 1)
     by_noise = q_of[inside] @ a_of[steps - inside].swapaxes(-1, -2) @ _inverse(q_of[steps])
     around = q_of[inside] - by_noise @ a_of[steps - inside] @ q_of[inside]
     path = np.concatenate([a_of[inside, :, 0], by_noise[:, :, 0]], axis=-1)
     variance = np.concatenate([np.maximum(around[:, :, 0, 0], 0.0), np.zeros((steps, 1))], axis=1)
-    return path, np.sqrt(variance[:, model.ends.pairs].sum(axis=-1))
+    return path, np.sqrt(variance[:, pairs].sum(axis=-1))
 
 
 def _reach(path: np.ndarray, factors: np.ndarray, deviations: np.ndarray) -> np.ndarray:

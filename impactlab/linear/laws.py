@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ def linear_variances(model: Model) -> np.ndarray:
     linear couplings those of the coupled system. Infinite where there is no stationary law, 0
     without excitation.
     """
-    return np.asarray(white_variances(model, model.initial_densities) + other_variances(model))
+    return np.asarray(initial_variances(model) + other_variances(model))
 
 
 @kept
@@ -36,19 +36,34 @@ def other_variances(model: Model) -> np.ndarray:
     return np.asarray(line_variances(model) + coloured_variances(model))
 
 
+@kept
+def initial_variances(model: Model) -> np.ndarray:
+    """Return the part of :func:`linear_variances` that the white noises make at time 0, (2, body)."""
+    return _white_variances(model, model.initial_intensities, coupled_systems(model))
+
+
 def white_variances(model: Model, densities: np.ndarray) -> np.ndarray:
-    """Return the part of :func:`linear_variances` that the white noises make, of some densities, (2, body)."""
+    """Return the same for white noises of some densities, (2, body)."""
+    if (densities == model.initial_densities).all():
+        return initial_variances(model)
     noises = model.sources["intensity"]
     intensity = noises.added(densities, len(model.bodies))
-    own = (densities == model.initial_densities).all()
+    systems = [
+        (slots, replace(system, intensity=noises.matrix(densities, intensity, slots)))
+        for slots, system in coupled_systems(model)
+    ]
+    return _white_variances(model, intensity, systems)
+
+
+def _white_variances(
+    model: Model, intensity: np.ndarray, systems: Iterable[tuple[np.ndarray, LinearSystem]]
+) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity = np.pi * intensity / (model.mass * model.damping)
         displacement = np.pi * intensity / (model.damping * model.stiffness)
     result = np.where(intensity > 0.0, [displacement, velocity], 0.0)
-    for slots, system in coupled_systems(model):
-        result[:, slots] = (
-            system if own else replace(system, intensity=noises.matrix(densities, intensity, slots))
-        ).variances()
+    for slots, system in systems:
+        result[:, slots] = system.variances()
     return np.asarray(result)
 
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impactlab.assembly.remembered import remembered
+
 GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 """Nodes of Gauss's rule with two points on (0, 1)."""
 
@@ -46,12 +48,21 @@ def transitions(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, steps: Sequence[float]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return those of `transition` over each of some steps (s)."""
+    found = _transitions(mass, damping, stiffness, intensity, *steps)
+    return list(zip(found[::2], found[1::2], strict=True))
+
+
+@remembered
+def _transitions(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, *steps: float
+) -> tuple[np.ndarray, ...]:
+    """Return A and Q over the first step, over the second, and so on."""
     unique, which = _unique(np.stack([mass, damping, stiffness], axis=1))
     unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
     scale = (2.0 * np.pi * intensity / mass**2)[:, None, None]
     found = gaussian_transitions(_drift(unique), unit, steps, _rate(unique))
-    return [(a[which], q[which] * scale) for a, q in found]
+    return tuple(item for a, q in found for item in (a[which], q[which] * scale))
 
 
 def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -142,20 +153,22 @@ def free_flows(
     """
     parts = [(until,) if until < place else (place, until - place) for place, until in ends]
     times = list(dict.fromkeys(part * step for of_end in parts for part in of_end))
-    return dict(zip(times, _undamped(mass, stiffness, times), strict=True))
+    return dict(zip(times, _undamped(mass, stiffness, *times), strict=True))
 
 
-def _undamped(mass: np.ndarray, stiffness: np.ndarray, times: Sequence[float]) -> list[np.ndarray]:
+@remembered
+def _undamped(mass: np.ndarray, stiffness: np.ndarray, *times: float) -> tuple[np.ndarray, ...]:
     """Return the motions without friction and noise over some times (s), (n, 2, 2) each."""
     unique, which = _unique(np.stack([mass, np.zeros_like(mass), stiffness], axis=1))
-    turned, rate, result = _drift(unique).transpose(0, 2, 1), _rate(unique), []
-    for time in times:
-        halvings = _halvings(rate, time)
-        a = _taylor(turned * (time / 2.0**halvings)).transpose(0, 2, 1)
-        for _ in range(halvings):
+    rate, result = _rate(unique), []
+    halvings = [_halvings(rate, time) for time in times]
+    short = np.array([time / 2.0**number for time, number in zip(times, halvings, strict=True)])
+    flows = _taylor(_drift(unique).transpose(0, 2, 1) * short[:, None, None, None]).transpose(0, 1, 3, 2)
+    for a, number in zip(flows, halvings, strict=True):
+        for _ in range(number):
             a = a @ a
         result.append(a[which])
-    return result
+    return tuple(result)
 
 
 def split_noise(
@@ -167,7 +180,7 @@ def split_noise(
     are moments when friction and noise act, as parts of the step.
     """
     change = size / mass * np.sqrt(step * _kept_of_noise(damping / mass * step))
-    after = [a[:, :, 1] for a in _undamped(mass, stiffness, [(1.0 - place) * step for place in places])]
+    after = [a[:, :, 1] for a in _undamped(mass, stiffness, *((1.0 - place) * step for place in places))]
     result: np.ndarray = np.stack(after) * change[:, None]
     return result
 
@@ -178,6 +191,7 @@ def _kept_of_noise(decay: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(decay > 0.0, -np.expm1(-2.0 * decay) / (2.0 * decay), 1.0))
 
 
+@remembered
 def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, step: float) -> np.ndarray:
     """Return displacement and velocity after a step from rest, (n, 4) (m, m s-1 each).
 
@@ -288,6 +302,7 @@ def _taylor(matrices: np.ndarray) -> np.ndarray:
     return total
 
 
+@remembered
 def noise_columns(q: np.ndarray) -> np.ndarray:
     """Return the Cholesky factor of covariances, column by column, (2, n, 2).
 

@@ -78,6 +78,8 @@ def _together(model: Model, stiffening: Stiffening) -> np.ndarray:
 def _kicked(model: Model, stiffening: Stiffening, step: float) -> np.ndarray:
     """Whether static loads, residual forces or couplings kick each body too strongly, (body,) of bool."""
     own, between, overlapping, touching = _loads(model, stiffening)
+    if not (between | (own > 0.0)).any():
+        return np.zeros(len(between), dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         thermal = np.sqrt(stiffening.energy / model.mass)
         static = 0.5 * step / model.mass * np.abs(stiffening.rest) / flexibility(model)

@@ -23,6 +23,12 @@ BEYOND = 1.001
 PLACES, VALUES = 64, 20_000
 """Most places at which a force is looked at, and most values of a network: a few of each force where there are many."""
 
+TOGETHER = 64
+"""Networks whose forces are looked at together, of which each is left to itself where one has to be refused."""
+
+AT_REST = np.array([0.0, -1.0, 1.0])
+"""Extensions and displacements, in lengths of the scene, at which forces are looked at that must be finite at 0."""
+
 FARTHEST, FINELY = 100.0, 1000
 """Up to where a force is looked at after a run has diverged, in some length of the scene, and at how many places."""
 
@@ -75,13 +81,34 @@ def _unchecked(model: Model, energies: bytes, times: bytes) -> Stiffening:
 def look_at_all(models: Sequence[Model], energies: Sequence[np.ndarray]) -> None:
     """Work out together what `stiffening_of` will return for some models, of which it is then known.
 
-    Nothing is refused yet. Laws that depend on time are left out.
+    Nothing is refused yet: where a force may have to be, each model is left to say so of itself. Laws that depend on
+    time are left out.
     """
     scenes = [scene for scene in zip(models, energies, strict=True) if not scene[0].timed.any()]
     with np.errstate(over="ignore", invalid="ignore"):
         found = Stiffening.of_each(*zip(*scenes, strict=True)) if scenes else []
-    for (model, energy), stiffening in zip(scenes, found, strict=True):
-        keep(_unchecked, model, energy.tobytes(), moments(model, 0.0, 0.0).tobytes(), value=stiffening)
+    whole = [(*scene, stiffening) for scene, stiffening in zip(scenes, found, strict=True)]
+    for begin in range(0, len(whole), TOGETHER):
+        some = whole[begin : begin + TOGETHER]
+        kept_by = _stiffening if _all_in_order(some) else _unchecked
+        for model, energy, stiffening in some:
+            keep(kept_by, model, energy.tobytes(), moments(model, 0.0, 0.0).tobytes(), value=stiffening)
+
+
+def _all_in_order(scenes: Sequence[tuple[Model, np.ndarray, Stiffening]]) -> bool:
+    """Whether `check_forces` refuses nothing in some scenes, whose forces are looked at together."""
+    each = [_looked_at(model, stiffening.penetration, energy) for model, energy, stiffening in scenes]
+    if any(_places_of(contacts) < PLACES for contacts, _ in each):
+        return False
+    contacts, others = (
+        list({force[1:]: force for of_model in all_ for force in of_model}.values()) for all_ in zip(*each, strict=True)
+    )
+    try:
+        _check(contacts, np.linspace(0.0, 1.0, PLACES), everywhere=True)
+        _check(others, AT_REST, everywhere=False)
+    except InvalidInput:
+        return False
+    return True
 
 
 def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> None:
@@ -91,10 +118,20 @@ def check_forces(model: Model, penetration: np.ndarray, energy: np.ndarray) -> N
     energy that a body brings (J), at rest and at the speeds that this energy gives; those of couplings and residual
     forces must be finite at 0. Equal laws are looked at once.
     """
+    contacts, others = _looked_at(model, penetration, energy)
+    _check(contacts, np.linspace(0.0, 1.0, _places_of(contacts)), everywhere=True)
+    _check(others, AT_REST, everywhere=False)
+
+
+def _looked_at(model: Model, penetration: np.ndarray, energy: np.ndarray) -> tuple[list[_Force], list[_Force]]:
+    """Return forces of contacts, and others."""
     speed = np.sqrt(2.0 * energy[model.first_of(model.ends)] * model.ends.squares(1.0 / model.mass))
-    contacts = _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0))
-    _check(contacts, np.linspace(0.0, 1.0, max(4, min(PLACES, VALUES // max(1, len(contacts))))), everywhere=True)
-    _check(_others(model), np.array([0.0, -1.0, 1.0]), everywhere=False)
+    return _contacts(model, BEYOND * penetration, np.where(np.isfinite(speed), speed, 0.0)), _others(model)
+
+
+def _places_of(contacts: Sequence[_Force]) -> int:
+    """Return at how many places each of them is looked at."""
+    return max(4, min(PLACES, VALUES // max(1, len(contacts))))
 
 
 def explanation(model: Model, length: np.ndarray) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from impactlab.assembly.incidence import runs
 from impactlab.assembly.model import Model
+from impactlab.assembly.remembered import remembered
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import streams_of
 from impactlab.plan.subdomains import Tile
@@ -112,6 +113,7 @@ class WhiteNoises:
         )
 
 
+@remembered
 def noise_runs(rows: np.ndarray, bodies: int) -> np.ndarray:
     """Return bodies that follow each other, as do their first rows of noise; see `WhiteNoises.runs`."""
     row, every = np.full(bodies, -1), np.arange(bodies)

@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, known_name, suggestion
 from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
-from impactlab.linear.laws import correlated_systems, filter_labels, linear_variances, white_variances
+from impactlab.linear.laws import correlated_systems, filter_labels, initial_variances, linear_variances
 from impactlab.plan.subdomains import Tile
 
 WORDS = "stationary", "rest"
@@ -76,7 +76,7 @@ def _deviations(model: Model, residual: np.ndarray, temperature: np.ndarray) -> 
     They are the linear ones, but a residual force that stiffens a body narrows its displacement. Bodies that nothing
     but contacts can heat start at the temperature that is expected of them, where it is known.
     """
-    velocity = white_variances(model, model.initial_densities)[1]
+    velocity = initial_variances(model)[1]
     velocity = np.where(np.isfinite(temperature), temperature / model.mass, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.stack([model.mass * velocity / (model.stiffness + residual), velocity])

@@ -40,6 +40,8 @@ SPEEDS = np.linspace(-3.0, 3.0, 65)
 @kept
 def damping_step(model: Model, stiffening: Stiffening) -> float:
     """Return the step that resolves forces that depend on velocities (s); infinite where there are none."""
+    if not model.dissipative:
+        return math.inf
     contacts, couplings, bodies = damping_rates(model, stiffening)
     fastest = max(
         contacts.max(initial=0.0) / OF_CONTACTS,

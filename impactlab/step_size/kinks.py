@@ -12,7 +12,7 @@ from impactlab.assembly.model import Model, kept
 from impactlab.components.contact import ContactLaw, HertzContact, LinearContact, PowerLawContact, contact_forces
 from impactlab.components.evaluation import of_objects
 from impactlab.errors import warn
-from impactlab.nonlinear.profiles import COLUMNS, Profiles, of_powers
+from impactlab.nonlinear.profiles import Profiles, of_powers
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 ENOUGH = 30
@@ -42,7 +42,7 @@ def _kink_step(model: Model, stiffening: Stiffening, decay: np.ndarray | None) -
     own = given if decay is None else decay
     step = _closing_step(model, stiffening, own[: len(model.ends)])
     passes = _passes(model, stiffening, own, total if decay is None else np.zeros_like(total))
-    return min(step, passes.largest_step()) if len(passes.rate) else step
+    return step if passes is None else min(step, passes.largest_step())
 
 
 def _decays(model: Model) -> tuple[np.ndarray, np.ndarray]:
@@ -169,10 +169,10 @@ class _Passes(NamedTuple):
         return float(f"{step:.3g}")  # on any processor
 
 
-def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray) -> _Passes:
+def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.ndarray) -> _Passes | None:
     """Return the passes through forces that are no smooth powers, and through all where a part has a `total`.
 
-    And through all contacts of free bodies, of which Rice's formula knows nothing.
+    And through all contacts of free bodies, of which Rice's formula knows nothing. None if there are none of all these.
     """
     contacts, items = len(model.ends), _items(model)
     temperature = stiffening.energy[model.first_of(items)]
@@ -181,20 +181,23 @@ def _passes(model: Model, stiffening: Stiffening, decay: np.ndarray, total: np.n
     smooth, free = exponent >= 1.0, np.isinf(_compliance(model, model.ends))
     powers = counted[:contacts] & (stiffness > 0.0) & (~smooth | free | (total[:contacts] > 0.0))
     powers = np.flatnonzero(powers & (stiffening.penetration > 0.0))
-    chosen, found = [powers], [Profiles.of(np.zeros((COLUMNS, 0)))]
+    chosen, found = [powers], []
     if len(powers):
         eta, p = stiffness[powers], exponent[powers]
         length = ((p + 1.0) * temperature[powers] / eta) ** (1.0 / (p + 1.0))
-        found[0] = Profiles.of(of_powers(eta, p, length))
+        found.append(Profiles.of(of_powers(eta, p, length)))
         decay = decay.copy()
         decay[powers[smooth[powers] & ~free[powers]]] = 0.0  # which `_closing_step` counts
     first = 0
     for known, row in stiffening.profiles:
         useful = np.append(known.room > 0.0, False)  # the last for those without a row
         members = np.flatnonzero(counted[first : first + len(row)] & useful[row])
-        chosen.append(first + members)
-        found.append(known.rows(row[members]))
+        if len(members):
+            chosen.append(first + members)
+            found.append(known.rows(row[members]))
         first += len(row)
+    if not found:
+        return None
     slots = np.concatenate(chosen)
     profiles = Profiles(*(np.concatenate(item) for item in zip(*found, strict=True)))
     thermal = np.sqrt(temperature[slots] * items.squares(1.0 / model.mass)[slots])

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import xarray as xr
@@ -31,7 +32,7 @@ from impactlab.simulation.request import Request
 from impactlab.simulation.simulate import Ensemble, Execution, request_of
 from impactlab.sweeps.points import MakeNetwork, Point
 from impactlab.sweeps.product import Outcome, make_sweep
-from impactlab.sweeps.scheduler import Heard, Job, run_points, run_together
+from impactlab.sweeps.scheduler import Heard, Job, run_in_turn, run_points
 
 ROUNDED = 4
 """Numbers of steps per octave to which they are rounded up: by 19 % at most, 9 % on average."""
@@ -145,41 +146,27 @@ def run_side_by_side(
     """
     if executor is not None and points:
         begin(executor)  # processes are forked here, before any thread computes
-    drafts: dict[str, Any] = {}
-    run_together({point.key: _drafting(point) for point in points}, drafts.__setitem__, kind="Point", heard=heard)
+    drafts = run_in_turn({point.key: partial(drafted, point) for point in points}, heard)
     able = [draft for draft in drafts.values() if isinstance(draft, Draft)]
     with contextlib.suppress(ImpactLabError):  # whose fault it is each says for itself
         expect_together([(draft.model, draft.request) for draft in able])
     found: dict[str, Any] = {
         point.key: Prepared(point, None) if drafts[point.key] is None else drafts[point.key] for point in points
     }
-    jobs = {draft.point.key: _preparing(draft) for draft in able}
-    run_together(jobs, found.__setitem__, kind="Point", heard=heard, alone=True)
+    found |= run_in_turn({draft.point.key: partial(prepared, draft) for draft in able}, heard)
     outcomes: dict[str, Outcome] = {key: item for key, item in found.items() if isinstance(item, ImpactLabError)}
     ready: dict[str, Prepared] = {key: item for key, item in found.items() if key not in outcomes}
     runs = runs_of(ready) if executor is None else []
     share = 0.99 * sum(map(len, runs)) / max(len(points), 1)  # the end is shown by others
     results = run_fused(ready, runs, lambda part: show(share * part))
-    labelling = {key: _labelling(ready[key], found_of) for key, found_of in results.items()}
-    run_together(labelling, outcomes.__setitem__, kind="Point", heard=heard, alone=True)
+    outcomes |= run_in_turn({key: partial(_labelled, ready[key], found_of) for key, found_of in results.items()}, heard)
     return outcomes, [item.point for key, item in ready.items() if key not in outcomes]
 
 
-def _drafting(point: Point) -> Job:
-    return lambda pool, note: drafted(point)
-
-
-def _preparing(draft: Draft) -> Job:
-    return lambda pool, note: prepared(draft, pool)
-
-
-def _labelling(item: Prepared, found: Found) -> Job:
-    def findings(pool: Executor, note: Callable[[float], None]) -> Findings:
-        assert item.ensemble is not None
-        item.ensemble.take(*found)
-        return item.ensemble.findings()
-
-    return findings
+def _labelled(item: Prepared, found: Found) -> Findings:
+    assert item.ensemble is not None
+    item.ensemble.take(*found)
+    return item.ensemble.findings()
 
 
 def drafted(point: Point) -> Draft | None:
@@ -193,7 +180,7 @@ def drafted(point: Point) -> Draft | None:
     return Draft(point, Model.of(network), request)
 
 
-def prepared(draft: Draft, executor: Executor) -> Prepared:
+def prepared(draft: Draft) -> Prepared:
     """Plan a point; its step and spin-up are then given, unless something keeps it from running beside others."""
     point, model, request = draft
     alone = Prepared(point, None)
@@ -204,13 +191,13 @@ def prepared(draft: Draft, executor: Executor) -> Prepared:
         changes = _rounded(chosen, request)
         point = point._replace(options={**point.options, **changes})
         request = replace(request, **changes)
-    ensemble = _ensemble(model, request, executor)
+    ensemble = _ensemble(model, request)
     return alone if ensemble is None else Prepared(point, ensemble)
 
 
-def _ensemble(model: Model, request: Request, executor: Executor) -> Ensemble | None:
+def _ensemble(model: Model, request: Request) -> Ensemble | None:
     """Return the realizations of a request, unless something keeps them from running beside others."""
-    ensemble = Ensemble(model, request, Execution(executor), compared=True)
+    ensemble = Ensemble(model, request, Execution(), compared=True)
     if len(ensemble.parts) > 1:
         return None
     return ensemble if joins(Planned(ensemble.parts[0].model, ensemble.plan)) else None

@@ -1,6 +1,5 @@
 """Points that run side by side: bit for bit what each gives alone, and alone where they must."""
 
-import concurrent.futures
 import math
 
 import numpy as np
@@ -11,7 +10,10 @@ from laws import DampedCubicCoupling, DoubleWell, LossyContact
 from scenes import base, linear, plan_of
 
 import impactlab as il
+from impactlab.assembly import members
 from impactlab.assembly.model import Model
+from impactlab.linear import transitions
+from impactlab.nonlinear import force_checks
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.side_by_side import Planned, obstacle
 from impactlab.progress import reporter
@@ -32,6 +34,16 @@ class PullingContact(il.ContactLaw):
     @staticmethod
     def force(indentation, strength):
         return -strength * indentation
+
+
+class BrittleContact(il.ContactLaw):
+    """Has no force from a strength of 2 on."""
+
+    strength: float = il.parameter(units="N m-1")
+
+    @staticmethod
+    def force(indentation, strength):
+        return strength * indentation if strength < 2.0 else strength / (indentation - indentation)
 
 
 ENSEMBLE = {"duration": 2.0, "realizations": 16, "spin_up": 1.0, "rng": 5}
@@ -178,8 +190,7 @@ def test_more_points_than_a_run_holds_and_steps_that_differ():
 
     options = {"duration": 1.0, "realizations": 64, "spin_up": 0.5}
     points = [Point(f"{value}", make(value), {"rng": 1, **options}) for value in stiffness]
-    with concurrent.futures.ThreadPoolExecutor(1) as pool:
-        ready = {point.key: prepared(drafted(point), pool) for point in points}
+    ready = {point.key: prepared(drafted(point)) for point in points}
     runs = runs_of(ready)
     assert 1 < len(runs) < 12
     assert all(len({ready[key].planned.plan.clock.step for key in keys}) == 1 for keys in runs)
@@ -290,3 +301,54 @@ def test_options_of_points_that_run_alone():
         assert run_side_by_side(points, None, reporter(False), Heard()) == ({}, points)
     point = Point("a", base(), {"rng": 1, "duration": 1.0, "record": [il.FinalState()]})
     assert run_side_by_side([point, point], None, reporter(False), Heard())[0] == {}
+
+
+def calls_of(monkeypatch, number):
+    """Return how often points of a number call what they have in common: exponentials, layouts, looks at forces."""
+    calls = {"_taylor": 0, "gathering": 0, "_check": 0}
+
+    def counting(name, original):
+        def call(*arguments, **options):
+            calls[name] += 1
+            return original(*arguments, **options)
+
+        return call
+
+    def make(value):
+        body = il.LinearOscillator(mass=1.0 + 0.01 * number, damping=1.0, stiffness=50.0)  # not met before
+        return base(
+            oscillators={"one": body}, contacts={"gap": il.Contact("one", "two", il.HertzContact(1e4), clearance=value)}
+        )
+
+    with monkeypatch.context() as patch:
+        for module, name in ((transitions, "_taylor"), (members, "gathering"), (force_checks, "_check")):
+            patch.setattr(module, name, counting(name, getattr(module, name)))
+        found, rest = run_of(make, np.linspace(0.05, 0.06, number).tolist(), **ENSEMBLE)
+    assert len(found) == number
+    assert not rest
+    return calls
+
+
+def test_what_points_have_in_common_is_worked_out_once(monkeypatch):
+    few, many = (calls_of(monkeypatch, number) for number in (3, 60))
+    assert many["_taylor"] == few["_taylor"] < 10
+    assert many["_check"] == few["_check"] == 2  # of contacts, and of others
+    assert many["gathering"] < 10
+
+
+def test_a_point_with_a_wrong_force_leaves_others_as_they_are():
+    """Forces of all points are looked at together: where one has to be refused, each is looked at alone."""
+
+    def make(strength):
+        return il.Network(
+            {"body": il.LinearOscillator(damping=0.2, stiffness=1.0)},
+            {"stop": il.Contact("body", il.WALL, BrittleContact(strength), clearance=0.1)},
+            {"body": il.WhiteNoise(0.1)},
+        )
+
+    swept = il.sweep(make, {"strength": [1.0, 3.0, 1.5]}, duration=5.0, realizations=4, step=0.01, rng=1)
+    first, wrong, last = swept.status.values
+    assert first == last == "done"
+    assert "BrittleContact(strength=3.0)" in wrong
+    alone = il.rerun(swept.sel(strength=1.5))
+    np.testing.assert_array_equal(swept.mean_contact_force.sel(strength=1.5), alone.mean_contact_force)
