@@ -232,10 +232,12 @@ class Component:
 
         of_arguments = np.broadcast_shapes(*(item.shape for item in arguments))
         columns = [np.broadcast_to(item, of_arguments).ravel().tolist() for item in arguments]
-        points = list(zip(*columns, strict=True)) if arguments else [()]
         with np.errstate(over="ignore"):  # of kernels with functions of NumPy
-            floats = floats_of(function, [*columns, *([value] * len(points) for value in filled)])
-            found = np.array([scalar(*point) for point in points] if floats is None else floats, dtype=float)
+            number = len(columns[0]) if columns else 1
+            found = floats_of(function, [*columns, *([value] * number for value in filled)])
+            if found is None:
+                found = [scalar(*point) for point in (zip(*columns, strict=True) if columns else [()])]
+            found = np.array(found, dtype=float)
         return np.broadcast_to(found.reshape(of_arguments), shape)
 
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model, kept
+from impactlab.assembly.remembered import remembered
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput
@@ -206,14 +207,12 @@ class ExactFlow(Integrator):
         return Cross(bodies, flow, noise, push, rows)
 
     def coefficients(self, model: Model, step: float) -> np.ndarray:
-        a = self.flows(model, step).transition
         response = response_to_force(model.mass, model.damping, model.stiffness, step)
-        for slots, system in flowing_systems(model):
-            response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
-        of_mass = np.array([[step**2 / 12.0], [step], [0.5 * step]]) / model.mass
-        lag = step / model.mass * kick_lag(model.damping / model.mass * step)
-        constant = np.column_stack([*of_mass, np.full_like(model.mass, 0.5 * step), lag, *response.T])
-        return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
+        if systems := flowing_systems(model):
+            response = response.copy()
+            for slots, system in systems:
+                response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
+        return _coefficients(self.flows(model, step).transition, response, model.mass, model.damping, step)
 
     def noise(self, model: Model, step: float) -> NoiseRows:
         own, split = with_own_noise(model), self._split(model, step)
@@ -273,6 +272,17 @@ class ExactFlow(Integrator):
         return min(_over(of_kicks, kicks), _over(of_flow, flow), _over(of_dampers, dampers))
 
 
+@remembered
+def _coefficients(
+    a: np.ndarray, response: np.ndarray, mass: np.ndarray, damping: np.ndarray, step: float
+) -> np.ndarray:
+    """Return the numbers of the method from its flows and responses to forces, (phase, body, column)."""
+    of_mass = np.array([[step**2 / 12.0], [step], [0.5 * step]]) / mass
+    lag = step / mass * kick_lag(damping / mass * step)
+    constant = np.column_stack([*of_mass, np.full_like(mass, 0.5 * step), lag, *response.T])
+    return np.concatenate([a.reshape(*a.shape[:2], 4), np.broadcast_to(constant, (len(a), *constant.shape))], 2)
+
+
 @kept
 def _rates(model: Model, tangent: bytes, residual: bytes) -> tuple[float, float, float]:
     """Return the frequency of the forces that kick, that of the bodies they act on, and the rate of dampers (s-1)."""
@@ -286,22 +296,32 @@ def _rates(model: Model, tangent: bytes, residual: bytes) -> tuple[float, float,
 @kept
 def _flows(model: Model, method: ExactFlow, step: float) -> Flows:
     linear = model.mass, model.damping, model.stiffness, model.reference_intensities()
-    split = method._split(model, step)[:, None, None]
+    flows = _flows_alone(*linear, method._split(model, step), step)
+    groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
+    if groups:
+        flows = tuple(item.copy() for item in flows)
+        for group in groups:
+            for alone, joint in zip(flows, group[2:], strict=True):
+                alone[:, group.slots] = _own(joint)
+    a, q, middle_a, middle_q = flows
+    return Flows(a, q, middle_a, middle_q, groups)
+
+
+@remembered
+def _flows_alone(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, split: np.ndarray, step: float
+) -> tuple[np.ndarray, ...]:
+    """Return flows and covariances of bodies alone over a step and half of it, of both phases, (phase, body, 2, 2)."""
+    linear = mass, damping, stiffness, intensity
     exact = [part for pair in transitions(*linear, [step, 0.5 * step]) for part in pair]
     phases = [exact, exact]
     if split.any():
         ends = [(place, until) for place in GAUSS for until in (1.0, 0.5)]
-        free = free_flows(model.mass, model.stiffness, step, ends)
+        free, alone = free_flows(mass, stiffness, step, ends), split[:, None, None]
         whole, half, other_whole, other_half = (split_transition(*linear, step, *end, free) for end in ends)
         parts = (*whole, *half), (*other_whole, *other_half)
-        phases = [[np.where(split, *pair) for pair in zip(part, exact, strict=True)] for part in parts]
-    groups = tuple(_group(slots, system, step) for slots, system in flowing_systems(model))
-    joined = [np.stack(part) for part in zip(*phases, strict=True)]
-    for group in groups:
-        for alone, joint in zip(joined, group[2:], strict=True):
-            alone[:, group.slots] = _own(joint)
-    a, q, middle_a, middle_q = joined
-    return Flows(a, q, middle_a, middle_q, groups)
+        phases = [[np.where(alone, *pair) for pair in zip(part, exact, strict=True)] for part in parts]
+    return tuple(np.stack(part) for part in zip(*phases, strict=True))
 
 
 def followed_step(model: Model) -> float:

@@ -17,7 +17,7 @@ from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.functions_of_time import sum_panels
 from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.jit import evaluate, evaluator
-from impactlab.kernels.memory import TIMES, accept
+from impactlab.kernels.memory import TIMES, accept, with_states
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
@@ -140,6 +140,17 @@ class Block:
             self._accept()
         if given is not None:
             self._begin_on_path(*given)
+
+    def begin_as(self, plan: Plan) -> None:
+        """Begin as a block of another plan does, of one `impactlab.plan.side_by_side.structure` with that before."""
+        forces, lanes = plan.forces, len(self.realizations)
+        self.plan, self.parameters = plan, forces.parameters
+        if forces.clocked:
+            self.parameters = with_states(forces.parameters, forces.states, lanes, np.zeros)
+        state, turns = self.state, self.sums.turns
+        for array in (state.x, state.v, state.reading, state.velocity, state.total, turns.force, turns.middle):
+            array.fill(0.0)
+        self._begin()
 
     def _put_given_motions(self, x: np.ndarray, v: np.ndarray) -> None:
         """Put displacements and velocities of bodies of given motion among others, (body and wall, lane) each."""

@@ -173,9 +173,12 @@ class _JointBlock(Block):
 
     def _begin(self) -> None:
         """Begin as each network does alone."""
-        number = len(self.run.planned)
+        number, one = len(self.run.planned), None
         for place, plan in enumerate(self.run.plans):
-            one = Block(plan, self.index, lambda steps: None)
+            if one is None:
+                one = Block(plan, self.index, lambda steps: None)
+            else:
+                one.begin_as(plan)
             for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(self.state, name)[place:-1:number] = getattr(one.state, name)[:-1]
             for name in ("indentation", "contact_force"):

@@ -101,6 +101,7 @@ def _power_of(law: ContactLaw) -> tuple[float, float]:
     return (law.stiffness, 1.0) if type(law) is LinearContact else (math.nan, math.nan)
 
 
+@kept
 def _items(model: Model) -> Links:
     """Return contacts and couplings, then each body by itself."""
     slots = np.arange(model.wall)
