@@ -234,10 +234,10 @@ class Component:
         columns = [np.broadcast_to(item, of_arguments).ravel().tolist() for item in arguments]
         with np.errstate(over="ignore"):  # of kernels with functions of NumPy
             number = len(columns[0]) if columns else 1
-            found = floats_of(function, [*columns, *([value] * number for value in filled)])
-            if found is None:
-                found = [scalar(*point) for point in (zip(*columns, strict=True) if columns else [()])]
-            found = np.array(found, dtype=float)
+            floats = floats_of(function, [*columns, *([value] * number for value in filled)])
+            if floats is None:
+                floats = [scalar(*point) for point in (zip(*columns, strict=True) if columns else [()])]
+            found = np.array(floats, dtype=float)
         return np.broadcast_to(found.reshape(of_arguments), shape)
 
 
