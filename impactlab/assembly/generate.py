@@ -24,7 +24,7 @@ from impactlab.assembly.loops import (
     slowing,
 )
 from impactlab.assembly.members import ROUND, Kind
-from impactlab.assembly.model import Model, kept
+from impactlab.assembly.model import Model
 from impactlab.components.contact import SlidingFriction
 from impactlab.kernels.single import single_text
 
@@ -72,7 +72,6 @@ _TIMETABLES = {
 }
 
 
-@kept
 def generate(model: Model, single: bool = False) -> str:
     """Return the text of the module that holds a network's forces, for blocks of many lanes or of a `single` one.
 
