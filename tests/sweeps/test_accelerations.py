@@ -100,7 +100,7 @@ def test_laws_with_states_and_laws_that_depend_on_time():
     moved = np.array([slope(t, y) for t, y in zip(times, solved(slope, 5, times), strict=True)])[:, [1, 4]]
     expected = moved + np.interp(times, SAMPLES, RECORD)[:, None]
     found = il.absolute_acceleration(result).absolute_acceleration[0]
-    np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
 
 
 @few
