@@ -172,6 +172,7 @@ def test_sources_of_several_bodies_and_motions_of_the_ground():
         "a": il.WhiteNoise(1.0), "wind": il.Source(il.WhiteNoise(2.0), on={"a": 1.0, "c": -2.0}),
         "gust": il.Source(il.Harmonic(1.0, frequency=2.0), on={"b": 3.0}),
         "quake": il.BaseMotion(il.WhiteNoise(0.1)),
+        "slip": il.BaseMotion(il.WhiteNoise(0.1), on={"a": 1.0, "c": -0.5}),
     })))  # fmt: skip
     for part in (
         "wind: White noise, $S$ = 2",
@@ -179,6 +180,7 @@ def test_sources_of_several_bodies_and_motions_of_the_ground():
         "× −2",
         "gust, 3 times\nHarmonic",
         "quake: base motion, White noise",
+        "slip: base motion of a, −0.5 c, White noise",
     ):
         assert part in texts(figure)
     assert (
