@@ -12,7 +12,7 @@ from impactlab.components.sides import WALL, is_difference, weights_of
 from impactlab.plotting import symbols
 from impactlab.plotting.captions import with_units
 from impactlab.plotting.layout import ELLIPSIS, Link, Push, is_structure, own_name
-from impactlab.plotting.measures import ANCHOR, SHARED, THICK, Measures, depth, spacing, symbols_of
+from impactlab.plotting.measures import ANCHOR, GROUND, SHARED, THICK, Measures, depth, spacing, symbols_of
 from impactlab.plotting.style import axes_of, number_text, style
 from impactlab.plotting.symbols import FORCE, INK
 
@@ -79,7 +79,7 @@ def _draw(ax: Axes, measures: Measures) -> Axes:
     for index, push in enumerate(measures.layout.shared):
         _draw_shared(ax, measures, push, measures.height + 0.14 + SHARED * index)
     for index, (name, motion) in enumerate(measures.layout.ground):
-        y = measures.floor - 0.32 - 0.25 * index
+        y = measures.floor - 0.32 - GROUND * index
         symbols.arrow(ax, (left + 0.1, y), (left + 0.7, y), both=True)
         symbols.text(ax, left + 0.8, y, [measures.ground_text(name, motion)], FORCE, ha="left", va="center")
     for index, note in enumerate(reversed(measures.notes)):

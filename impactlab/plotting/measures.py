@@ -36,6 +36,7 @@ _GAP, _WIDEST = 0.95, 1.7  # between two bodies
 ANCHOR = 1.35  # from a body to its support beside it
 _PITCH = 0.4  # from one symbol below a body to the next, without text
 SHARED = 0.42  # height of a source of several bodies
+GROUND = 0.25  # height of a motion of the ground
 THICK = 0.12  # of walls and the floor
 
 
@@ -186,7 +187,8 @@ class Measures:
         right += ANCHOR + 0.3 if held[-1] and len(row) == 2 else last
         moved = [f"{' ' * 13}{self.ground_text(*item)}" for item in self.layout.ground]
         wide = LETTER * widest([*self.notes, *moved, *(self.shared_text(push) for push in self.layout.shared)]) + 0.3
-        bottom = self.floor - 0.22 - (0.3 if self.layout.ground else 0.0) - 0.18 * len(self.notes)
+        ground = 0.05 + GROUND * len(moved) if moved else 0.0
+        bottom = self.floor - 0.22 - ground - 0.18 * len(self.notes)
         return left, max(right, left + wide), bottom, self.top
 
     @property
