@@ -46,9 +46,7 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
     return given > beyond * plan.clock.automatic
 
 
-def measured(
-    plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool, above: bool
-) -> tuple[Plan, StepError]:
+def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool) -> tuple[Plan, StepError]:
     """Return a plan whose step causes no large bias, and the error of its step; warn if no such step is found.
 
     Parameters
@@ -63,11 +61,9 @@ def measured(
         The plan with the step of the rules, or the one that is given.
     free : bool
         Whether the step may be changed.
-    above : bool
-        Whether it may then exceed that of the rules.
     """
     first = plan
-    plan, error = _chosen(plan_of, measure, plan, above) if free else (plan, measure(plan))
+    plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges, or that this is unknown
     if error.certain > WORTH_SAYING:
@@ -80,7 +76,7 @@ def measured(
     return plan, error
 
 
-def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan, above: bool) -> tuple[Plan, StepError]:
+def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tuple[Plan, StepError]:
     """Return a plan whose step does, and the error of its step, or the last of some trials.
 
     Where the motion is stationary steps are measured from above: a bias that is four times as large tells more for its
@@ -90,7 +86,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan, above: 
     plan, time = rules, rules.realizations.number * rules.clock.duration
     stationary = rules.steady and rules.random
     anything = np.full(len(rules.system.bodies), np.inf)
-    if stationary and above:
+    if stationary:
         larger = plan_of(math.inf, anything)
         plan = larger if larger.clock.step > WORTHWHILE * rules.clock.step else rules
 

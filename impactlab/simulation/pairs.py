@@ -28,9 +28,8 @@ SAFETY = 0.94
 COARSE = 0.8
 """Work of a realization at twice the step, which takes as many random numbers, over that of one at the step."""
 
-MOST_BIAS = 1.0 / 3.0
-"""Part of the tolerance that a bias may take: at half the step it takes a quarter of that or less, and the realizations
-that leave the rest to their scatter are fewer than half as many."""
+MANY = 64
+"""Halvings after which no bias is left."""
 
 UNLIKE = 0.2
 """Relative difference of the mean forces of a contact in the runs at one and two steps, from which a step is halved."""
@@ -110,17 +109,15 @@ class Errors(NamedTuple):
         """Standard errors of the bias."""
         return np.asarray(np.hypot(self.doubt, self.shared * self.scatter))
 
-    @property
-    def halvings(self) -> int:
-        """How often to halve the step, because that costs less than realizations that make up for a bias.
+    def moved(self, deviations: float) -> Errors:
+        """Return those of a bias that is larger by some of its standard errors, or smaller, down to 0."""
+        return self._replace(bias=np.maximum(np.abs(self.bias) + deviations * self.uncertainty, 0.0))
 
-        As often as surely leaves no less of it than may be; once, where nothing is known of it.
-        """
-        most = MOST_BIAS * self.allowed
-        excess = (np.abs(self.bias) - 2.0 * self.uncertainty)[most > 0.0] / most[most > 0.0]
-        needed = np.log2(np.maximum(excess, 1e-9)) / self.order[most > 0.0]
-        largest = float(needed.max(initial=0.0))
-        return max(int(largest), 1) if largest > 0.0 or not self.alike else 0
+    def finer(self, halvings: int) -> Errors:
+        """Return those that are foreseen where the step is halved some times: paths at two steps then part later."""
+        part = 0.5**halvings
+        bias = self.bias * part**self.order
+        return self._replace(bias=bias, doubt=part * self.doubt, shared=part * self.shared)
 
     def wanted(self, has: Numbers) -> Numbers:
         """Return the numbers that are enough with the least work, from what those that there are have told.
@@ -147,12 +144,12 @@ OF_LABELS = Errors._fields[:-1]
 class Trial:
     """Realizations at a step, and pairs of the first of them with others at twice the step under the same noise."""
 
-    def __init__(self, ensemble_of: EnsembleOf, number: int, step: float | None) -> None:
+    def __init__(self, ensemble_of: EnsembleOf, number: int, pairs: int, step: float | None) -> None:
         self.fine = ensemble_of(number, step, False)
         self.step = self.fine.plan.clock.step
         with unheard():
-            self.coarse = None if self.fine.exact else ensemble_of(number, 2.0 * self.step, True)
-        self.planned = Numbers(number, 0 if self.coarse is None else number // 2)
+            self.coarse = None if self.fine.exact else ensemble_of(pairs, 2.0 * self.step, True)
+        self.planned = Numbers(number, 0 if self.coarse is None else pairs)
         self.has = self.each = Numbers(0, 0)
         self.of_pairs: xr.Dataset | None = None  # statistics at twice the step
         self.biases: dict[str, xr.DataArray] = {}
@@ -174,6 +171,17 @@ class Trial:
     def missing(self, numbers: Numbers) -> float:
         """Return the time that it takes to have so many (s)."""
         return self.seconds(numbers) - self.seconds(self.has)
+
+    def cheapest(self, errors: Errors, most: int) -> tuple[int, float]:
+        """Return how often to halve the step, at most, so that the errors take the least time, and that time (s)."""
+        times = [self.missing(errors.wanted(self.has))]
+        for halvings in range(1, most + 1):
+            wanted = errors.finer(halvings).wanted(self.has)
+            least = Numbers(*map(max, wanted, self.planned))
+            times.append(2.0**halvings * self.seconds(least))
+        if min(times) < math.inf:
+            return int(np.argmin(times)), min(times)
+        return most * math.isfinite(errors.finer(MANY).wanted(self.has).fine), math.inf
 
     def grow(self, numbers: Numbers, report: Report) -> None:
         """Have so many realizations and pairs."""

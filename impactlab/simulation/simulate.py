@@ -185,7 +185,7 @@ def simulate(
 
     def ensemble(number: int, chosen: float | None, coarse: bool) -> Ensemble:
         one = replace(request, realizations=number, step=chosen, coarse=coarse)
-        return Ensemble(model, one, Execution(executor, growing=True), compared=chosen is not None)
+        return Ensemble(model, one, Execution(executor, growing=True), compared=True)
 
     with announced(progress):
         result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
@@ -239,9 +239,7 @@ class Execution:
     seconds: float = math.inf  # time that it may be foreseen to take (s)
     out: str | os.PathLike[str] | None = None
     growing: bool = False
-    """Whether realizations will be added: the dataset then has the step as if it were given, and it does not exceed
-    that of the rules, since runs at twice the step are to be stable, too.
-    """
+    """Whether realizations will be added: the dataset then has the step as if it were given."""
 
     def __post_init__(self) -> None:
         if self.executor is not None and not isinstance(self.executor, Executor):
@@ -371,7 +369,7 @@ class Part:
         """Measure what the step does; choose another where it was not given."""
         from impactlab.simulation.segments import step_error  # loaded only here
 
-        model, request, execution = self.model, self.request, self.execution
+        model, request = self.model, self.request
 
         def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
             with unheard():  # the first plan has said it
@@ -379,8 +377,7 @@ class Part:
 
         with self._explained(self.plan):
             measure = partial(step_error, partial(make_plan, model), model, request.initial)
-            free, above = request.step is None, not execution.growing
-            self.plan, self.error = measured(tried, measure, self.plan, free, above)
+            self.plan, self.error = measured(tried, measure, self.plan, request.step is None)
 
     def grow(self, number: int, progress: Callable[[float], None], file: Path | None) -> None:
         """Run the realizations that are missing of so many."""

@@ -18,12 +18,13 @@ from impactlab.integrators.intervals import in_one_piece
 from impactlab.linear.laws import linear_variances
 from impactlab.nonlinear.relaxation import undamped
 from impactlab.plan.clock import BATCHES
-from impactlab.results.schema import OF_POINTS, STATISTICS, scatter_of, statistic_of, variables
-from impactlab.simulation.pairs import EnsembleOf, Errors, Numbers, Report, Trial, within
+from impactlab.results.schema import OF_POINTS, STATISTICS, statistic_of, variables
+from impactlab.simulation.pairs import EnsembleOf, Errors, Numbers, Report, Trial, order_of, within
 from impactlab.simulation.request import Request
 
-PILOT = 256
-"""Pairs of realizations that tell how many there must be."""
+PILOT, PAIRS = 256, 128
+"""Realizations and pairs that tell how many there must be: no more than pairs where they may well tell that the step is
+too large, since a small order leaves much of the difference to the bias."""
 
 RELAXATION_TIMES = 100.0
 """Length of a realization in relaxation times, beside which the spin-up is short."""
@@ -37,8 +38,14 @@ LEAST_ADDED = 1.1
 UNKNOWN, MOST_UNKNOWN = 4.0, 3
 """Factor by which realizations are added where they cannot tell yet how many are enough, and how often."""
 
-HALVINGS, MANY = 6, 4.0
-"""How often the step is halved at most; realizations, over those of a pilot, up to which another costs more."""
+MOST_ADDED = 8.0
+"""Most factor by which pairs are added at once: few tell too little of how many there must be."""
+
+HALVINGS = 6
+"""How often the step is halved at most."""
+
+TELLING, CHEAP = 4.0, 0.15
+"""Factor by which more pairs tell whether to halve the step, and part of all the work up to which it is worth them."""
 
 
 def checked(tolerance: Any, model: Model) -> dict[str, float]:
@@ -118,16 +125,15 @@ def reach(
     """
     begin = time.monotonic()
     report(0.0)
-    trial = _pilot(ensemble_of, request, max_seconds)
+    trial = _pilot(ensemble_of, tolerance, request, max_seconds)
     rounds, halvings, unknown, most = 1, 0, 0, math.inf
     while (errors := trial.errors(tolerance)).worst > 1.0:
         spent = time.monotonic() - begin
         left = max_seconds - spent
-        many = not errors.alike or errors.wanted(trial.has).fine > MANY * trial.planned.fine
-        finer = 2.0 ** (many * min(errors.halvings, HALVINGS - halvings))
-        if finer > 1.0 and finer * trial.seconds(trial.planned) < left:
-            halvings += errors.halvings
-            trial = Trial(ensemble_of, int(trial.planned.fine), trial.step / finer)
+        more = _halvings(trial, errors, HALVINGS - halvings)
+        if more and 2.0**more * trial.seconds(trial.planned) < left:
+            halvings += more
+            trial = Trial(ensemble_of, int(trial.planned.fine), int(trial.planned.pairs), trial.step / 2.0**more)
             trial.grow(trial.planned, lambda share: None)
         else:
             unknown += not math.isfinite(errors.wanted(trial.has).fine)
@@ -148,36 +154,56 @@ def reach(
     return _labelled(trial, tolerance, attributes)
 
 
-def _pilot(ensemble_of: EnsembleOf, request: Request, max_seconds: float) -> Trial:
+def _pilot(ensemble_of: EnsembleOf, tolerance: dict[str, float], request: Request, max_seconds: float) -> Trial:
     """Run the first pairs; fewer where the time does not allow for as many, and none is refused."""
-    for number in (PILOT, BATCHES):
-        trial = Trial(ensemble_of, max(number, request.realizations), request.step)
+    for number, pairs in ((PILOT, PAIRS), (BATCHES, BATCHES // 2)):
+        trial = Trial(ensemble_of, max(number, request.realizations), pairs, request.step)
+        if trial.coarse and min(order_of(trial.fine.plan, name) for name in tolerance) < 4:
+            trial.planned = Numbers(max(pairs, request.realizations), pairs)
         foreseen = trial.foreseen()
         if foreseen <= max_seconds:
             trial.grow(trial.planned, lambda share: None)
             return trial
     raise InvalidInput(
-        f"{trial.fine.plan.announced(foreseen)} with as many at twice the step, but {max_seconds:.2g} s are left. Give "
-        "a larger max_seconds=, or a shorter duration= or spin_up=."
+        f"{trial.fine.plan.announced(foreseen)} with {trial.planned.pairs} at twice the step, but {max_seconds:.2g} s "
+        "are left. Give a larger max_seconds=, or a shorter duration= or spin_up=."
     )
+
+
+def _halvings(trial: Trial, errors: Errors, most: int) -> int:
+    """Return how often to halve the step, at most, because that is cheaper than realizations that make up for its bias.
+
+    It must be so with a bias that is two standard errors smaller or, where more pairs that would tell are not worth
+    their work, one standard error larger.
+    """
+    if not errors.alike:
+        return min(1, most)
+    surely, _ = trial.cheapest(errors.moved(-2.0), most)
+    likely, seconds = trial.cheapest(errors.moved(1.0), most)
+    pairs = TELLING * trial.has.pairs
+    dear = trial.missing(Numbers(max(trial.has.fine, pairs), pairs)) > CHEAP * seconds
+    return surely or likely * dear
 
 
 def _next(trial: Trial, errors: Errors, left: float, most: float) -> tuple[Numbers, Numbers]:
     """Return the numbers that are to be run next, and those that are foreseen to be enough.
 
-    As many as the time that is left (s) and the memory allow, where these do not; else first more pairs, if there are
-    to be many. No more than there are where it is not worth while.
+    First more pairs, if there are to be many: they may tell that fewer are enough, or another step is better. Else as
+    many as the time that is left (s) and the memory allow; no more than there are where it is not worth while.
     """
     has, goal = trial.has, errors.wanted(trial.has)
     if goal.fine == math.inf:
         goal = Numbers(UNKNOWN * has.fine, UNKNOWN * has.pairs)
     goal = Numbers(max(goal.fine, LEAST_ADDED * has.fine), goal.pairs)
+    if goal.pairs > MORE_PAIRS * has.pairs:
+        pairs = min(goal.pairs, MOST_ADDED * has.pairs)
+        first = Numbers(max(has.fine, pairs), pairs)
+        if trial.missing(first) < left and first.fine < most:
+            return first, goal
     share = min(max(left, 0.0) / trial.missing(goal), (most - has.fine) / (goal.fine - has.fine))
     if share < 1.0:
         stage = Numbers(*(have + share * (number - have) for have, number in zip(has, goal, strict=True)))
         return stage if stage.fine >= LEAST_ADDED * has.fine else has, goal
-    if goal.pairs > MORE_PAIRS * has.pairs:
-        return Numbers(max(has.fine, goal.pairs), goal.pairs), goal
     return goal, goal
 
 
@@ -204,14 +230,6 @@ def _labelled(trial: Trial, tolerance: dict[str, float], attributes: dict[str, A
     """Return the dataset with the biases, which stand beside the standard errors: these do not allow for them."""
     dataset = trial.dataset
     for name in tolerance:
-        statistic = statistic_of(name)
-        if statistic.allowance in dataset:
-            for variable in (statistic, statistic.direct):
-                if variable.name in dataset:
-                    error = dataset[variable.error]
-                    attrs = {item: text for item, text in error.attrs.items() if item != "comment"}
-                    dataset[variable.error] = error.dims, scatter_of(dataset, variable.name).values, attrs
-            dataset = dataset.drop_vars(statistic.allowance)
         attrs = {
             **dataset[name].attrs,
             "long_name": f"estimated bias of the step in {dataset[name].attrs['long_name']}",

@@ -12,9 +12,10 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.exact_flow import FineFlow, WholeFlow
 from impactlab.plan.seed import Seed
-from impactlab.simulation.pairs import Errors, Numbers, order_of
+from impactlab.simulation.pairs import Errors, Numbers, Trial, order_of
 from impactlab.simulation.request import Request
 from impactlab.simulation.simulate import Ensemble, Execution
+from impactlab.simulation.tolerance import MORE_PAIRS, MOST_ADDED, _halvings, _next
 
 BODY = il.LinearOscillator(mass=1.0, damping=0.2, stiffness=1.0)
 HYSTERESIS = il.BoucWenCoupling(10.0, yield_displacement=0.1)
@@ -123,11 +124,33 @@ def test_errors_are_scatter_bias_and_the_doubt_of_it():
     assert errors(alike=False).worst == math.inf
 
 
-def test_a_step_is_halved_as_often_as_its_bias_surely_needs():
-    assert errors(bias=0.6, doubt=0.1).halvings == 1
-    assert errors(bias=0.6, doubt=0.2).halvings == 0
-    assert errors(alike=False).halvings == 1
-    assert [errors(bias=-20.0, order=order).halvings for order in (1, 2, 4)] == [5, 2, 1]  # to a third of the tolerance
+def trial():
+    """Realizations that take a second each, pairs that take half of it."""
+    found = object.__new__(Trial)
+    found.has = found.planned = Numbers(256, 128)
+    found.each = Numbers(1.0, 0.5)
+    return found
+
+
+def test_a_step_is_halved_where_that_is_cheaper_than_more_realizations():
+    """A bias is made up for by realizations: ``(0.94/(0.94 − bias))²`` times as many; half the step costs twice."""
+    halvings = lambda **given: _halvings(trial(), errors(**{"scatter": 2.0} | given), 6)  # noqa: E731
+    assert [halvings(bias=bias) for bias in (0.1, 0.2, 0.5, 0.94)] == [0, 0, 1, 1]
+    assert [halvings(bias=-20.0, order=order) for order in (1, 2, 4)] == [6, 3, 2]
+    assert halvings(bias=0.1, alike=False) == 1
+    assert halvings(bias=1e6) == 6  # none is enough: as often as may be
+    assert halvings(bias=0.0, scatter=math.nan) == 0
+
+
+def test_pairs_tell_first_whether_to_halve_the_step():
+    """Unless they cost as much as realizations at half the step."""
+    many, few = errors(scatter=4.0, bias=0.6, doubt=0.25), errors(scatter=0.5, bias=0.6, doubt=0.25)
+    assert (_halvings(trial(), many, 6), _halvings(trial(), few, 6)) == (0, 1)
+    stage, goal = _next(trial(), many, 1e9, math.inf)
+    assert goal.pairs > MORE_PAIRS * 128
+    assert stage == (stage.pairs, min(goal.pairs, MOST_ADDED * 128))
+    short, _ = _next(trial(), many, 300.0, math.inf)  # s: too short for the pairs
+    assert trial().missing(short) == pytest.approx(300.0)
 
 
 def test_wanted_numbers_are_enough_and_the_fewest():
