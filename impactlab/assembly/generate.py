@@ -52,7 +52,7 @@ _PEAKS = '''
 @reading(PEAKS)
 def peaks(place, number):
     """Find the largest forces on the way to a step of some number; see `impactlab.kernels.peaks.Between`."""
-    v, indentation, contact_force, before, largest, jitter, parameters, indices, step = value_at(place)
+    v, indentation, contact_force, before, jitter, parameters, indices, step = value_at(place)
 '''
 
 _DISTANCES = "    differences(indices, x, indentation)\n"

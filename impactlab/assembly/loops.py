@@ -15,14 +15,14 @@ FRICTION = "SlidingFriction_force"
 
 _TAKEN = frozenset({
     "above", "after", "at", "at_most", "before", "begin", "below", "bend", "body", "by", "clear", "clearance",
-    "contact_force", "count", "depth", "differences", "elongations", "end", "enough", "entry", "extension", "first",
-    "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step", "indentation", "index",
-    "indices", "jitter", "lane", "largest", "last", "last_force", "last_gap", "last_rate", "math", "max", "member",
-    "middle", "mobility", "most", "near", "next_by", "next_force", "next_gap", "next_off", "next_rate", "np",
-    "nudged", "number", "off", "off_after", "off_end", "parameters", "part", "place", "push_back", "r", "raised",
-    "range", "rate", "refined", "response", "result", "rise", "row", "rows", "run", "second", "share", "slot", "slots",
-    "some_v", "some_x", "speed", "start", "step", "stretch", "time", "times", "total", "touch", "touching", "twist",
-    "v", "velocity", "within", "x",
+    "closed", "contact_force", "count", "depth", "differences", "elongations", "end", "enough", "entry", "extension",
+    "first", "followed", "force", "forces_of", "forces_on", "gap", "gaps", "gather", "given", "half_step",
+    "indentation", "index", "indices", "interval", "jitter", "lane", "last", "last_force", "last_gap", "last_rate",
+    "left", "math", "max", "member", "middle", "min", "mobility", "most", "near", "next_by", "next_force", "next_gap",
+    "next_off", "next_rate", "np", "nudged", "number", "off", "off_after", "off_end", "parameters", "part", "place",
+    "pull", "push_back", "r", "raised", "range", "rate", "refined", "response", "result", "rise", "row", "rows",
+    "run", "second", "share", "slot", "slots", "some_v", "some_x", "speed", "start", "step", "stretch", "time",
+    "times", "total", "touch", "touching", "twist", "v", "velocity", "within", "x",
     "distance", "mixed", "rubbing", "sliding", *SLIDING,
     *(f"{name}_{one}" for one in "xy" for name in (
         "along", "begin", "center", "end", "mobile", "mobile_begin", "mobile_end", "mobility", "off", "push", "speed",
@@ -75,31 +75,50 @@ _BETWEEN = '''
 def {name}_between(
     gap, rate, force, next_gap, next_rate, next_force, step, jitter{fields}
 ):
-    """Return the largest force between the ends of a step, from a touch within it on.
+    """Return the largest force between the ends of a step that begins closed.
 
-    The indentation is Hermite's cubic, the rate linear from the touch on; so is what the forces of kicks
-    are beyond those at these places and rates. Noise that changes the rate by the jitter in a step, root
-    mean square, takes it beyond that at steps by 0.5826 of it, ``-zeta(1/2)/sqrt(2 pi)``.
+    The indentation is Hermite's cubic, the rate linear; so is what the forces of kicks are beyond those at
+    these places and rates. Noise that changes the rate by the jitter in a step, root mean square, takes it
+    beyond that at steps by 0.5826 of it, ``-zeta(1/2)/sqrt(2 pi)``.
     """
-    touch, off, next_off, raised = 0.0, 0.0, 0.0, 0.5826 * jitter
-    if gap <= 0.0 < next_gap:
-        touch = gap / (gap - next_gap)
-    if gap > 0.0:
-        off = force - {before}
+    next_off, raised = 0.0, 0.5826 * jitter
+    off = force - {before}
     if next_gap > 0.0:
         next_off = next_force - {behind}
     by, next_by, rise = step * rate, step * next_rate, next_gap - gap
     bend, twist = cubic(by, next_by, rise)
-    force = {touching} + off
     for part in range(1, 8):
         share = 0.125 * part
-        place = touch + (1.0 - touch) * share
-        depth = gap + place * (by + place * (bend + place * twist))
+        depth = gap + share * (by + share * (bend + share * twist))
         if depth > 0.0:
             speed = rate + share * (next_rate - rate) + raised
             within = {within}
             force = max(force, within + off + share * (next_off - off))
     return force
+
+
+@scalar
+def {name}_followed(
+    depth, speed, force, pull, interval, mobility, jitter, most{fields}
+):
+    """Follow a collision for an interval, under the pull of all else, and find the largest force.
+
+    A kick feels the force at one place of a step, which depends on when the bodies touch. Noise raises the
+    rate by less than of a force that changes slowly, as this one turns in a few steps: by 0.4 of the jitter.
+    """
+    interval, raised = 0.125 * interval, 0.4 * jitter
+    for part in range(8):
+        middle = max(depth + 0.5 * interval * speed, 0.0)
+        rate = speed + 0.5 * interval * (pull - mobility * force)
+        force = {followed}
+        if 2.0 * force > most:
+            rate += raised
+            most = max(most, {followed})
+        after = speed + interval * (pull - mobility * force)
+        depth, speed = depth + 0.5 * interval * (speed + after), after
+        if speed <= 0.0:
+            break
+    return depth, speed, force, most
 '''
 
 
@@ -238,11 +257,11 @@ def slowing(loop: Loop) -> str:
 
 
 def between(loop: Loop) -> str:
-    """Write the function that finds the largest force between the ends of a step."""
+    """Write the functions that find the largest force between the ends of a step, and that follow a collision."""
     at = {
         "before": ("gap", "rate"),
         "behind": ("next_gap", "next_rate"),
-        "touching": ("max(gap, 0.0)", "rate"),
+        "followed": ("middle", "rate"),
         "within": ("depth", "speed"),
     }
     calls = {item: loop.call({"indentation": depth, "rate": rate}) for item, (depth, rate) in at.items()}
@@ -437,10 +456,12 @@ def _solved(loop: Loop) -> list[str]:
 
 
 def peak_loop(loop: Loop) -> str:
-    """Write the loop that lets the largest forces of contacts be those on the way to a step, where they may be larger.
+    """Write the loop that finds the largest forces of contacts on the way to a step.
 
-    Tiles do not sum all of their contacts.
+    A contact that closes is followed until it turns, and then read at steps and between them. Tiles do not sum all of
+    their contacts.
     """
+    takes, touching = ", ".join(loop.over_kick_takes), loop.call({"indentation": "0.0", "rate": "speed"})
     rate = [f"rate = {_difference(loop, 'v')}"] if loop.plain else ["rate = 0.0", *_sums(loop, rate="v")]
     states = [f"{_local(state)} = {row}[member, lane]" for state, row in zip(loop.kind.states, loop.rows, strict=True)]
     lines = [
@@ -449,17 +470,46 @@ def peak_loop(loop: Loop) -> str:
         "gap, force = gaps[member, lane], forces_of[member, lane]",
         "last_gap, last_rate = before[0, slot + member, lane], before[1, slot + member, lane]",
         "last_force, last = before[2, slot + member, lane], before[3, slot + member, lane]",
-        "touching, most = gap > 0.0 or last_gap > 0.0, largest[slot + member, lane]",
-        "if last == number - 1.0 and touching and 4.0 * max(force, last_force) > most:",
-        f"    at_most = {loop.name}_between(",
-        "        last_gap, last_rate, last_force, gap, rate, force, step, jitter[slot + member],",
-        f"        {', '.join(loop.over_kick_takes)}",
-        "    )",
-        "    largest[slot + member, lane] = max(most, at_most)",
+        "if gap > 0.0 or last_gap > 0.0:",
+        *(
+            f"    {line}"
+            for line in (
+                "depth, speed = before[4, slot + member, lane], before[5, slot + member, lane]",
+                "within, most = before[6, slot + member, lane], before[7, slot + member, lane]",
+                "if not most > 0.0:",
+                "    most = 0.0",
+                "left, closed = step, last_gap > 0.0 and last == number - 1.0",
+                "pull = (rate - last_rate) / step + 0.5 * mobility * (force + last_force)",
+                "if gap > 0.0 and last_gap <= 0.0 and last == number - 1.0:",
+                "    by = step * (last_rate + 0.5 * step * pull)",
+                "    touch = min(-last_gap / by, 1.0) if by > 0.0 else 1.0",
+                "    depth, speed, left = 0.0, last_rate + touch * step * pull, (1.0 - touch) * step",
+                "    if speed > 0.0:",
+                f"        within = {touching}",
+                "        most = max(most, within)",
+                "elif not (gap > 0.0 and closed):",
+                "    speed = 0.0",
+                "if speed > 0.0:",
+                f"    depth, speed, within, most = {loop.name}_followed(",
+                "        depth, speed, within, pull, left, mobility, jitter[slot + member], most,",
+                f"        {takes}",
+                "    )",
+                "elif closed and max(rate, last_rate) > 0.0 and 4.0 * max(force, last_force) > most:",
+                f"    at_most = {loop.name}_between(",
+                "        last_gap, last_rate, last_force, gap, rate, force, step, jitter[slot + member],",
+                f"        {takes}",
+                "    )",
+                "    most = max(most, max(force, at_most))",
+                "else:",
+                "    most = max(most, force)",
+                "before[4, slot + member, lane], before[5, slot + member, lane] = depth, speed",
+                "before[6, slot + member, lane], before[7, slot + member, lane] = within, most",
+            )
+        ),
         "before[0, slot + member, lane], before[1, slot + member, lane] = gap, rate",
         "before[2, slot + member, lane], before[3, slot + member, lane] = force, number",
     ]
-    begin = "if slot + member >= largest.shape[0]:", "    break", *_ends(loop)
+    begin = "if slot + member >= before.shape[1]:", "    break", *_ends(loop)
     slices = "gaps = indentation[slot]", "forces_of = contact_force[slot]"
     return loop.runs(*begin, slices=slices, block="v") + _over_lanes("gaps", lines)
 

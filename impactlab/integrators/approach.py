@@ -207,15 +207,27 @@ def step_by_step(functions, tables, noise, state, history, sums, steps, first): 
     copy(v, whole.v)
 
 
+@kernel
+def _begin_reading(before, first, last):  # type: ignore[no-untyped-def]
+    """Let peaks be read from the beginning of a leaf on, where the steps before it were skipped: nothing touched."""
+    for contact in range(last.shape[1]):
+        for lane in range(last.shape[2]):
+            if last[3, contact, lane] != first - 1.0:
+                last[0, contact, lane], last[1, contact, lane] = before[0, contact, lane], before[1, contact, lane]
+                last[2, contact, lane], last[3, contact, lane], last[5, contact, lane] = 0.0, first - 1.0, 0.0
+
+
 @allocating
 def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-untyped-def]
     """Add contacts and kicks of some lanes in the steps of a leaf, from a first one on, to the sums of their block."""
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
     shared = sums.closings.peaks
-    last = np.empty((4, shared.before.shape[1], number))
+    last = np.empty((shared.before.shape[0], shared.before.shape[1], number))
     peaks = Peaks(shared.function, last, shared.parameters, shared.row)
-    for row in range(4):
+    for row in range(last.shape[0]):
         take(shared.before[row], lanes, last[row])
+    if last.shape[1] and before.shape[1]:
+        _begin_reading(before, first, last)
     own = Sums(
         np.zeros((1, sums.bodies.shape[1], bodies, number)), np.zeros((sums.contacts.shape[0], contacts, number)),
         sums.summed, sums.samples, sums.products, sums.ends, sums.pairs, sums.indices,
@@ -225,8 +237,8 @@ def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-u
     for step in range(before.shape[1] and steps):
         count_closings(past.indentation[step], past.v[step], own)
     for step in range(last.shape[1] and steps):
-        read_peaks(past, step, first + step, own.closings, sums.indices, own.contacts)
-    for row in range(4):
+        read_peaks(past, step, first + step, own.closings, sums.indices)
+    for row in range(last.shape[0]):
         put(last[row], lanes, shared.before[row])
     call(add, address_of(Account(past, borrow(own))), 0)  # which lets go of what it does not borrow
     for row in range(F, sums.bodies.shape[1]):

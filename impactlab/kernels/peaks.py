@@ -11,6 +11,10 @@ from numba import f8, i8, types, void
 from impactlab.kernels.arrays import address_of, call, pointer_to
 from impactlab.kernels.jit import BLOCK, BLOCK_OF_ONE, Function, inlined, part
 
+ROWS, LARGEST = 8, 7
+"""Rows of what is known of contacts a step ago: indentation, rate, force and the number of that step; of a collision
+that is followed, depth, speed (not above 0 where none is) and force; and the largest force, NaN where none was read."""
+
 
 class Between(NamedTuple):
     """The end of a step, and where it began."""
@@ -18,8 +22,7 @@ class Between(NamedTuple):
     v: np.ndarray  # velocity [body, lane]
     indentation: np.ndarray  # [contact, lane]
     contact_force: np.ndarray  # [contact, lane]
-    before: np.ndarray  # [4, contact, lane] indentation, rate and force a step ago, and the number of that step
-    largest: np.ndarray  # [contact, lane] forces so far
+    before: np.ndarray  # [8, contact, lane] see `ROWS`
     jitter: np.ndarray  # (contact,) what white noise changes rates by in a step, root mean square (m s-1)
     parameters: np.ndarray  # of the forces, with the states
     indices: np.ndarray
@@ -28,7 +31,7 @@ class Between(NamedTuple):
 
 def _reading(block: Any, blocks: Any) -> Any:
     tuple_of: Any = types.NamedTuple
-    return void(pointer_to(tuple_of((*[block] * 3, blocks, block, f8[::1], f8[::1], i8[::1], f8), Between)), i8)
+    return void(pointer_to(tuple_of((*[block] * 3, blocks, f8[::1], f8[::1], i8[::1], f8), Between)), i8)
 
 
 PEAKS, PEAKS_OF_ONE = _reading(BLOCK, f8[:, :, ::1]), _reading(BLOCK_OF_ONE, f8[:, ::1])
@@ -41,12 +44,11 @@ def reading(signature: Any) -> Callable[[Function], Any]:
 
 
 @inlined
-def read_peaks(history, slot, now, closings, indices, contacts):  # type: ignore[no-untyped-def]
-    """Let the largest forces, a row of the sums of contacts, be those on the way to a slot, a step of some number."""
+def read_peaks(history, slot, now, closings, indices):  # type: ignore[no-untyped-def]
+    """Find the largest forces on the way to a slot, a step of some number."""
     v, indentation, contact_force = history.v[slot], history.indentation[slot], history.contact_force[slot]
     peaks = closings.peaks
     place = Between(
-        v, indentation, contact_force, peaks.before, contacts[peaks.row], closings.jitter, peaks.parameters, indices,
-        closings.step,
+        v, indentation, contact_force, peaks.before, closings.jitter, peaks.parameters, indices, closings.step
     )  # fmt: skip
     call(peaks.function, address_of(place), now)

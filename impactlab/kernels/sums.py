@@ -55,7 +55,7 @@ def close_slot(history, slot, now, last, sums):  # type: ignore[no-untyped-def]
     elif sums.closings.before.shape[1]:
         count_closings(history.indentation[slot], history.v[slot], sums)
     if sums.closings.peaks.function:
-        read_peaks(history, slot, now, sums.closings, sums.indices, sums.contacts)
+        read_peaks(history, slot, now, sums.closings, sums.indices)
     full = last or slot == SLOTS - 1
     if full:
         empty_slots(history, slot + 1, SLOTS)

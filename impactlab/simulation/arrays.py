@@ -12,6 +12,7 @@ from numpy.typing import DTypeLike
 from impactlab.integrators.arguments import Closings, Events, Flux, History, Peaks, State, Sums, Turns
 from impactlab.integrators.interval_arguments import Zeros
 from impactlab.kernels.memory import with_states
+from impactlab.kernels.peaks import ROWS as PEAK_ROWS
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, TURN
 from impactlab.kernels.sums import SLOTS
 from impactlab.plan.plan import Plan
@@ -118,7 +119,7 @@ def _peaks(plan: Plan, parameters: np.ndarray, lanes: int, zeros: Zeros) -> Peak
     """Return what peaks between steps are read with, but for the function."""
     contacts = plan.observed.contacts * plan.observed.rated
     row = FLUX + 1 + [statistic.name for statistic in sampled_of(CONTACT)].index("peak_contact_force")
-    return Peaks(0, zeros((4, contacts, lanes)), parameters, row)
+    return Peaks(0, zeros((PEAK_ROWS, contacts, lanes)), parameters, row)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:

@@ -18,6 +18,7 @@ from impactlab.kernels.functions_of_time import sum_panels
 from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept, with_states
+from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.random import fill_normals
 from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
 from impactlab.kernels.series import NEAR
@@ -739,6 +740,17 @@ class Block:
         sums = self.sums
         for total in (sums.bodies, sums.contacts, sums.products, sums.samples, sums.points.sums):
             total[:] = 0.0
+        sums.closings.peaks.before[LARGEST_FORCE] = np.nan
 
     def _collect_sums(self) -> None:
         """Bring all sums together."""
+        self._take_peaks()
+
+    def _take_peaks(self) -> None:
+        """Let the largest forces be those that were read between steps, of contacts of which they were."""
+        sums = self.sums
+        peaks = sums.closings.peaks
+        if self.plan.observed.rated:
+            found = peaks.before[LARGEST_FORCE]
+            largest = sums.contacts[peaks.row]
+            np.copyto(largest, found, where=~np.isnan(found))

@@ -161,6 +161,7 @@ class _TiledBlock(Block):
 
     def _collect_sums(self) -> None:
         for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):
+            part._take_peaks()
             self.sums.bodies[:, :, tile.bodies[: tile.own_bodies]] = part.sums.bodies
             self.sums.samples[:, tile.bodies[: tile.own_bodies]] = part.sums.samples
             self.sums.contacts[:, tile.contacts[: tile.own_contacts]] = part.sums.contacts
