@@ -28,6 +28,9 @@ SAFETY = 0.94
 COARSE = 0.8
 """Work of a realization at twice the step, which takes as many random numbers, over that of one at the step."""
 
+WORTHWHILE = 1.5
+"""Factor by which another step must save time, since what there is will be thrown away for it."""
+
 MANY = 64
 """Halvings after which no bias is left."""
 
@@ -178,7 +181,7 @@ class Trial:
         for halvings in range(1, most + 1):
             wanted = errors.finer(halvings).wanted(self.has)
             least = Numbers(*map(max, wanted, self.planned))
-            times.append(2.0**halvings * self.seconds(least))
+            times.append(WORTHWHILE * 2.0**halvings * self.seconds(least))
         if min(times) < math.inf:
             return int(np.argmin(times)), min(times)
         return most * math.isfinite(errors.finer(MANY).wanted(self.has).fine), math.inf
