@@ -131,7 +131,7 @@ class Links(ABC):
 
     def coordinates(self) -> np.ndarray:
         """Return the slots of all coordinates that are on a link, in increasing order."""
-        return np.unique(self.slots[self.slots < self.count])
+        return np.flatnonzero(self.numbers())
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,8 @@ class Pairs(Links):
         return np.asarray(q[first] - q[second])
 
     def squares(self, values: np.ndarray) -> np.ndarray:
-        return np.asarray(np.append(values, 0.0)[self.pairs].sum(axis=1))
+        first, second = np.append(values, 0.0)[self.pairs.T]
+        return np.asarray(first + second)
 
     def others(self, values: np.ndarray) -> np.ndarray:
         return np.asarray(np.append(values, 0.0)[self.pairs[:, ::-1]].ravel())
@@ -199,10 +200,10 @@ class Pairs(Links):
         return result[:-1]
 
     def first(self) -> np.ndarray:
-        return np.asarray(self.pairs.min(axis=1))
+        return np.asarray(np.minimum(*self.pairs.T))
 
     def largest(self, values: np.ndarray, wall: float = 0.0) -> np.ndarray:
-        return np.asarray(np.append(values, wall)[self.pairs].max(axis=1, initial=wall))
+        return np.asarray(np.maximum(np.maximum(*np.append(values, wall)[self.pairs.T]), wall))
 
     def springs(self, strength: np.ndarray, slots: np.ndarray | None = None) -> np.ndarray:
         slots = np.arange(self.count) if slots is None else slots

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -203,7 +204,8 @@ def by_kind(role: str, components: Sequence[Component], kernel: str) -> dict[Kin
     """Return which components are of each kind, by their numbers."""
     kinds: dict[Kind, int] = {}
     places = of_objects(lambda component: kinds.setdefault(Kind.of(role, component, kernel), len(kinds)), components)
-    return {kind: np.flatnonzero(np.array(places) == place) for kind, place in kinds.items()}
+    which = np.array(places, dtype=np.int64)
+    return {kind: np.flatnonzero(which == place) for kind, place in kinds.items()}
 
 
 def _table(kind: Kind, rows: Rows, samples: Samples) -> Table:
@@ -286,7 +288,7 @@ def _of_links(links: Links) -> tuple[list[np.ndarray], np.ndarray]:
 
 def _column(components: Sequence[Component], field: str) -> np.ndarray:
     """Return the values of a field, (member,)."""
-    values = [getattr(item, field) for item in components]
+    values = of_objects(attrgetter(field), components)
     result = np.array(values) if {float}.issuperset(map(type, values)) else np.array([np.nan])
     if not np.isfinite(result).all():  # or no floats: one by one
         result = np.array([_number(item, field) for item in components])

@@ -74,7 +74,8 @@ class Sources(Generic[Excitation]):
     @cached_property
     def bodies(self) -> tuple[int, ...]:
         """Slots of the bodies that they drive, in increasing order."""
-        return tuple(np.unique(self.drives.body).tolist())
+        slots = np.unique(self.drives.body) if self.beyond_own else self.drives.body
+        return tuple(slots.tolist())
 
     @property
     def beyond_own(self) -> range:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from numbers import Number
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -44,14 +45,20 @@ def of_classes(function: Callable[[type[Any]], Answer], items: Iterable[Any]) ->
     """Return what a function says of the class of each item; it is asked once for each class."""
     classes = list(map(type, items))
     known = {cls: function(cls) for cls in dict.fromkeys(classes)}
-    return list(map(known.__getitem__, classes))
+    return [*known.values()] * len(classes) if len(known) == 1 else list(map(known.__getitem__, classes))
 
 
 def of_objects(function: Callable[[Item], Answer], items: Sequence[Item]) -> list[Answer]:
     """Return what a function says of each item; it is asked once for each object."""
+    if items and _are_one(items):
+        return [function(items[0])] * len(items)
     keys = list(map(id, items))
     known = {key: function(item) for key, item in dict(zip(keys, items, strict=True)).items()}
     return list(map(known.__getitem__, keys))
+
+
+def _are_one(items: Sequence[Any]) -> bool:
+    return all(map(operator.is_, items, itertools.repeat(items[0])))
 
 
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
@@ -112,9 +119,10 @@ def distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[n
     """
     import numpy as np  # studies are listed without it
 
-    identities = np.fromiter(map(id, components), np.float64, len(components))  # addresses have 48 bits
     columns = [column for item in arrays for column in (item.T if item.ndim > 1 else [item])]
-    varying = [column for column in [identities, *columns] if (column != column[:1]).any()]
+    varying = [column for column in columns if (column != column[:1]).any()]
+    if components and not _are_one(components):
+        varying.append(np.fromiter(map(id, components), np.float64, len(components)))  # addresses have 48 bits
     if not varying:
         return np.arange(min(len(components), 1)), np.zeros(len(components), dtype=np.int64)
     order = np.lexsort(varying)

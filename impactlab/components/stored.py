@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 from collections.abc import Iterator, Mapping
 from json.encoder import encode_basestring_ascii as quoted
@@ -25,7 +26,7 @@ class Given(Protocol):
 class Stored(NamedTuple):
     """A network as results keep it."""
 
-    text: str  # what JSON makes of `Given.to_dict`
+    parts: tuple[str, ...]  # of what JSON makes of `Given.to_dict`
     names: tuple[str, ...]  # of the classes of all components, as the text has them
 
 
@@ -33,16 +34,19 @@ def stored(network: Given) -> Stored:
     """Return a network as results keep it; what many members have in common is written once."""
     if max(map(len, network.given().values())) <= _FEW:
         data = network.to_dict()
-        return Stored(json.dumps(data), tuple(dict.fromkeys(named_in(data))))
+        return Stored((json.dumps(data),), tuple(dict.fromkeys(named_in(data))))
     writer = _Writer()
-    families = [f"{quoted(title)}: {writer.members(family)}" for title, family in network.given().items()]
-    return Stored(f"{{{', '.join(families)}}}", tuple(writer.names))
+    families = [(f"{quoted(title)}: {{", writer.members(family), "}, ") for title, family in network.given().items()]
+    return Stored(("{", *itertools.chain(*families[:-1]), *families[-1][:2], "}}"), tuple(writer.names))
 
 
 def json_of(data: Mapping[str, Any]) -> str:
     """Return plain data and networks as they are stored, by name, as a text in JSON."""
-    texts = {name: item.text if isinstance(item, Stored) else json.dumps(item) for name, item in data.items()}
-    return f"{{{', '.join([f'{quoted(name)}: {text}' for name, text in texts.items()])}}}"
+    parts = ["{"]
+    for number, (name, item) in enumerate(data.items()):
+        parts += [f"{', ' if number else ''}{quoted(name)}: "]
+        parts += item.parts if isinstance(item, Stored) else [json.dumps(item)]
+    return "".join([*parts, "}"])
 
 
 def named_in(data: Any) -> Iterator[str]:
@@ -68,7 +72,7 @@ class _Writer:
     def members(self, family: Mapping[str, Component]) -> str:
         """Return members by name."""
         columns = _texts(list(family)), self.values(list(family.values()))
-        return f"{{{', '.join([f'{name}: {item}' for name, item in zip(*columns, strict=True)])}}}"
+        return ", ".join([f"{name}: {item}" for name, item in zip(*columns, strict=True)])
 
     def values(self, values: list[Any]) -> list[str]:
         """Return components or values of a field; what several have in common is written once."""

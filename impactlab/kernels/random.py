@@ -60,21 +60,20 @@ def addresses(seed: tuple[int, int], names: Iterable[str], purpose: str) -> np.n
     """Return the addresses of the streams of several names for one purpose, (3, name) of uint64."""
     begun = hashlib.blake2b(digest_size=12, key=struct.pack("<2Q", *seed), person=purpose.encode())
     digests = []
-    for name in names:
+    for name in map(str.encode, names):
         digest = begun.copy()
-        digest.update(name.encode())
+        digest.update(name)
         digests.append(digest.digest())
     return np.frombuffer(b"".join(digests), dtype="<u4").reshape(-1, 3).T.astype(np.uint64, order="C")
 
 
 def streams_of(seed: tuple[int, int], names: Sequence[str], numbers: Sequence[int]) -> np.ndarray:
     """Return the addresses of rows of noise, (3, row), from names of bodies or sources and numbers of their normals."""
-    result = np.empty((3, len(names)), dtype=np.uint64)
+    result, which = np.empty((3, len(names)), dtype=np.uint64), np.asarray(numbers)
     for number in set(numbers):
-        rows = [row for row, item in enumerate(numbers) if item == number]
-        result[:, rows] = addresses(
-            seed, [names[row] for row in rows], "noise" if number == 0 else f"noise {number + 1}"
-        )
+        rows = np.flatnonzero(which == number)
+        own = map(names.__getitem__, rows.tolist())
+        result[:, rows] = addresses(seed, own, "noise" if number == 0 else f"noise {number + 1}")
     return result
 
 

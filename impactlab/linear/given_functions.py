@@ -157,7 +157,7 @@ def kinds_of(model: Model) -> dict[Excitation | LawInTime, str]:
     """Return excitations, and laws at some places, that are functions of time, and the names of their kernels."""
     result: dict[Excitation | LawInTime, str] = {}
     given = (*model.network.excitations.values(), *model.network.prescribed.values())
-    for item in {id(item): item for item in given}.values():
+    for item in dict(zip(map(id, given), given, strict=True)).values():
         excitation = item.excitation if isinstance(item, Source) else item
         kind = excitation.kind
         if kind == "force" or (kind == "intensity" and excitation.kernel(kind)[1]):

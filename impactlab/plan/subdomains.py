@@ -60,8 +60,8 @@ class Subdomains:
                     break
                 found.append(np.concatenate([np.arange(low, high), inside[(inside < low) | (inside >= high)]]))
             else:
-                own = np.diff(bounds)
-                return cls(steps, tuple(_tile(model, slots, own[k]) for k, slots in enumerate(found)))
+                own, tables = np.diff(bounds), _Tables.of(model)
+                return cls(steps, tuple(_tile(model, tables, slots, own[k]) for k, slots in enumerate(found)))
         return cls(0, ())
 
 
@@ -71,9 +71,7 @@ def _near(begin: np.ndarray, neighbours: np.ndarray, start: np.ndarray, distance
     inside[start] = True
     edge, total = start, len(start)
     for _ in range(distance):
-        number = begin[edge + 1] - begin[edge]
-        offset = np.repeat(begin[edge] - (np.cumsum(number) - number), number)
-        reached = neighbours[offset + np.arange(len(offset))]
+        reached = neighbours[_entries(begin, edge)]
         edge = np.unique(reached[~inside[reached]])
         inside[edge] = True
         total += len(edge)
@@ -82,24 +80,53 @@ def _near(begin: np.ndarray, neighbours: np.ndarray, start: np.ndarray, distance
     return np.flatnonzero(inside)
 
 
-def _tile(model: Model, slots: np.ndarray, own: int) -> Tile:
+def _entries(begin: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the places of the entries of some rows, which begin at some places."""
+    number = begin[rows + 1] - begin[rows]
+    offset = np.repeat(begin[rows] - (np.cumsum(number) - number), number)
+    return np.asarray(offset + np.arange(len(offset)))
+
+
+class _Tables(NamedTuple):
+    """What tiles are cut from, so that each takes no more time than it has bodies."""
+
+    contacts: np.ndarray  # of each body in turn
+    begin: np.ndarray  # (body + 1,) where those of each body begin
+    rows: tuple[np.ndarray | None, ...]
+    """Row of each contact or body in the table of each kind, -1 for none; None for kinds that a tile does not evaluate.
+    """
+
+    @classmethod
+    def of(cls, model: Model) -> _Tables:
+        """Return those of a model."""
+        ends = model.ends.pairs.ravel()
+        order = np.argsort(ends, kind="stable")
+        counts, rows = {"force": len(model.ends), "residual": model.wall}, []
+        for kind, (leading, _) in zip(model.members.kinds, model.members.tables, strict=True):
+            row = np.full(counts[kind.role], -1) if kind.role in counts else None
+            if row is not None:
+                row[leading[:, 0]] = np.arange(len(leading))
+            rows.append(row)
+        return cls(order // 2, np.searchsorted(ends[order], np.arange(model.wall + 1)), tuple(rows))
+
+
+def _tile(model: Model, known: _Tables, slots: np.ndarray, own: int) -> Tile:
     wall, pairs = model.wall, model.ends.pairs
     place = np.full(wall + 1, -1)
     place[slots], place[wall] = np.arange(len(slots)), len(slots)
-    contacts = np.flatnonzero((place[pairs] >= 0).all(axis=1))
+    near = np.unique(known.contacts[_entries(known.begin, slots)])
+    contacts = near[(place[pairs[near]] >= 0).all(axis=1)]
     owner = np.where(pairs[:, 0] < wall, pairs[:, 0], pairs[:, 1])[contacts]
     mine = place[owner] < own
     contacts = np.concatenate([contacts[mine], contacts[~mine]])
-    places = {"force": np.full(len(model.ends), -1), "residual": place}
-    places["force"][contacts] = np.arange(len(contacts))
     tables = []
-    for kind, (leading, numbers) in zip(model.members.kinds, model.members.tables, strict=True):
-        if kind.role in places:
-            here = places[kind.role][leading[:, 0]]
-            order = np.argsort(here)[np.count_nonzero(here < 0) :]
-            tables.append((here[order, None], numbers[order]))
-        else:  # nothing that a tile evaluates
+    for kind, rows, (leading, numbers) in zip(model.members.kinds, known.rows, model.members.tables, strict=True):
+        if rows is None:
             tables.append((leading[:0], numbers[:0]))
+        else:
+            chosen = rows[contacts if kind.role == "force" else slots]
+            here = np.flatnonzero(chosen >= 0)
+            tables.append((here[:, None], numbers[chosen[here]]))
     ends = place[pairs[contacts]]
     parameters, indices, _ = packed(tables, Pairs(len(slots), ends), model.members.samples, contacts)
     return Tile(slots, contacts, int(own), int(np.count_nonzero(mine)), ends, parameters, indices)
