@@ -1,6 +1,7 @@
 """Networks of many bodies: the same numbers as one by one, and no work that grows faster than their number."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -213,3 +214,30 @@ def test_controls_are_those_of_a_body_and_its_neighbours():
 
 def test_the_text_of_a_large_network_is_short():
     assert len(repr(unequal(1000))) < 2500
+
+
+@pytest.mark.filterwarnings("ignore:Too few independent samples")
+def test_a_large_chain_needs_no_function_of_python_for_each_member():
+    """From the chain to its dataset: less than two calls of a function of Python for each body and its contact."""
+
+    def run(count):
+        body, law = il.LinearOscillator(damping=1.0, stiffness=40.0), il.HertzContact(1e4)
+        network = il.chain(count, body, law, clearance=0.01, excitation=il.WhiteNoise(1.0))
+        il.simulate(network, duration=0.02, realizations=1, rng=1, step=0.004, spin_up=0.0)
+
+    def calls(count):
+        number = 0
+
+        def counted(frame, event, argument):
+            nonlocal number
+            number += event == "call"
+
+        sys.setprofile(counted)
+        try:
+            run(count)
+        finally:
+            sys.setprofile(None)
+        return number
+
+    run(1000)  # imports, compiles, and keeps what other runs take
+    assert calls(3000) - calls(1000) < 2 * 2000
