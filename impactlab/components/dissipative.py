@@ -179,9 +179,10 @@ class HuntCrossleyContact(ContactLaw):
 class _ClosingVelocityContact(ContactLaw):
     """Base of laws whose damping follows from a restitution and the closing velocity; abstract.
 
-    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity; a
-    contact that closes slowly is damped without a limit. Subclasses have the property `loss`, a number for each
-    restitution.
+    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity. In a
+    collision δ' is between δ'₀ and −δ'₀. Where other forces move bodies faster than they have closed, δ'/δ'₀ counts as
+    1 or −1: the damping of a contact that closes slowly would else grow without a limit. Subclasses have the property
+    `loss`, a number for each restitution.
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
@@ -200,8 +201,8 @@ class _ClosingVelocityContact(ContactLaw):
 
 
 def _damped(indentation, rate, stiffness, exponent, loss, closing):  # type: ignore[no-untyped-def]
-    """Return the force of these laws, which never pulls."""
-    damping = loss * rate / closing if closing > 0.0 else 0.0
+    """Return the force of these laws, which never pulls; no free collision is damped by more than `loss`."""
+    damping = loss * min(max(rate / closing, -1.0), 1.0) if closing > 0.0 else 0.0
     return stiffness * indentation**exponent * max(1.0 + damping, 0.0)
 
 
@@ -209,9 +210,10 @@ class LankaraniNikraveshContact(_ClosingVelocityContact):
     """Power law with damping by the closing velocity: force ``K (δ/1 m)^p (1 + 3/4 (1 − e²) δ'/δ'₀)``.
 
     H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990) 369. δ'₀ is the velocity at which the contact has
-    closed, until it opens again; one that is closed at the start has no damping before, one that closes slowly is
-    damped without a limit. The force never pulls. Bodies rebound with nearly the restitution e where that is close to
-    1, and with more where it is not.
+    closed, until it opens again; one that is closed at the start has no damping before. The published ratio δ'/δ'₀ has
+    no limit; here it is at most 1 and at least −1, as in any free collision. It would be beyond where other forces move
+    bodies that have closed slowly. The force never pulls. Bodies rebound with nearly the restitution e where that is
+    close to 1, and with more where it is not.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -96,6 +97,16 @@ def test_laws_by_the_closing_velocity_have_the_restitution_of_hunt_and_crossley(
         assert of(law.replace(exponent=2.5)) == pytest.approx(found, abs=1e-9)
         same = il.HuntCrossleyContact(1e5, dissipation=loss / SPEED, exponent=1.2)
         assert of(same) == pytest.approx(found, abs=1e-9)
+
+
+@pytest.mark.parametrize("cls", LOSSES, ids=lambda cls: cls.__name__)
+def test_damping_by_the_closing_velocity_is_limited(cls):
+    """A load may move bodies faster than they have closed, however slowly that was."""
+    loss, law = LOSSES[cls][0](0.5), cls(1e5, restitution=0.5, closing=1e-9)
+    elastic = 1e5 * 0.01**1.5
+    found = law.evaluate(0.01, [-2.0, -1e-9, 0.0, 5e-10, 1e-9, 2.0])
+    parts = loss * np.array([-1.0, -1.0, 0.0, 0.5, 1.0, 1.0])
+    np.testing.assert_allclose(found, elastic * np.maximum(1.0 + parts, 0.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("cls", [il.FloresContact, il.GonthierContact])
