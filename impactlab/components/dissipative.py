@@ -179,10 +179,10 @@ class HuntCrossleyContact(ContactLaw):
 class _ClosingVelocityContact(ContactLaw):
     """Base of laws whose damping follows from a restitution and the closing velocity; abstract.
 
-    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity. In a
-    collision δ' is between δ'₀ and −δ'₀. Where other forces move bodies faster than they have closed, δ'/δ'₀ counts as
-    1 or −1: the damping of a contact that closes slowly would else grow without a limit. Subclasses have the property
-    `loss`, a number for each restitution.
+    They are Hunt and Crossley's with ``χ = loss/δ'₀``, so that the true restitution does not depend on the velocity.
+    In a collision δ' is between δ'₀ and −δ'₀. Where other forces move bodies faster than they have closed, δ'/δ'₀
+    counts as 1 or −1: the damping of a contact that closes slowly would else grow without a limit. Subclasses have the
+    property `loss`, a number for each restitution.
     """
 
     stiffness: float = parameter(units="N", minimum=0.0)
