@@ -10,6 +10,7 @@ import pytest
 from planted import compound, compound_scenes, dynamics, estimates, friction, scenes, wider, wider_scenes
 
 import impactlab as il
+from impactlab.assembly.remembered import forget
 
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
@@ -18,6 +19,19 @@ BUGS = [*dynamics.BUGS, *estimates.BUGS, *wider.BUGS, *compound.BUGS, *friction.
 SCENES = [*scenes.SCENES, *wider_scenes.SCENES, *compound_scenes.SCENES, *friction.SCENES]
 
 pytestmark = pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+
+
+@pytest.fixture
+def plant():
+    """Put a bug into the code as long as a test lasts; nothing that either code has worked out is remembered."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+
+        def put(bug):
+            bug.plant(monkeypatch)
+            forget()
+
+        yield put
+    forget()
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +65,10 @@ def test_the_right_code_is_found_right(scene, right):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.name)
-def test_every_planted_bug_is_caught(bug, right, monkeypatch):
+def test_every_planted_bug_is_caught(bug, right, plant):
     scene, law = bug.scene, bug.scene.law()
     found = right(scene) if bug.in_reference else None
-    bug.plant(monkeypatch)
+    plant(bug)
     try:
         if bug.in_reference:
             law = type(scene).law.__wrapped__(scene)

@@ -16,6 +16,8 @@ Result = TypeVar("Result")
 MOST, SMALL = 64, 4096
 """Results of each function that are remembered, and bytes of an array up to which they are: larger ones differ."""
 
+_memories: list[Callable[[], None]] = []
+
 
 class _Content(NamedTuple):
     """An array as it is looked up."""
@@ -39,6 +41,8 @@ def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
                 item.setflags(write=False)
         return result
 
+    _memories.append(known.cache_clear)
+
     @functools.wraps(function)
     def looked_up(*arguments: Any) -> Result:
         keys = []
@@ -51,3 +55,9 @@ def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
         return known(*keys)
 
     return looked_up
+
+
+def forget() -> None:
+    """Let all these functions forget what they returned: for who replaces what they call."""
+    for clear in _memories:
+        clear()

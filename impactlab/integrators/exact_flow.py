@@ -212,7 +212,8 @@ class ExactFlow(Integrator):
             response = response.copy()
             for slots, system in systems:
                 response[slots] = np.diagonal(_response(system, step), axis1=1, axis2=2).T
-        return _coefficients(self.flows(model, step).transition, response, model.mass, model.damping, step)
+        known = _coefficients(self.flows(model, step).transition, response, model.mass, model.damping, step)
+        return known.copy()  # methods that derive from this one may change them
 
     def noise(self, model: Model, step: float) -> NoiseRows:
         own, split = with_own_noise(model), self._split(model, step)

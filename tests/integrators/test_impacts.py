@@ -5,6 +5,7 @@ Ensembles are campaigns: their loop takes a quarter of a minute to compile.
 
 import math
 import warnings
+from contextlib import nullcontext
 from itertools import pairwise
 
 import numpy as np
@@ -299,9 +300,11 @@ def event_driven(restitution, step=0.00125, paths=4096, duration=150.0):
 @pytest.mark.campaign
 @pytest.mark.parametrize("restitution", [0.5, 0.7, 0.9])
 def test_noise_and_loss_against_an_event_driven_simulation(restitution):
-    result = il.simulate(wall(restitution), 400.0, realizations=2048, rng=21)
+    endless = restitution < 0.66
+    with pytest.warns(il.AccuracyWarning, match="impacts that the step of") if endless else nullcontext():
+        result = il.simulate(wall(restitution), 400.0, realizations=2048, rng=21)
     for name, (value, error) in zip(("mean_square_velocity", "contact_rate"), event_driven(restitution), strict=True):
-        if name == "contact_rate" and restitution < 0.66:
+        if name == "contact_rate" and endless:
             continue  # it is one of the step, in both
         own, own_error = result[name][0].item(), result[f"{name}_standard_error"][0].item()
         assert abs(own - value) < 3.0 * math.hypot(own_error, error), name

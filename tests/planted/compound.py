@@ -44,7 +44,7 @@ BUGS = [
         returned(LinearStructure, "terms", lambda terms, *_: [item for item in terms if len(item.weights) == 2])),
     Bug("state that is updated for half a step", CREEPING, text(UPDATED, UPDATED.replace("[-1]", "[-1] / 2.0"))),
     Bug("force by the state at the beginning of the step", CREEPING,
-        text("force = MaxwellCoupling_force(extension, pull)",
+        text("force = MaxwellCoupling_force(extension, pull_)",
              "force = MaxwellCoupling_force(extension, remembered_0[member, lane])")),
     Bug("laws at the time of the beginning of a step", PULSATING,
         text("time = parameters[-2] + parameters[-1]", "time = parameters[-2]")),
