@@ -11,7 +11,6 @@ from impactlab.components.coloured import BandPassNoise as BandPassNoise
 from impactlab.components.coloured import CloughPenzien as CloughPenzien
 from impactlab.components.coloured import FilteredNoise as FilteredNoise
 from impactlab.components.coloured import KanaiTajimi as KanaiTajimi
-from impactlab.components.coloured import Modulated as Modulated
 from impactlab.components.coloured import OrnsteinUhlenbeckNoise as OrnsteinUhlenbeckNoise
 from impactlab.components.component import Component as Component
 from impactlab.components.contact import Contact as Contact
@@ -23,6 +22,8 @@ from impactlab.components.contact import RigidContact as RigidContact
 from impactlab.components.contact import RoundContact as RoundContact
 from impactlab.components.contact import backlash as backlash
 from impactlab.components.correlated import correlated as correlated
+from impactlab.components.cosines import ShinozukaNoise as ShinozukaNoise
+from impactlab.components.cosines import TabulatedNoise as TabulatedNoise
 from impactlab.components.coupling import CoulombFrictionCoupling as CoulombFrictionCoupling
 from impactlab.components.coupling import Coupling as Coupling
 from impactlab.components.coupling import CouplingLaw as CouplingLaw
@@ -41,7 +42,6 @@ from impactlab.components.dissipative import LankaraniNikraveshContact as Lankar
 from impactlab.components.dissipative import TsujiContact as TsujiContact
 from impactlab.components.excitation import BaseMotion as BaseMotion
 from impactlab.components.excitation import Excitation as Excitation
-from impactlab.components.excitation import ShinozukaNoise as ShinozukaNoise
 from impactlab.components.excitation import Source as Source
 from impactlab.components.excitation import WhiteNoise as WhiteNoise
 from impactlab.components.fields import parameter as parameter
@@ -51,18 +51,18 @@ from impactlab.components.hysteresis import JenkinsCoupling as JenkinsCoupling
 from impactlab.components.hysteresis import MaxwellCoupling as MaxwellCoupling
 from impactlab.components.hysteresis import PiezoelectricCoupling as PiezoelectricCoupling
 from impactlab.components.hysteresis import ZenerCoupling as ZenerCoupling
-from impactlab.components.impulses import ModulatedImpulses as ModulatedImpulses
 from impactlab.components.impulses import PoissonImpulses as PoissonImpulses
 from impactlab.components.linear_structure import LinearStructure as LinearStructure
 from impactlab.components.loads import Chirp as Chirp
 from impactlab.components.loads import ConstantForce as ConstantForce
 from impactlab.components.loads import Harmonic as Harmonic
-from impactlab.components.loads import ModulatedForce as ModulatedForce
-from impactlab.components.loads import ModulatedNoise as ModulatedNoise
 from impactlab.components.loads import Pulse as Pulse
 from impactlab.components.loads import SampledForce as SampledForce
-from impactlab.components.loads import TabulatedNoise as TabulatedNoise
 from impactlab.components.modal_structure import ModalStructure as ModalStructure
+from impactlab.components.modulated import Modulated as Modulated
+from impactlab.components.modulated import ModulatedForce as ModulatedForce
+from impactlab.components.modulated import ModulatedImpulses as ModulatedImpulses
+from impactlab.components.modulated import ModulatedNoise as ModulatedNoise
 from impactlab.components.oscillator import DoubleWellOscillator as DoubleWellOscillator
 from impactlab.components.oscillator import DuffingOscillator as DuffingOscillator
 from impactlab.components.oscillator import InvertedOscillator as InvertedOscillator

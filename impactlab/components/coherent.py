@@ -13,7 +13,7 @@ from impactlab.components.component import finite, positive
 from impactlab.components.correlated import driving_by
 from impactlab.components.excitation import BaseMotion, Excitation, Source
 from impactlab.components.fields import parameter
-from impactlab.components.loads import SAMPLES_SHOWN, take_samples
+from impactlab.components.samples import SAMPLES_SHOWN, take_samples
 from impactlab.errors import InvalidInput
 
 NEGATIVE = 1e-10

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
 
-from impactlab.components.component import finite, take_part
+from impactlab.components.component import finite
 from impactlab.components.excitation import Excitation, two_sided
 from impactlab.components.fields import parameter
 from impactlab.components.filters import filter_of
 from impactlab.components.literature import article, entry, together
-from impactlab.components.loads import (
-    MODULATED_BY,
-    SAMPLES_SHOWN,
-    ModulatedNoise,
-    between,
-    shown_samples,
-    take_samples,
-)
-from impactlab.errors import InvalidInput
 
 _KANAI_TAJIMI = together(
     article(
@@ -208,67 +198,6 @@ class CloughPenzien(FilteredNoise):
         drift[:2, :2], drift[2:, 2:] = first, second
         drift[3, :2] = acceleration
         return drift, [*given, 0.0, 0.0], [*acceleration, *second[1]]
-
-
-class Modulated(Excitation):
-    """Coloured noise times an envelope given by samples: ``e(t) f(t)``, a uniformly modulated process.
-
-    The envelope is linear between its samples, and 0 before the first and after the last one (Priestley, Evolutionary
-    spectra and non-stationary processes, J. R. Stat. Soc. B 27, 1965, 204). White noise with an envelope is
-    `ModulatedNoise`, a given force `ModulatedForce`, impulses `ModulatedImpulses`. Sums of cosines have none.
-
-    Parameters
-    ----------
-    noise : FilteredNoise
-        Noise where the envelope is 1.
-    times : (sample,) array_like
-        Increasing times of the samples, at equal or other distances (s). The measurement begins at 0.
-    envelope : (sample,) array_like
-        Factor e of the noise.
-
-    Raises
-    ------
-    InvalidInput
-        If the noise is not coloured, there are not as many values as times, fewer than two, one is not finite, or times
-        do not increase.
-    """
-
-    citation = ModulatedNoise.citation
-
-    noise: FilteredNoise = parameter(kw_only=False)
-    times: Sequence[float] | np.ndarray = parameter(units="s", kw_only=False)
-    envelope: Sequence[float] | np.ndarray = parameter(kw_only=False)
-
-    def __post_init__(self) -> None:
-        given = getattr(self.noise, "kind", None)
-        if given in MODULATED_BY and given != "filter":
-            raise InvalidInput(f"Modulated.noise must be coloured noise, not {self.noise!r}; {MODULATED_BY[given]}.")
-        take_part(self, "noise", FilteredNoise, "coloured noise such as il.KanaiTajimi(1.0, 15.0, 0.6)")
-        take_samples(self, "envelope")
-        super().__post_init__()
-
-    def __repr__(self) -> str:
-        return super().__repr__() if len(self.times) <= SAMPLES_SHOWN else f"{shown_samples(self)} of {self.noise!r}"
-
-    @property
-    def at_rest(self) -> bool:
-        return self.noise.at_rest
-
-    @property
-    def largest_modulation(self) -> float:
-        return float(np.abs(self.envelope).max())
-
-    @property
-    def acts_between(self) -> tuple[float, float]:
-        return self.times[0], self.times[-1]
-
-    def filter(self) -> tuple[Any, Any, Any]:
-        """Return the filter of the noise; see `Excitation`."""
-        return tuple(filter_of(self.noise))  # type: ignore[return-value]
-
-    @staticmethod
-    def modulation(time, times, envelope):  # type: ignore[no-untyped-def]
-        return between(time, times, envelope)
 
 
 def _resonator(frequency: float, damping_ratio: float, density: float) -> tuple[list[list[float]], list[float]]:

@@ -7,11 +7,8 @@ import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
 from impactlab.components.component import Component, finite, take_part
 from impactlab.components.fields import parameter
-from impactlab.components.literature import article
 from impactlab.components.weights import Weights
 from impactlab.errors import InvalidInput
 
@@ -127,68 +124,6 @@ class WhiteNoise(Excitation):
     def from_one_sided(cls, per_hertz: float) -> Self:
         """Make white noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
         return cls(spectral_density=two_sided(cls, per_hertz))
-
-
-class ShinozukaNoise(Excitation):
-    """Bounded noise: a sum of cosines of equal amplitude with random phases.
-
-    ``f(t) = Σ A cos(2π f_k t + φ_k)`` with ``f_k = f_a + k Δf``, k = 1…N,
-    ``Δf = (f_b − f_a)/N`` and ``A = sqrt(2 S_f Δf)``, where ``S_f = 4π S`` is the
-    one-sided density per hertz (Shinozuka and Jan, J. Sound Vib. 25, 1972, 111).
-
-    Parameters
-    ----------
-    spectral_density : float
-        Two-sided spectral density S over angular frequency inside the band (N2 s rad-1).
-    band : tuple of float
-        Lower and upper end of the band, f_a and f_b (Hz).
-    components : int
-        Number N of cosines.
-    allow_repeat : bool
-        Whether a run may be longer than ``1/Δf``, after which the series repeats
-        itself (up to a modulation with f_a).
-    """
-
-    citation = article(
-        "Shinozuka, M. and Jan, C.-M.",
-        "Digital simulation of random processes and its applications",
-        "J. Sound Vib.", 25, 1972, "111",
-    )  # fmt: skip
-
-    spectral_density: float = parameter(units="N2 s rad-1", minimum=0.0)
-    band: tuple[float, float] = parameter((0.0, 500.0), units="Hz", minimum=0.0)
-    components: int = parameter(50000, minimum=1)
-    allow_repeat: bool = parameter(False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        given = self.band if isinstance(self.band, tuple) else ()
-        edges = tuple(finite("ShinozukaNoise.band", edge) for edge in given)
-        if len(edges) != 2 or not 0.0 <= edges[0] < edges[1]:
-            raise InvalidInput(
-                f"ShinozukaNoise.band must be two increasing frequencies in Hz such as (0.0, 500.0), not {self.band!r}."
-            )
-        object.__setattr__(self, "band", edges)
-
-    @classmethod
-    def from_one_sided(cls, per_hertz: float, **fields: Any) -> Self:
-        """Make bounded noise from its one-sided density over frequency, S_f = 4π S (N2 Hz-1)."""
-        return cls(spectral_density=two_sided(cls, per_hertz), **fields)
-
-    @property
-    def spacing(self) -> float:
-        """Distance Δf between neighbouring lines (Hz)."""
-        return (self.band[1] - self.band[0]) / self.components
-
-    @property
-    def period(self) -> float:
-        return math.inf if self.allow_repeat else 1.0 / self.spacing
-
-    def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the angular frequencies (rad s-1) and the amplitudes (N) of the cosines."""
-        frequencies = self.band[0] + self.spacing * np.arange(1, self.components + 1)
-        amplitude = math.sqrt(2.0 * 4.0 * math.pi * self.spectral_density * self.spacing)
-        return 2.0 * math.pi * frequencies, np.full(self.components, amplitude)
 
 
 class Source(Component):

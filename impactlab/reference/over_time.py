@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impactlab.components.citations import entries
-from impactlab.components.coloured import Modulated
 from impactlab.components.component import finite, finite_array
 from impactlab.components.composition import Composition
 from impactlab.components.excitation import Excitation
-from impactlab.components.impulses import ModulatedImpulses
 from impactlab.components.literature import in_one_line
-from impactlab.components.loads import ModulatedNoise
+from impactlab.components.modulated import ModulatedExcitation, ModulatedNoise
 from impactlab.components.stored import json_of, stored
 from impactlab.errors import InvalidInput, NoExactReference
 from impactlab.linear.envelopes import ALWAYS, Envelope, EnvelopedMotion
@@ -157,7 +155,7 @@ def _motions(part: LinearPart) -> Iterator[EnvelopedMotion]:
 
 
 def _envelope_of(excitation: Excitation) -> Envelope:
-    if not isinstance(excitation, Modulated | ModulatedNoise | ModulatedImpulses):
+    if not isinstance(excitation, ModulatedExcitation):
         return ALWAYS
     return Envelope(np.array(excitation.times), np.array(excitation.envelope))
 

@@ -11,13 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.assembly.links import Pairs, connected_parts
-from impactlab.components.coloured import Modulated
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
 from impactlab.components.excitation import Excitation, Source
-from impactlab.components.impulses import ModulatedImpulses
-from impactlab.components.loads import Harmonic, ModulatedNoise
+from impactlab.components.loads import Harmonic
+from impactlab.components.modulated import ModulatedExcitation
 from impactlab.components.sides import bodies_of
 from impactlab.errors import InvalidInput, NoExactReference
 
@@ -230,7 +229,7 @@ def is_stationary(excitation: Excitation) -> bool:
 
 def is_enveloped(excitation: Excitation) -> bool:
     """Whether an excitation is noise with an envelope that is linear between samples."""
-    return isinstance(excitation, Modulated | ModulatedNoise | ModulatedImpulses)
+    return isinstance(excitation, ModulatedExcitation) and excitation.kind != "force"
 
 
 def is_steady_noise(excitation: Excitation) -> bool:
