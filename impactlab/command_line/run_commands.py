@@ -144,12 +144,12 @@ def _stoppable() -> Iterator[None]:
 
 def resumable(options: argparse.Namespace) -> str:
     """Return what is kept of a run that was stopped and how to go on, nothing if there is no such run."""
-    from impactlab.studies.run_folder import ITEMS, Folder
+    from impactlab.studies.run_folder import ITEMS, KEPT, Folder
 
     try:
         if Folder(options.folder).manifest()["complete"]:
             return ""
     except (InvalidInput, TypeError):  # no folder was named, or it was not taken yet
         return ""
-    saved = len(list(Path(options.folder, ITEMS).glob("*.nc")))
+    saved = len(list(Path(options.folder, ITEMS).glob(f"*{KEPT}")))
     return f"{saved} simulation(s) are kept; continue with: impactlab resume {options.folder}"

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 MANIFEST, RESULT, REPORT, FIGURES, ITEMS = "manifest.json", "result.nc", "report.html", "figures", "items"
 
+KEPT = ".npz"
+"""How names of items' files end."""
+
 _ITEM = "impactlab_item"
 
 
@@ -97,30 +100,26 @@ class Folder:
 
     def save_item(self, item: Item, result: xr.Dataset) -> None:
         """Keep the result of one item until the run is complete."""
-        from impactlab.results.dataset import save
+        from impactlab.results.arrays_file import save_arrays
 
         (self.path / ITEMS).mkdir(exist_ok=True)
-        save(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
+        save_arrays(result.assign_attrs({_ITEM: _identity(item)}), self._item_path(item))
 
     def load_item(self, item: Item) -> xr.Dataset | None:
         """Return an item's result that is kept, None if there is no whole one of this configuration."""
-        import xarray as xr
-
-        from impactlab.results import dataset
+        from impactlab.results.arrays_file import load_arrays
 
         path = self._item_path(item)
         if not path.is_file():
             return None
         try:
-            result = dataset.load(path)
+            result = load_arrays(path)
         except InvalidInput:  # damaged: it is computed again
-            return None
-        if not isinstance(result, xr.Dataset):
             return None
         return result if result.attrs.pop(_ITEM, None) == _identity(item) else None
 
     def _item_path(self, item: Item) -> Path:
-        return self.path / ITEMS / f"{quote(item.key, safe=' =,+')}.nc"
+        return self.path / ITEMS / f"{quote(item.key, safe=' =,+')}{KEPT}"
 
     def load_result(self) -> xr.DataTree:
         """Return the tree of a complete run; refuse it if the file is not the one that was written."""

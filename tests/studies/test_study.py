@@ -318,7 +318,7 @@ def test_a_run_that_stops_is_continued(tmp_path, simulated):
     simulated.stop_at = 1.0
     with pytest.raises(KeyboardInterrupt):
         il.run_study("example", settings=SHORT, out=tmp_path)
-    assert [path.name for path in (tmp_path / "items").iterdir()] == ["clearance%2F0.5.nc"]
+    assert [path.name for path in (tmp_path / "items").iterdir()] == ["clearance%2F0.5.npz"]
     assert not json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))["complete"]
     simulated.stop_at = None
     result = il.run_study("example", settings=SHORT, out=tmp_path)
@@ -414,7 +414,7 @@ def test_a_sweep_of_a_study_is_one_result(example, tmp_path, simulated):
     simulated.stop_at = 1.0
     with pytest.raises(KeyboardInterrupt):
         il.run_study(swept(example), out=tmp_path)
-    assert [path.name for path in (tmp_path / "items").iterdir()] == ["all, clearance=0.5.nc"]
+    assert [path.name for path in (tmp_path / "items").iterdir()] == ["all, clearance=0.5.npz"]
     simulated.stop_at = None
     simulated.done.clear()
     continued = il.run_study(swept(example), out=tmp_path).tree
