@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,66 +12,31 @@ from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
 from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
-from impactlab.kernels.functions_of_time import sum_panels
 from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept, with_states
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
-from impactlab.kernels.random import fill_normals
-from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS, F
+from impactlab.kernels.rows import F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
-from impactlab.linear.band_limited import PLACES as PANEL_PLACES
-from impactlab.linear.band_limited import POINTS, panel_steps, panel_weights
-from impactlab.linear.cosine_series import Cosines, sample_count
-from impactlab.linear.given_functions import NODES, PANELS, PLACES, joined, looked_at, mean_and_slope, motion_at
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.driving import GivenMotion
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import allocate
+from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.filter_states import filter_states
+from impactlab.simulation.first_states import FirstStates
+from impactlab.simulation.functions_in_steps import FunctionsInSteps
 from impactlab.simulation.smooth_path import Laws, SmoothPath
-
-ATTEMPTS = 100
-"""How often a random start is drawn again while a contact is closed."""
-
-HOPELESS = 20
-"""Contacts closed in the first draw from which on no draw will have none."""
 
 SNAPSHOT_BYTES = 16_000_000
 """Memory that the samples of a call may take."""
-
-TABLE = 100_000
-"""Values of functions of time that are in memory at a time."""
 
 WORTH_COMPILING = 20.0
 """Work of a run (s) from which on a loop without samples that are not wanted, which saves 5 % of it, is compiled."""
 
 Tick = Callable[[int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class BlockResult:
-    """What a block returns: sums per batch and realization, and what its records kept."""
-
-    bodies: np.ndarray  # (batch, phase, row, body, lane)
-    contacts: np.ndarray  # (batch, row, contact, lane)
-    products: np.ndarray  # (batch, row, pair, lane)
-    points: np.ndarray  # (batch, phase, row, point, lane)
-    endless: np.ndarray  # (rigid, lane) number of the first step, from 1 on, with too many impacts; 0 for none
-    records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
-
-
-class Edge(NamedTuple):
-    """What the state at one moment is worth in the sums."""
-
-    bodies: np.ndarray  # (row, body, lane)
-    contacts: np.ndarray  # (row, contact, lane)
-    products: np.ndarray  # (row, pair, lane)
-    samples: np.ndarray  # (row, body, lane)
-    points: np.ndarray  # (row, point, lane), those of squares
 
 
 def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
@@ -92,8 +55,6 @@ class Block:
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
-        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
-        self.known: list[np.ndarray] = []
         self.module, self.loop = compiled(plan)
         layout = layout_of(plan)
         in_registers = layout is not None and worth_compiling(layout, plan.clock.all_steps)
@@ -129,11 +90,12 @@ class Block:
     def _begin(self) -> None:
         """Bring the block to the beginning of the spin-up."""
         plan, kicks = self.plan, self.plan.method.integrator.kicks
+        motions = [(motion.slot, *self._at_start(motion)) for motion in plan.driving.motions]
+        first = FirstStates(plan, self.realizations, self.state, self.states, self.coloured.kept, motions)
         if plan.driving.lines:
-            self.series = self._of_series(*self._start_with_cosines())
+            self.series = self._of_series(*first.put_with_cosines(self.tick))
         else:
-            self._start(np.arange(len(self.realizations)))
-        self._put_given_motions(self.state.x, self.state.v)
+            first.put(np.arange(len(self.realizations)))
         given = (self.state.x[:-1].copy(), self.state.v[:-1].copy()) if kicks and plan.start.given else None
         if kicks:
             self._half_kick(plan.start.given)
@@ -141,6 +103,11 @@ class Block:
             self._accept()
         if given is not None:
             self._begin_on_path(*given)
+
+    def _at_start(self, motion: GivenMotion) -> tuple[float, float]:
+        """Return displacement and velocity of a body of given motion at the start."""
+        x, v = self.functions.motion(motion, 0, 0)
+        return x[0], v[0]
 
     def begin_as(self, plan: Plan) -> None:
         """Begin as a block of another plan does, of one `impactlab.plan.side_by_side.structure` with that before."""
@@ -153,144 +120,11 @@ class Block:
             array.fill(0.0)
         self._begin()
 
-    def _put_given_motions(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Put displacements and velocities of bodies of given motion among others, (body and wall, lane) each."""
-        for motion in self.plan.driving.motions:
-            place, speed = self._moved(motion, 0)
-            x[motion.slot], v[motion.slot] = place[0], speed[0]
-
     def _of_series(self, slots: np.ndarray, samples: np.ndarray) -> Series:
         """Return the series of a block: samples of sums of cosines on some slots, and coloured noises."""
         noise, lanes = self.plan.driving.coloured, len(self.realizations)
         near = (NEAR + 1, samples.shape[1] + noise.rows, lanes) if self.plan.driving.series else (1, 0, 1)
         return Series(np.concatenate([slots, noise.slots]), samples, np.zeros(near), self.coloured)
-
-    def _start(self, lanes: np.ndarray) -> int:
-        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
-        plan, state = self.plan, self.state
-        attempt = 0
-        if isinstance(plan.start.state, np.ndarray):
-            self._put_given(plan.start.state, lanes)
-        elif plan.start.state == "stationary":
-            redraw, resting = lanes, lanes[:0]
-            for attempt in range(ATTEMPTS):
-                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
-                closed = self._closed(state.x[:, redraw], slice(None))
-                if attempt == 0:
-                    resting = redraw[closed > HOPELESS]
-                redraw = redraw[(closed > 0) & ((closed <= HOPELESS) | (attempt > 0))]
-                if not redraw.size:
-                    break
-            resting = np.concatenate([resting, redraw])
-            if resting.size:
-                cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
-                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
-                state.x[:-1, resting] = plan.start.rest[:, None]
-                state.v[:, resting] = 0.0
-                state.v[cold[:, None], resting] = velocity
-        else:
-            state.x[:-1, lanes] = plan.start.rest[:, None]
-        if plan.start.given or plan.start.state != "stationary":
-            self._draw_filters(lanes, 0)
-        return attempt
-
-    def _put_given(self, given: np.ndarray, lanes: np.ndarray) -> None:
-        """Put displacements and velocities that are given into some lanes, and states of laws if there are some.
-
-        There may be more realizations than values, in measurements of the step: these then come again.
-        """
-        chosen = self.realizations[lanes] % given.shape[2]
-        self.state.x[:-1, lanes], self.state.v[:-1, lanes] = given[:, :, chosen]
-        if self.plan.start.laws is not None:
-            self.states[:, lanes] = self.plan.start.laws[:, self.realizations[lanes] % self.plan.start.laws.shape[1]]
-
-    def _draw(self, lanes: np.ndarray, attempt: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw displacements and velocities of some lanes from the linear law, (body and wall, lane) each."""
-        plan = self.plan
-        realizations = np.ascontiguousarray(self.realizations[lanes])
-        x, v = np.zeros((2, plan.system.linear.shape[1] + 1, len(lanes)))
-        if plan.start.deviations.any() or plan.start.factors:
-            normals = np.empty((4, len(x) - 1, len(lanes)), dtype=np.float32)
-            fill_normals(plan.start.streams, realizations, np.uint64(attempt), normals)
-            x[:-1], v[:-1] = (plan.start.deviations[row][:, None] * normals[row] for row in (0, 1))
-        for slots, factor in plan.start.factors:
-            independent = np.concatenate([normals[0, slots], normals[1, slots]])
-            joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
-            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
-        for (slots, _), cosines, known in zip(plan.driving.responses, self.responses, self.known, strict=True):
-            for column, realization in enumerate(realizations):
-                steady = cosines.start(int(realization), attempt)
-                x[slots, column] += steady[0::2]
-                v[slots, column] += steady[1::2]
-            if known.size and self._closed(x, known).all():
-                break  # the rest does not matter: these will be drawn again
-        for slots, moved in self._draw_filters(lanes, attempt):
-            x[slots] += moved[0]
-            v[slots] += moved[1]
-        self._put_given_motions(x, v)
-        return x, v
-
-    def _draw_filters(self, lanes: np.ndarray, attempt: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Draw the states that filters of noise begin with in some lanes.
-
-        Return slots of the bodies that each moves, and their displacements and velocities, (2, body, lane).
-        """
-        result = []
-        for start in self.plan.driving.coloured.starts:
-            rows = start.draw(np.ascontiguousarray(self.realizations[lanes]), attempt)
-            count = start.states.stop - start.states.start
-            for kept in self.coloured.kept:
-                kept[start.states, lanes] = self._given_or(rows[:count], start.states, lanes)
-            result.append((start.slots, rows[count:].reshape(2, -1, len(lanes))))
-        return result
-
-    def _given_or(self, drawn: np.ndarray, states: slice, lanes: np.ndarray) -> np.ndarray:
-        """Return states of a filter in some lanes, (row, lane): those that are given, else what was drawn."""
-        given = self.plan.start.filters
-        if given is None:
-            return drawn
-        known = given[states][:, self.realizations[lanes] % given.shape[1]]
-        return np.where(np.isnan(known), drawn, known)
-
-    def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
-        """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
-        gap = self.plan.system.ends.chosen(contacts).gap(x)
-        closed: np.ndarray = np.sum(gap > self.plan.system.clearance[contacts, None], axis=0)
-        return closed
-
-    def _start_with_cosines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start the realizations one after the other, and sample the cosines of each for the whole run.
-
-        Return the slots of what they move, and the samples, (lane, row, time).
-        """
-        plan, method = self.plan, self.plan.method.integrator
-        driving, seed = plan.driving, plan.realizations.seed
-        interval = plan.clock.step / method.samples_per_step
-        needed = plan.clock.all_steps * method.samples_per_step + 1
-        self.responses = sampled = [
-            Cosines(seed, lines, response.T, True, interval if method.takes_response else None, needed)
-            for lines, (_, response) in zip(driving.lines, driving.responses, strict=True)
-        ]
-        last = np.full(plan.system.linear.shape[1], -1)
-        for index, (slots, _) in enumerate(plan.driving.responses):
-            last[slots] = index
-        latest = plan.system.ends.largest(last, -1)
-        self.known = [np.flatnonzero(latest == index) for index in range(len(driving.lines))]
-        if not method.takes_response:
-            sampled = [
-                Cosines(seed, item, gains, False, interval, needed)
-                for item, gains in ((item, item.gains) for item in driving.lines)
-            ]
-        ends = np.cumsum([item.channels for item in sampled])
-        lanes = len(self.realizations)
-        samples = np.empty((lanes, ends[-1], sample_count(plan.driving.lines, interval, needed)))
-        for lane, realization in enumerate(self.realizations):
-            self.tick(0)
-            attempt = self._start(np.array([lane]))
-            for item, end in zip(sampled, ends, strict=True):
-                item.sample(int(realization), attempt, samples[lane, end - item.channels : end])
-        slots = np.concatenate([slots for slots, _ in plan.driving.responses])
-        return slots, samples
 
     def _half_kick(self, given: bool) -> None:
         """Bring the velocity from the time of the displacement to the end of the kick there.
@@ -358,6 +192,11 @@ class Block:
             self._states_in(parameters)[:] = states
             here = (item[index : index + 1] for item in result)
             evaluate(self.module.forces, x[index : index + 1], v[index : index + 1], parameters, indices, *here)
+
+    @property
+    def functions(self) -> FunctionsInSteps:
+        """Functions of time in steps."""
+        return FunctionsInSteps(self.plan, self.module)
 
     @property
     def remembering(self) -> bool:
@@ -438,7 +277,8 @@ class Block:
     def _noise(self, count: int) -> Noise:
         plan, noise, scale = self.plan, self.plan.noise, self.scale
         if noise.time_varying:
-            mean, _, least = self._over_steps(count, self.module.intensity, noise.shares.noises, self.noise_sets)
+            rows, sets = noise.shares.noises, self.noise_sets
+            mean, _, least = self.functions.over_steps(self.module.intensity, self.now, count, rows, sets)
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
                 time = (self.now - plan.clock.spin_up_steps + wrong[0] + 0.5) * plan.clock.step
@@ -467,7 +307,7 @@ class Block:
         begin, end = (samples * now // span * span for now in (self.now, self.now + count))
         rows, first, per_step = plan.driving.coloured.envelopes, finer * begin, finer * samples
         number = finer * (end - begin + NEAR) + 1
-        mean, slope, _ = self._over_steps(number, self.module.modulation, rows, 1, first, per_step)
+        mean, slope, _ = self.functions.over_steps(self.module.modulation, first, number, rows, per_step=per_step)
         times = ((first + np.arange(number)) / per_step - plan.clock.spin_up_steps) * plan.clock.step
         value = np.empty((number, rows))
         self.module.modulation(times, plan.forces.parameters, plan.forces.indices, value)
@@ -479,104 +319,14 @@ class Block:
         if not len(plan.driving.forced):
             return Forced(plan.driving.forced, np.zeros((0, 0)))
         if plan.method.integrator.takes_response:
-            return Forced(plan.driving.forced, plan.driving.on_bodies(self._given(count)))
+            forces = self.functions.given_forces(self.now, count, self.force_sets)
+            return Forced(plan.driving.forced, plan.driving.on_bodies(forces))
         per_step = plan.method.integrator.samples_per_step
         first = (self.now - plan.clock.spin_up_steps) * per_step
         times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
         force = np.empty((len(times), plan.driving.given))
         self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
         return Forced(plan.driving.forced, plan.driving.on_bodies(force))
-
-    def _given(self, count: int) -> np.ndarray:
-        """Return mean and slope of all given forces over the next steps, in turn, (2 step, row)."""
-        plan = self.plan
-        steps_of = panel_steps(plan.driving.highest, plan.clock.step)
-        if steps_of.all():
-            both = np.empty((2 * count, plan.driving.given))
-        else:
-            mean, slope, _ = self._over_steps(count, self.module.forcing, plan.driving.given, self.force_sets)
-            both = np.stack([mean, slope], axis=1).reshape(2 * count, -1)
-        for steps in np.unique(steps_of[steps_of > 0]).tolist():
-            rows = np.flatnonzero(steps_of == steps)
-            both[:, rows] = self._in_panels(count, steps)[:, rows]
-        for motion in plan.driving.motions:
-            x, v = self._moved(motion, count)
-            both[:, motion.force] = motion.pushes(x, v, plan.clock.step)
-        return both
-
-    def _moved(self, motion: GivenMotion, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return displacement and velocity of a body of given motion now and after each of the next steps."""
-        plan = self.plan
-        times = (self.now + np.arange(count + 1) - plan.clock.spin_up_steps) * plan.clock.step
-
-        def displacement(at: np.ndarray) -> np.ndarray:
-            values = np.empty((at.size, plan.driving.given))
-            self.module.forcing(at.ravel(), plan.forces.parameters, plan.forces.indices, values)
-            return values[:, motion.force].reshape(at.shape)
-
-        return motion_at(displacement, motion.displacement, times, plan.clock.step, begins=self.now == 0)
-
-    def _in_panels(self, count: int, steps: int) -> np.ndarray:
-        """Return the same by panels of some steps, which begin at multiples of these whatever steps are asked for."""
-        plan, rows, weights = self.plan, self.plan.driving.given, panel_weights(steps)
-        first, last = self.now // steps, -(-(self.now + count) // steps)
-        most = max(1, TABLE // (POINTS * rows))
-        parts = []
-        for begin in range(first, last, most):
-            panels = np.arange(begin, min(begin + most, last))
-            times = ((panels[:, None] + PANEL_PLACES) * steps - plan.clock.spin_up_steps) * plan.clock.step
-            values = np.empty((len(panels), POINTS, rows))
-            self.module.forcing(times.ravel(), plan.forces.parameters, plan.forces.indices, values.reshape(-1, rows))
-            sums = np.empty((rows, len(panels), 2 * steps))
-            sum_panels(values, weights, sums)
-            parts.append(sums.reshape(rows, -1))
-        before = 2 * (self.now - first * steps)
-        return np.concatenate(parts, axis=1).T[before : before + 2 * count]
-
-    def _over_steps(
-        self,
-        count: int,
-        table: Any,
-        rows: int,
-        sets: int = 1,
-        begins: int | None = None,
-        per_step: int = 1,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return mean and slope of functions of time over the next steps, (step, row), and the least value, (step,).
-
-        The measurement begins at 0. Rows are those of some sets, one set after the other, each of which has the bits
-        that it has alone. Parts of steps may be asked for in their place, so many `per_step`, and where they begin by
-        the number of the first one.
-        """
-        plan = self.plan
-        mean, slope, least = *np.empty((2, sets, count, rows // sets)), np.empty(count)
-        most = max(1, TABLE // (len(NODES) * rows))
-
-        def seen(begin: np.ndarray, places: np.ndarray) -> np.ndarray:
-            """Return values at some places from the beginnings of steps, (set, …, row, place)."""
-            times = (begin[..., None] + places / per_step) * plan.clock.step
-            values = np.empty((times.size, rows))
-            table(times.ravel(), plan.forces.parameters, plan.forces.indices, values)
-            each = np.moveaxis(values.reshape(*times.shape, sets, rows // sets), -2, 0)
-            return np.ascontiguousarray(each).swapaxes(-1, -2)
-
-        for begin in range(0, count, most):
-            steps = np.arange(begin, min(begin + most, count))
-            first = (self.now if begins is None else begins / per_step) - plan.clock.spin_up_steps + steps / per_step
-            values = seen(first, PLACES)
-            mean[:, steps], slope[:, steps] = mean_and_slope(values[..., 1:-1])
-            rough, inside = looked_at(values)
-            least[steps] = inside.min(axis=(0, 2))  # without the ends: a function may end with the run
-            again = np.asarray(rough.any(axis=-1))
-            chosen = np.flatnonzero(again.any(axis=0))
-            if chosen.size:
-                values = seen(first[chosen, None] + np.arange(PANELS) / (PANELS * per_step), NODES / PANELS)
-                least[steps[chosen]] = np.minimum(least[steps[chosen]], values.min(axis=(0, 2, 3, 4)))
-                parts = joined(*(item.swapaxes(-1, -2) for item in mean_and_slope(values)))
-                for result, part in zip((mean, slope), parts, strict=True):
-                    result[:, steps[chosen]] = np.where(again[:, chosen, None], part, result[:, steps[chosen]])
-        mean, slope = (np.moveaxis(item, 0, 1).reshape(count, rows) for item in (mean, slope))
-        return mean, slope, least
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""
@@ -620,11 +370,11 @@ class Block:
             self.advance(end - begin, sample)
             self._collect_sums()
             self.sums.bodies[:, :F] *= plan.method.interval  # states are added once per interval
-            bodies = self._with_samples(self.sums.bodies, self.sums.samples)
+            bodies = with_samples(self.sums.bodies, self.sums.samples)
             totals = bodies, self.sums.contacts, self.sums.products, self.sums.points.sums
             if start is not None:
                 last = self._edge()
-                totals, start = self._over_time(begin, end, start, last), last
+                totals, start = over_time(plan, self.sums, self.intensity, begin, end, start, last), last
             kept = kept or [np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
@@ -663,77 +413,19 @@ class Block:
         self._clear_sums()
         self.advance(steps, lambda snapshots: None)
         self._collect_sums()
-        bodies, contacts, products, _ = self._over_time(begin, begin + steps, first, self._edge())
+        last = self._edge()
+        bodies, contacts, products, _ = over_time(
+            self.plan, self.sums, self.intensity, begin, begin + steps, first, last
+        )
         return bodies, contacts, products
 
     def _edge(self) -> Edge:
-        """Return what the state, of which a kick has just been made, adds to the sums."""
+        """Return what the state now is worth in the sums of a transient."""
         plan, state = self.plan, self.state
         if not plan.method.integrator.kicks:
             state.reading[:], state.velocity[:] = state.x, state.v
             self._evaluate(state.reading, state.velocity)
-        mass = plan.system.linear[0][:, None]
-        x, f = state.x[:-1], state.total[:-1]
-        v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
-        bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
-        contacts, samples = np.zeros_like(self.sums.contacts), np.zeros_like(self.sums.samples)
-        indentation = plan.system.ends.gap(state.reading) - plan.system.clearance[:, None]
-        for sums, dimension, quantities in (
-            (contacts[FLUX + 1 :], CONTACT, (indentation, state.contact_force)),
-            (samples, BODY, (x, v)),
-        ):
-            for row, statistic in zip(sums, sampled_of(dimension), strict=True):
-                if not statistic.largest:
-                    row[:] = statistic.sample(*quantities)
-        contacts[:, plan.impacts.rigid.contacts] = 0.0  # impulses and rests are those of whole steps
-        products = np.zeros_like(self.sums.products)
-        if products.size:
-            i, j = self.sums.pairs.T
-            products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
-        phase = (self.now - 1) % plan.method.integrator.phases
-        return Edge(bodies, contacts, products, samples, plan.points.squares(phase, x, v, f))
-
-    @staticmethod
-    def _with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
-        """Return sums over bodies with those of what statistics sample in the last rows, all in the first phase."""
-        if not len(samples):
-            return bodies
-        rows = np.zeros((len(bodies), *samples.shape))
-        rows[0] = samples
-        return np.concatenate([bodies, rows], axis=1)
-
-    def _over_time(
-        self, begin: int, end: int, first: Edge, last: Edge
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
-
-        Sums over kicks are of those that end the steps, other sums of the states that begin them.
-        """
-        plan, sums = self.plan, self.sums
-        kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
-        half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
-        bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
-        bodies[:, : plan.rows] = sums.bodies
-        count = KICK_ROWS if kicks else plan.rows
-        bodies[0, :count] += half[0][:count]
-        products = sums.products + half[2]
-        if kicks:
-            # the flow of each step begins at the kick before, of the phase before
-            bodies[1:, BEGUN:INTENSITY], bodies[0, BEGUN:INTENSITY] = sums.bodies[:-1, :count], sums.bodies[-1, :count]
-            bodies[(plan.clock.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
-            bodies[(plan.clock.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
-            bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
-            if plan.noise.time_varying:
-                bodies[:, INTENSITY, plan.noise.white] = self.intensity[..., None]
-            products = np.concatenate([products, sums.products + first.products - last.products])
-        points = sums.points.sums.copy()
-        if plan.points:
-            before = plan.clock.spin_up_steps - 1
-            between = np.stack([np.zeros_like(plan.points.closed)] * 2 + [plan.points.closed] * 2)[..., None]
-            points[0, SQUARES] += ~between * half[4]
-            points[(before + begin) % phases, SQUARES] += between * first.points
-            points[(before + end) % phases, SQUARES] -= between * last.points
-        return self._with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products, points
+        return edge_of(plan, state, self.sums, (self.now - 1) % plan.method.integrator.phases)
 
     def _clear_sums(self) -> None:
         self.intensity = np.zeros((self.plan.method.integrator.phases, len(self.plan.noise.white)))

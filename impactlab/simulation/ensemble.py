@@ -17,7 +17,8 @@ from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report
 from impactlab.results.schema import CONTACT
 from impactlab.results.snapshot import QUANTITIES
-from impactlab.simulation.block import Block, BlockResult, Tick, compiled
+from impactlab.simulation.block import Block, Tick, compiled
+from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.live import Live
 
 

@@ -15,7 +15,7 @@ from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, labels_of, variables_of
 from impactlab.results.stack import Findings
-from impactlab.simulation.block import BlockResult
+from impactlab.simulation.block_sums import BlockResult
 from impactlab.statistics.subsamples import samples_per_realization
 
 if TYPE_CHECKING:

@@ -39,7 +39,8 @@ from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.results.stack import Findings
-from impactlab.simulation.block import BlockResult, compiled
+from impactlab.simulation.block import compiled
+from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import continued, endless_chatter, merged, run, run_block
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.labelling import findings_of

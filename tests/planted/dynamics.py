@@ -19,6 +19,7 @@ from impactlab.plan import noise as noise_plan
 from impactlab.plan.realizations import Realizations
 from impactlab.simulation import expected
 from impactlab.simulation.block import Block
+from impactlab.simulation.first_states import FirstStates
 from planted.plant import Bug, Plant, both, called, coefficients, in_plan, instead, planned, returned, text
 from planted.scenes import (
     ALONE,
@@ -244,7 +245,7 @@ BUGS = [
     Bug("twice the automatic step", LONG, returned(ExactFlow, "recommended_step", lambda step, *_: 2.0 * step)),
     Bug("three times the automatic step", HALVED, returned(ExactFlow, "recommended_step", lambda step, *_: 3.0 * step)),
     Bug("start that overlaps", START,
-        instead(Block, "_closed", lambda block, x, contacts: np.zeros(x.shape[1], dtype=int))),
+        instead(FirstStates, "_closed", lambda states, x, contacts: np.zeros(x.shape[1], dtype=int))),
     Bug("start with twice the temperature", START,
         in_plan(start__deviations=lambda plan: math.sqrt(2.0) * plan.start.deviations)),
     Bug("one stream for the start of all bodies", START,

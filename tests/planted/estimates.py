@@ -16,7 +16,7 @@ from impactlab.plan import clock
 from impactlab.records import density
 from impactlab.reference import conditions, reference
 from impactlab.results import schema
-from impactlab.simulation import block, simulate
+from impactlab.simulation import functions_in_steps, simulate
 from impactlab.simulation.block import Block
 from impactlab.statistics import estimate, moments, regression
 from impactlab.statistics.chain import Chain
@@ -211,7 +211,7 @@ BUGS = [
         returned(Block, "_edge", lambda edge, _: type(edge)(*(0.0 * item for item in edge)))),
     Bug("given forces as at the begin of a step", DRIVEN,
         both(returned(band_limited, "mean_and_slope", lambda _, values: (values[..., 0], 0.0 * values[..., 0])),
-             instead(block, "panel_weights", band_limited.panel_weights.__wrapped__))),
+             instead(functions_in_steps, "panel_weights", band_limited.panel_weights.__wrapped__))),
     Bug("a step that does not know given forces", DRIVEN,
         instead(automatic, "resolving_step", lambda model, begin, end, longest: longest)),
     Bug("a slow load taken for motion", DRIVEN, called(moments, "_open_flow", without_turns)),

@@ -10,7 +10,7 @@ import numpy as np
 import impactlab.plan.plan
 from impactlab.integrators.kicks import HALF_STEP
 from impactlab.linear import band_limited, given_functions
-from impactlab.simulation import block, simulate, steps
+from impactlab.simulation import block, functions_in_steps, simulate, steps
 from impactlab.statistics import joint_moments, moments, rare, regression
 from impactlab.step_size import automatic
 from planted.dynamics import column
@@ -39,7 +39,7 @@ def first_only(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def in_panels(rule: Any) -> Plant:
     """What steps see of a harmonic force by another rule."""
-    weights = instead(block, "panel_weights", band_limited.panel_weights.__wrapped__)  # those not kept
+    weights = instead(functions_in_steps, "panel_weights", band_limited.panel_weights.__wrapped__)  # those not kept
     return both(instead(band_limited, "mean_and_slope", rule), weights)
 
 
@@ -64,8 +64,8 @@ BUGS = [
     Bug("given force at the beginning of a step", RESONANCE, in_panels(first_only)),
     Bug("given force as constant over a step", FAST, in_panels(mean_only)),
     Bug("density of noise at the beginning of a step that does not see how fast it varies", GUST,
-        both(instead(automatic, "resolving_step", longest), instead(block, "looked_at", nothing_is),
-             instead(block, "mean_and_slope", first_only))),
+        both(instead(automatic, "resolving_step", longest), instead(functions_in_steps, "looked_at", nothing_is),
+             instead(functions_in_steps, "mean_and_slope", first_only))),
     Bug("means of a transient over its kicks", DECAY,
         instead(impactlab.plan.plan.Plan, "transient", property(lambda plan: False))),
     Bug("means of a transient without the halves of its ends", DECAY,

@@ -17,7 +17,7 @@ from scenes import base, linear
 
 import impactlab as il
 from impactlab.machine import tuned
-from impactlab.simulation import block
+from impactlab.simulation import first_states
 
 RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
 
@@ -370,13 +370,13 @@ def test_interrupt_is_answered_while_compiling(call, tmp_path):
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
 def test_a_start_that_is_hopeless_is_not_drawn_again(monkeypatch):
     """In a crowd no draw has all contacts open; the bodies start at rest after the first."""
-    draws, draw = [], block.fill_normals
+    draws, draw = [], first_states.fill_normals
 
     def counted(streams, realizations, attempt, normals):
         draws.append(attempt)
         draw(streams, realizations, attempt, normals)
 
-    monkeypatch.setattr(block, "fill_normals", counted)
+    monkeypatch.setattr(first_states, "fill_normals", counted)
     body = il.LinearOscillator.from_frequency(natural_frequency=6.0, damping_ratio=0.5)
     network = il.chain(200, body, il.LinearContact(10.0), clearance=0.01, excitation=il.WhiteNoise(1.0))
     result = il.simulate(network, duration=0.5, spin_up=0.0, realizations=2, rng=1, record=il.Trajectory(interval=0.5))

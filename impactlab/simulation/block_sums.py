@@ -1,0 +1,100 @@
+"""The sums of a block, and what the states at the ends of steps are worth in those of a transient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from impactlab.integrators.arguments import State, Sums
+from impactlab.kernels.rows import BEGUN, FLUX, INTENSITY, KICK_ROWS, SQUARES, TRANSIENT_ROWS
+from impactlab.plan.plan import Plan
+from impactlab.results.schema import BODY, CONTACT, sampled_of
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """What a block returns: sums per batch and realization, and what its records kept."""
+
+    bodies: np.ndarray  # (batch, phase, row, body, lane)
+    contacts: np.ndarray  # (batch, row, contact, lane)
+    products: np.ndarray  # (batch, row, pair, lane)
+    points: np.ndarray  # (batch, phase, row, point, lane)
+    endless: np.ndarray  # (rigid, lane) number of the first step, from 1 on, with too many impacts; 0 for none
+    records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
+
+
+class Edge(NamedTuple):
+    """What the state at one moment is worth in the sums."""
+
+    bodies: np.ndarray  # (row, body, lane)
+    contacts: np.ndarray  # (row, contact, lane)
+    products: np.ndarray  # (row, pair, lane)
+    samples: np.ndarray  # (row, body, lane)
+    points: np.ndarray  # (row, point, lane), those of squares
+
+
+def edge_of(plan: Plan, state: State, sums: Sums, phase: int) -> Edge:
+    """Return what the state in some phase, of which a kick has just been made, adds to the sums."""
+    mass = plan.system.linear[0][:, None]
+    x, f = state.x[:-1], state.total[:-1]
+    v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
+    bodies = np.array([x, v, x * x, x * v, v * v, f, f * f, f * x, f * v])
+    contacts, samples = np.zeros_like(sums.contacts), np.zeros_like(sums.samples)
+    indentation = plan.system.ends.gap(state.reading) - plan.system.clearance[:, None]
+    for rows, dimension, quantities in (
+        (contacts[FLUX + 1 :], CONTACT, (indentation, state.contact_force)),
+        (samples, BODY, (x, v)),
+    ):
+        for row, statistic in zip(rows, sampled_of(dimension), strict=True):
+            if not statistic.largest:
+                row[:] = statistic.sample(*quantities)
+    contacts[:, plan.impacts.rigid.contacts] = 0.0  # impulses and rests are those of whole steps
+    products = np.zeros_like(sums.products)
+    if products.size:
+        i, j = sums.pairs.T
+        products[:] = [one[i] * other[j] for one in (x, v, f) for other in (x, v, f)]
+    return Edge(bodies, contacts, products, samples, plan.points.squares(phase, x, v, f))
+
+
+def with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Return sums over bodies with those of what statistics sample in the last rows, all in the first phase."""
+    if not len(samples):
+        return bodies
+    rows = np.zeros((len(bodies), *samples.shape))
+    rows[0] = samples
+    return np.concatenate([bodies, rows], axis=1)
+
+
+def over_time(
+    plan: Plan, sums: Sums, intensity: np.ndarray, begin: int, end: int, first: Edge, last: Edge
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
+
+    Sums over kicks are of those that end the steps, other sums of the states that begin them.
+    """
+    kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
+    half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]
+    bodies = np.zeros((phases, TRANSIENT_ROWS if kicks else plan.rows, *sums.bodies.shape[2:]))
+    bodies[:, : plan.rows] = sums.bodies
+    count = KICK_ROWS if kicks else plan.rows
+    bodies[0, :count] += half[0][:count]
+    products = sums.products + half[2]
+    if kicks:
+        # the flow of each step begins at the kick before, of the phase before
+        bodies[1:, BEGUN:INTENSITY], bodies[0, BEGUN:INTENSITY] = sums.bodies[:-1, :count], sums.bodies[-1, :count]
+        bodies[(plan.clock.spin_up_steps + begin) % phases, BEGUN:INTENSITY] += first.bodies
+        bodies[(plan.clock.spin_up_steps + end) % phases, BEGUN:INTENSITY] -= last.bodies
+        bodies[:, INTENSITY] = plan.counts(begin, end)[:, None, None]
+        if plan.noise.time_varying:
+            bodies[:, INTENSITY, plan.noise.white] = intensity[..., None]
+        products = np.concatenate([products, sums.products + first.products - last.products])
+    points = sums.points.sums.copy()
+    if plan.points:
+        before = plan.clock.spin_up_steps - 1
+        between = np.stack([np.zeros_like(plan.points.closed)] * 2 + [plan.points.closed] * 2)[..., None]
+        points[0, SQUARES] += ~between * half[4]
+        points[(before + begin) % phases, SQUARES] += between * first.points
+        points[(before + end) % phases, SQUARES] -= between * last.points
+    return with_samples(bodies, sums.samples + half[3]), sums.contacts + half[1], products, points
