@@ -24,7 +24,8 @@ from impactlab.integrators.kicks import KICK, LAG, kick, push_by_given
 from impactlab.kernels.arrays import pointer_to, registers, shaped, value_at
 from impactlab.kernels.flow import flow
 from impactlab.kernels.jit import cache_folder, composed, part
-from impactlab.kernels.kick import copy, smooth_velocity
+from impactlab.kernels.kick import smooth_velocity
+from impactlab.kernels.scalars import scalar
 from impactlab.kernels.single import without_lanes
 from impactlab.kernels.sums import SLOTS
 
@@ -86,6 +87,13 @@ def forces(*arguments: Any) -> None:
     raise NotImplementedError
 
 
+@scalar
+def put(row, count, result):  # type: ignore[no-untyped-def]
+    """Copy so many numbers: not the wall's, with which two would be read at once, and wait until each is written."""
+    for place in range(count):
+        result[place] = row[place]
+
+
 def stretch(place, index):  # type: ignore[no-untyped-def]
     """Make the steps of a call from one of some index on, up to the end of a stretch; see `Stretch`."""
     given = value_at(place)
@@ -103,34 +111,34 @@ def stretch(place, index):  # type: ignore[no-untyped-def]
     indentation, contact_force = registers(CONTACTS), registers(CONTACTS)
     if index:
         last = (steps.first + index - 1) % SLOTS
-        copy(history.x[last], x)
-        copy(history.force[last], total)
+        put(history.x[last], BODIES, x)
+        put(history.force[last], BODIES, total)
     else:
-        copy(state.x, x)
-        copy(state.total, total)
-    copy(state.v, v)
+        put(state.x, BODIES, x)
+        put(state.total, BODIES, total)
+    put(state.v, BODIES, v)
     for number in range(index, end_of_stretch(steps, index)):
         now = steps.first + number
         slot = now % SLOTS
-        copy(total, before)
+        put(total, BODIES, before)
         sample, normals = number if noise.scale.shape[0] > 1 else 0, given.normals[now % 4]
         flow(coefficients, now % PHASES, noise, sample, normals, x, v, after)
         if FORCED.shape[0]:
             for half in range(2):
                 push_by_given(coefficients, forced, number, half, push, after, v)
-        copy(after, x)
+        put(after, BODIES, x)
         kick(forces, numbers, PASSES, still, v, y, History(x, middle, total, indentation, contact_force))
-        copy(x, history.x[slot])
-        copy(middle, history.v[slot])
-        copy(total, history.force[slot])
-        copy(indentation, history.indentation[slot])
-        copy(contact_force, history.contact_force[slot])
+        put(x, BODIES, history.x[slot])
+        put(middle, BODIES, history.v[slot])
+        put(total, BODIES, history.force[slot])
+        put(indentation, CONTACTS, history.indentation[slot])
+        put(contact_force, CONTACTS, history.contact_force[slot])
     smooth_velocity(coefficients, KICK, LAG, middle, total, before, state.velocity)
-    copy(y, state.reading)
-    copy(contact_force, state.contact_force)
-    copy(x, state.x)
-    copy(v, state.v)
-    copy(total, state.total)
+    put(y, BODIES, state.reading)
+    put(contact_force, CONTACTS, state.contact_force)
+    put(x, BODIES, state.x)
+    put(v, BODIES, state.v)
+    put(total, BODIES, state.total)
 
 
 def worth_compiling(layout: Layout, steps: int) -> bool:

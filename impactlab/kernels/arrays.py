@@ -234,3 +234,20 @@ def rows_of_lanes(array, begin, count, lanes):  # type: ignore[no-untyped-def]
     if DISABLED:
         return array[begin : begin + count * lanes].reshape(count, lanes)
     return _rows_of_lanes(array, begin, count, lanes)  # type: ignore[call-arg]
+
+
+@intrinsic
+def _seldom(typing_context, condition):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        bit = ir.IntType(1)
+        value = context.cast(builder, arguments[0], signature.args[0], types.boolean)
+        expect = builder.module.declare_intrinsic("llvm.expect", [bit], ir.FunctionType(bit, [bit, bit]))
+        return builder.call(expect, [value, bit(0)])
+
+    return types.boolean(condition), codegen
+
+
+@scalar
+def seldom(condition):  # type: ignore[no-untyped-def]
+    """Return a condition that the compiler takes to be seldom true: so it makes a branch of it, not a choice of two."""
+    return condition if DISABLED else _seldom(condition)  # type: ignore[call-arg]
