@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 
-
 _LEFT_OUT = "timetable", "accepting", "reading"
 """Decorators of functions that are no forces."""
 
@@ -12,7 +11,7 @@ _LEFT_OUT = "timetable", "accepting", "reading"
 class _WhereClosed(ast.NodeTransformer):
     """Evaluates the force of a contact only where it is closed, in loops that end ``force if closed, else 0``.
 
-    Vectors need both. One lane would wait for the roots in a force that it does not feel, which takes a fifth of a step.
+    Vectors need both. One lane would wait for roots of a force that it does not feel, which takes a fifth of a step.
     """
 
     def visit_For(self, node: ast.For) -> ast.For:
