@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from impactlab.machine import uncollected
 from impactlab.studies.discovery import make_study
 from impactlab.studies.report_page import report
 from impactlab.studies.run_folder import FIGURES, REPORT, RESULT, Folder
@@ -47,8 +48,5 @@ def _pictures(result: StudyResult) -> dict[str, bytes]:
     """Return the figures as SVG."""
     from impactlab.plotting.style import style, svg
 
-    pictures = {}
-    for name, figure in result.figures.items():
-        with style():
-            pictures[name] = svg(figure)
-    return pictures
+    with style(), uncollected():
+        return {name: svg(figure) for name, figure in result.figures.items()}

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from impactlab.plotting.style import band, label_text, units_text
 from impactlab_two_system.results import Missing, Results
-from impactlab_two_system.style import AXIS, BLUE, GREEN, GREY, ORANGE, SKY, letter
+from impactlab_two_system.style import AXIS, BLUE, GREEN, GREY, ORANGE, SKY, grid, letter, plain
 
 COORDINATES = tuple(AXIS)
 BAND = 2.0  # standard errors
@@ -54,6 +54,7 @@ def _densities(results: Results, axes: Axes, ratio: float, system: str, quantity
         axes.plot(center, density[f"density_{quantity}"].values, **_LOOKS["fokker-planck"])
     axes.set_xlim(shown[0], shown[-1])
     axes.locator_params(axis="x", nbins=4)
+    axes.xaxis.set_major_formatter(plain)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel(label_text("density", density[f"density_{quantity}"].attrs["units"]))
 
@@ -63,11 +64,11 @@ def base_densities(results: Results) -> Figure:
     ratio = results.study.balanced_ratio
     results.ratios(ratio, ratio)
     figure = Figure(figsize=(7.2, 6.2))
-    grid = figure.add_gridspec(5, 2, height_ratios=[3, 1, 0.12, 3, 1])
+    places = grid(figure, [3.0, 1.0, 0.85, 3.0, 1.0], 2, left=0.8, across=0.85, bottom=1.1, down=0.12)
     for index, (system, quantity) in enumerate(COORDINATES):
         row = 0 if index < 2 else 3
-        above = figure.add_subplot(grid[row, index % 2])
-        below = figure.add_subplot(grid[row + 1, index % 2], sharex=above)
+        above = figure.add_subplot(places[row, index % 2])
+        below = figure.add_subplot(places[row + 1, index % 2], sharex=above)
         _densities(results, above, ratio, system, quantity)
         letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
         if results.study.reference != "none":
@@ -81,7 +82,7 @@ def base_densities(results: Results) -> Figure:
     if results.study.reference != "none":
         handles.append(Line2D([], [], color=GREEN))
         labels.append("absolute error of the ensemble")
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.legend(handles, labels, loc="lower center", ncols=2)
     figure.align_ylabels()
     return figure
 
@@ -108,13 +109,14 @@ def density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
     if not ratios:
         raise Missing("none of the frequency ratios was computed")
     figure = Figure(figsize=(9.0, 0.9 + 1.65 * len(ratios)))
-    panels = figure.subplots(len(ratios), 4, squeeze=False)
+    panels = grid(figure, [1.0] * len(ratios), 4, bottom=0.85, down=0.48).subplots(squeeze=False)
     for row, (ratio, line) in enumerate(zip(ratios, panels, strict=True)):
         condition = results.value("velocity_ratio", "", ratio, 0.0, "linear").value
         for column, ((system, quantity), axes) in enumerate(zip(COORDINATES, line, strict=True)):
             _densities(results, axes, ratio, system, quantity)
-            axes.set_xlabel(AXIS[system, quantity][0])
+            if row == len(ratios) - 1:
+                axes.set_xlabel(AXIS[system, quantity][0])
             if column == 0:
                 letter(axes, row, rf"$\bar\omega={ratio:g}$, $C_{{DV}}={condition:.3g}$")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=3)
     return figure

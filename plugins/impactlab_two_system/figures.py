@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import cycle, product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -17,6 +17,7 @@ from impactlab.plotting.style import COLORS, label_text, points, style
 from impactlab_two_system.density_figures import base_densities, density_grid
 from impactlab_two_system.results import Measured, Missing, Results, mean
 from impactlab_two_system.style import (
+    grid,
     letter,
     plain_log_axis,
     ratio_axis,
@@ -111,7 +112,13 @@ def _coloured(results: Results) -> list[tuple[float, str]]:
     return list(zip(results.study.clearances, cycle(COLORS), strict=False))
 
 
-def _legend(figure: Figure, results: Results, sources: tuple[str, ...], columns: int = 4) -> None:
+def _legend(
+    figure: Figure,
+    results: Results,
+    sources: tuple[str, ...],
+    columns: int = 4,
+    place: Literal["lower center", "outside lower center"] = "outside lower center",
+) -> None:
     """Explain colours (clearance) and marks (source)."""
     looks: dict[str, tuple[str, dict[str, Any]]] = {
         "accurate": (r"ensemble ($\pm$2 standard errors)", {"marker": "o", "ms": 3, "lw": 1.0}),
@@ -131,14 +138,14 @@ def _legend(figure: Figure, results: Results, sources: tuple[str, ...], columns:
             shown.append(Line2D([], [], color="black", label=text, **look))
     if results.solved:
         shown.append(Line2D([], [], label="Fokker\u2013Planck equation", **_SOLVED))
-    figure.legend(handles=shown, loc="outside lower center", ncols=columns)
+    figure.legend(handles=shown, loc=place, ncols=columns)
 
 
 def _mean_squares(results: Results) -> Figure:
     """Figure 5: mean squares and variances, and below each how it stands to the linear one."""
     sources = ("linear", "analytic", "paper", "accurate")
     figure = Figure(figsize=(9.0, 7.4))
-    grid = figure.add_gridspec(5, 3, height_ratios=[2.2, 1.3, 0.1, 2.2, 1.3])
+    places = grid(figure, [2.2, 1.3, 0.55, 2.2, 1.3], 3, left=0.8, across=0.85, bottom=1.0, down=0.14)
     columns = (
         (X2, label_text("mean square\ndisplacement", "m2")),
         ("variance_displacement", label_text("variance of\ndisplacement", "m2")),
@@ -146,8 +153,8 @@ def _mean_squares(results: Results) -> Figure:
     )
     for row, system in enumerate(("one", "two")):
         for column, (name, text) in enumerate(columns):
-            above = figure.add_subplot(grid[3 * row, column])
-            below = figure.add_subplot(grid[3 * row + 1, column])
+            above = figure.add_subplot(places[3 * row, column])
+            below = figure.add_subplot(places[3 * row + 1, column])
             _curves(results, above, name, system, sources)
             _curves(results, below, name, system, sources[1:], relative_to="linear")
             below.axhline(1.0, color="black", ls=":", lw=1.2, zorder=1)
@@ -163,7 +170,7 @@ def _mean_squares(results: Results) -> Figure:
             above.set_ylabel(text)
             below.set_ylabel("over linear")
             letter(above, 3 * row + column, f"System {row + 1}")
-    _legend(figure, results, sources)
+    _legend(figure, results, sources, place="lower center")
     figure.align_ylabels()
     return figure
 

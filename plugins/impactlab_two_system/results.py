@@ -103,6 +103,7 @@ class Results:
         self.tree = tree
         self._nodes: dict[str, xr.Dataset] = {}
         self._tables: dict[tuple[str, str], _Table] = {}
+        self._densities: dict[tuple[str, str, float], xr.Dataset] = {}
 
     def node(self, path: str) -> xr.Dataset:
         """Return one group of the tree."""
@@ -192,10 +193,13 @@ class Results:
 
     def density(self, path: str, system: str, ratio: float) -> xr.Dataset:
         """Return the densities of one system at one frequency ratio, from a group of densities."""
-        node = self.node(path)
-        if ratio not in node.frequency_ratio:
-            raise Missing(f"ω̄ = {ratio:g} was not computed")
-        return node.sel(frequency_ratio=ratio, oscillator=system)
+        case = path, system, ratio
+        if case not in self._densities:
+            node = self.node(path)
+            if ratio not in node.frequency_ratio:
+                raise Missing(f"ω̄ = {ratio:g} was not computed")
+            self._densities[case] = node.sel(frequency_ratio=ratio, oscillator=system)
+        return self._densities[case]
 
     def excess_kurtosis(self, system: str, ratio: float) -> Measured:
         """Return the excess kurtosis of a velocity, from its density."""
