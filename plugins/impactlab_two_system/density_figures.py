@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from impactlab.plotting.style import band, label_text, units_text
 from impactlab_two_system.results import Missing, Results
-from impactlab_two_system.style import AXIS, BLUE, GREEN, GREY, ORANGE, SKY, grid, letter, plain
+from impactlab_two_system.style import AXIS, BLUE, GREEN, GREY, ORANGE, SKY, blank, letter, place, plain
 
 COORDINATES = tuple(AXIS)
 BAND = 2.0  # standard errors
@@ -63,12 +64,12 @@ def base_densities(results: Results) -> Figure:
     """Figure 2: the base case with the absolute error below each density."""
     ratio = results.study.balanced_ratio
     results.ratios(ratio, ratio)
-    figure = Figure(figsize=(7.2, 6.2))
-    places = grid(figure, [3.0, 1.0, 0.85, 3.0, 1.0], 2, left=0.8, across=0.85, bottom=1.1, down=0.12)
+    figure = blank(7.2, 6.2)
+    grid = figure.add_gridspec(5, 2, height_ratios=[3.0, 1.0, 0.85, 3.0, 1.0])
     for index, (system, quantity) in enumerate(COORDINATES):
         row = 0 if index < 2 else 3
-        above = figure.add_subplot(places[row, index % 2])
-        below = figure.add_subplot(places[row + 1, index % 2], sharex=above)
+        above = figure.add_subplot(grid[row, index % 2])
+        below = figure.add_subplot(grid[row + 1, index % 2], sharex=above)
         _densities(results, above, ratio, system, quantity)
         letter(above, index, f"{AXIS[system, quantity][1]}, {quantity}")
         if results.study.reference != "none":
@@ -78,11 +79,10 @@ def base_densities(results: Results) -> Figure:
         else:
             below.remove()
             above.set_xlabel(AXIS[system, quantity][0])
-    handles, labels = above.get_legend_handles_labels()
+    legend = _legend(figure)
     if results.study.reference != "none":
-        handles.append(Line2D([], [], color=GREEN))
-        labels.append("absolute error of the ensemble")
-    figure.legend(handles, labels, loc="lower center", ncols=2)
+        legend.append(Line2D([], [], color=GREEN, label="absolute error of the ensemble"))
+    place(figure, legend, 2, left=0.8, across=0.85, down=0.12)
     figure.align_ylabels()
     return figure
 
@@ -108,8 +108,8 @@ def density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
     ratios = [ratio for ratio in wanted if ratio in results.study.frequency_ratios]
     if not ratios:
         raise Missing("none of the frequency ratios was computed")
-    figure = Figure(figsize=(9.0, 0.9 + 1.65 * len(ratios)))
-    panels = grid(figure, [1.0] * len(ratios), 4, bottom=0.85, down=0.48).subplots(squeeze=False)
+    figure = blank(9.0, 0.9 + 1.65 * len(ratios))
+    panels = figure.subplots(len(ratios), 4, squeeze=False)
     for row, (ratio, line) in enumerate(zip(ratios, panels, strict=True)):
         condition = results.value("velocity_ratio", "", ratio, 0.0, "linear").value
         for column, ((system, quantity), axes) in enumerate(zip(COORDINATES, line, strict=True)):
@@ -118,5 +118,11 @@ def density_grid(results: Results, wanted: tuple[float, ...]) -> Figure:
                 axes.set_xlabel(AXIS[system, quantity][0])
             if column == 0:
                 letter(axes, row, rf"$\bar\omega={ratio:g}$, $C_{{DV}}={condition:.3g}$")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=3)
+    place(figure, _legend(figure), 3, down=0.48)
     return figure
+
+
+def _legend(figure: Figure) -> list[Artist]:
+    """Return what the panels show, each once."""
+    labelled = [axes.get_legend_handles_labels() for axes in figure.axes]
+    return list({label: handle for found in labelled for handle, label in zip(*found, strict=True)}.values())

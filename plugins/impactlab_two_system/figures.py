@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import cycle, product
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -17,8 +17,9 @@ from impactlab.plotting.style import COLORS, label_text, points, style
 from impactlab_two_system.density_figures import base_densities, density_grid
 from impactlab_two_system.results import Measured, Missing, Results, mean
 from impactlab_two_system.style import (
-    grid,
+    blank,
     letter,
+    place,
     plain_log_axis,
     ratio_axis,
 )
@@ -112,13 +113,7 @@ def _coloured(results: Results) -> list[tuple[float, str]]:
     return list(zip(results.study.clearances, cycle(COLORS), strict=False))
 
 
-def _legend(
-    figure: Figure,
-    results: Results,
-    sources: tuple[str, ...],
-    columns: int = 4,
-    place: Literal["lower center", "outside lower center"] = "outside lower center",
-) -> None:
+def _legend(results: Results, sources: tuple[str, ...]) -> list[Line2D]:
     """Explain colours (clearance) and marks (source)."""
     looks: dict[str, tuple[str, dict[str, Any]]] = {
         "accurate": (r"ensemble ($\pm$2 standard errors)", {"marker": "o", "ms": 3, "lw": 1.0}),
@@ -138,14 +133,14 @@ def _legend(
             shown.append(Line2D([], [], color="black", label=text, **look))
     if results.solved:
         shown.append(Line2D([], [], label="Fokker\u2013Planck equation", **_SOLVED))
-    figure.legend(handles=shown, loc=place, ncols=columns)
+    return shown
 
 
 def _mean_squares(results: Results) -> Figure:
     """Figure 5: mean squares and variances, and below each how it stands to the linear one."""
     sources = ("linear", "analytic", "paper", "accurate")
-    figure = Figure(figsize=(9.0, 7.4))
-    places = grid(figure, [2.2, 1.3, 0.55, 2.2, 1.3], 3, left=0.8, across=0.85, bottom=1.0, down=0.14)
+    figure = blank(9.0, 7.4)
+    grid = figure.add_gridspec(5, 3, height_ratios=[2.2, 1.3, 0.55, 2.2, 1.3])
     columns = (
         (X2, label_text("mean square\ndisplacement", "m2")),
         ("variance_displacement", label_text("variance of\ndisplacement", "m2")),
@@ -153,8 +148,8 @@ def _mean_squares(results: Results) -> Figure:
     )
     for row, system in enumerate(("one", "two")):
         for column, (name, text) in enumerate(columns):
-            above = figure.add_subplot(places[3 * row, column])
-            below = figure.add_subplot(places[3 * row + 1, column])
+            above = figure.add_subplot(grid[3 * row, column])
+            below = figure.add_subplot(grid[3 * row + 1, column])
             _curves(results, above, name, system, sources)
             _curves(results, below, name, system, sources[1:], relative_to="linear")
             below.axhline(1.0, color="black", ls=":", lw=1.2, zorder=1)
@@ -170,7 +165,7 @@ def _mean_squares(results: Results) -> Figure:
             above.set_ylabel(text)
             below.set_ylabel("over linear")
             letter(above, 3 * row + column, f"System {row + 1}")
-    _legend(figure, results, sources, place="lower center")
+    place(figure, _legend(results, sources), 4, left=0.8, across=0.85, down=0.14)
     figure.align_ylabels()
     return figure
 
@@ -178,7 +173,7 @@ def _mean_squares(results: Results) -> Figure:
 def _ratios(results: Results) -> Figure:
     """Figure 6: ratios of the mean squares of the two systems."""
     sources = ("linear", "analytic", "paper", "accurate")
-    figure = Figure(figsize=(7.2, 3.8))
+    figure = blank(7.2, 3.8)
     for index, (name, axes) in enumerate(zip((X2, V2), figure.subplots(1, 2), strict=True)):
         _curves(results, axes, name, "one/two", sources)
         axes.set_yscale("log")
@@ -186,27 +181,27 @@ def _ratios(results: Results) -> Figure:
         symbol = "x" if name == X2 else "v"
         axes.set_ylabel(f"$E[{symbol}_1^2]/E[{symbol}_2^2]$")
         letter(axes, index, "displacement" if name == X2 else "velocity")
-    _legend(figure, results, sources, columns=3)
+    place(figure, _legend(results, sources), 3, across=0.75)
     return figure
 
 
 def _contact_ratio(results: Results) -> Figure:
     """Figure 7: the share of time in contact."""
     sources = ("analytic", "paper", "accurate")
-    figure = Figure(figsize=(6.0, 4.0))
+    figure = blank(6.0, 4.0)
     axes = figure.add_subplot()
     _curves(results, axes, "contact_ratio", "gap", sources)
     ratio_axis(axes, results.ratios(0.0))
     axes.set_ylabel("contact ratio")
     axes.set_ylim(bottom=0.0)
-    _legend(figure, results, sources, columns=3)
+    place(figure, _legend(results, sources), 3)
     return figure
 
 
 def _largest_force(results: Results) -> Figure:
     """Figure 8: the largest force of a record, its distribution, and its growth with time."""
     study = results.study
-    figure = Figure(figsize=(9.0, 3.6))
+    figure = blank(9.0, 3.6)
     over_ratio, distribution, growth = figure.subplots(1, 3)
     for clearance, colour in _coloured(results):
         ratios = results.ratios(0.0)
@@ -235,5 +230,5 @@ def _largest_force(results: Results) -> Figure:
     growth.set_xlabel("observation time (s)")
     growth.set_ylabel("mean of the largest force (N)")
     letter(growth, 2, rf"growth with time, $\bar\omega={base:g}$")
-    _legend(figure, results, ("paper", "accurate"), columns=5)
+    place(figure, _legend(results, ("paper", "accurate")), 5, across=0.75)
     return figure

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from impactlab.plotting.style import COLORS, label_text
@@ -21,30 +23,35 @@ AXIS = {
 }
 
 
-def grid(
+_PLACES = "left", "bottom", "right", "top", "wspace", "hspace"
+
+
+def blank(width: float, height: float) -> Figure:
+    """Return a figure for panels that :func:`place` places; sizes in inches."""
+    return Figure(figsize=(width, height), layout="none")  # type: ignore[arg-type]  # its stubs leave that out
+
+
+def place(
     figure: Figure,
-    heights: Sequence[float],
+    legend: Sequence[Artist],
     columns: int,
     *,
-    left: float = 0.65,
-    right: float = 0.08,
-    bottom: float,
-    top: float = 0.25,
+    left: float = 0.7,
     across: float = 0.6,
-    down: float,
-) -> GridSpec:
-    """Place panels by margins and distances in inches, and rows by heights relative to each other.
+    down: float = 0.0,
+) -> None:
+    """Place the panels of a blank figure above a legend in columns, by margins and distances in inches.
 
     Matplotlib could find these distances, but draws all panels twice more for it.
     """
-    figure.set_layout_engine("none")
-    width, height = figure.get_size_inches()
-    panel = (width - left - right - (columns - 1) * across) / columns
-    row = (height - top - bottom - (len(heights) - 1) * down) / len(heights)
-    return figure.add_gridspec(
-        len(heights), columns, height_ratios=heights, wspace=across / panel, hspace=down / row,
-        left=left / width, right=1.0 - right / width, bottom=bottom / height, top=1.0 - top / height,
-    )  # fmt: skip
+    figure.legend(handles=list(legend), loc="lower center", ncols=columns)
+    grid, size = figure.axes[0].get_gridspec(), figure.get_size_inches()
+    assert grid is not None
+    low = left, 0.62 + 0.17 * math.ceil(len(legend) / columns)  # below: ticks, label, and rows of the legend
+    high = size - (0.1, 0.27)
+    shape, between = np.array([grid.ncols, grid.nrows]), np.array([across, down])
+    spaces = between * shape / (high - low - (shape - 1) * between)  # in panels, as Matplotlib counts
+    figure.subplots_adjust(**dict(zip(_PLACES, (*low / size, *high / size, *spaces), strict=True)))
 
 
 def plain(value: float, _: float = 0.0) -> str:
