@@ -8,9 +8,9 @@ import warnings
 
 import pytest
 from planted import compound, compound_scenes, dynamics, estimates, friction, scenes, wider, wider_scenes
+from planted.plant import forget
 
 import impactlab as il
-from impactlab.assembly.remembered import forget
 
 RIGHT, CAUGHT = 5.0, 6.0
 """Standard errors that the right code may be off, and a bug must be."""
@@ -27,8 +27,8 @@ def plant():
     with pytest.MonkeyPatch.context() as monkeypatch:
 
         def put(bug):
-            bug.plant(monkeypatch)
             forget()
+            bug.plant(monkeypatch)
 
         yield put
     forget()

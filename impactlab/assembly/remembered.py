@@ -16,8 +16,6 @@ Result = TypeVar("Result")
 MOST, SMALL = 64, 4096
 """Results of each function that are remembered, and bytes of an array up to which they are: larger ones differ."""
 
-_memories: list[Callable[[], None]] = []
-
 
 class _Content(NamedTuple):
     """An array as it is looked up."""
@@ -31,7 +29,7 @@ class _Content(NamedTuple):
 
 
 def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Let a function of arrays and hashable arguments remember its last results."""
+    """Let a function of arrays and hashable arguments remember its last results, up to a call of ``cache_clear``."""
 
     @functools.lru_cache(maxsize=MOST)
     def known(*keys: Any) -> Result:
@@ -40,8 +38,6 @@ def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
             if isinstance(item, np.ndarray):
                 item.setflags(write=False)
         return result
-
-    _memories.append(known.cache_clear)
 
     @functools.wraps(function)
     def looked_up(*arguments: Any) -> Result:
@@ -54,10 +50,5 @@ def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
             keys.append(item)
         return known(*keys)
 
+    looked_up.cache_clear = known.cache_clear  # type: ignore[attr-defined]
     return looked_up
-
-
-def forget() -> None:
-    """Let all these functions forget what they returned: for who replaces what they call."""
-    for clear in _memories:
-        clear()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -38,6 +40,15 @@ class Bug:
     scene: Scene
     plant: Plant
     in_reference: bool = False
+
+
+def forget() -> None:
+    """Let functions of small arrays, which remember what they returned, forget it; compiled code is kept."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("impactlab."):
+            for _, function in inspect.getmembers(module, inspect.isfunction):
+                if hasattr(function, "cache_clear"):
+                    function.cache_clear()
 
 
 def returned(module: Any, name: str, change: Callable[..., Any]) -> Plant:
