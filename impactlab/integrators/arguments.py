@@ -87,7 +87,9 @@ class Forced(NamedTuple):
     """Given forces on some bodies during one call."""
 
     bodies: np.ndarray  # (row,) slots
-    force: np.ndarray  # (time, row): samples, or with `takes_response` mean and slope of each step in turn
+    numbers: np.ndarray  # (row,) which of the forces it is
+    weights: np.ndarray  # (row,) factor of it
+    force: np.ndarray  # (time, force): samples, or with `takes_response` mean and slope of each step in turn
 
 
 class Driven(NamedTuple):
@@ -335,7 +337,8 @@ class Stretch(NamedTuple):
     amplitude: np.ndarray  # as in `Noise`, and so the next two
     scale: np.ndarray
     normals: np.ndarray
-    force: np.ndarray  # (2 step, row) mean and slope of given forces
+    weights: np.ndarray  # as in `Forced`, and so the next one
+    force: np.ndarray
     state: State
     history: History
     steps: Steps
@@ -379,7 +382,7 @@ class _Types:
             Coloured, i8, filters, array(1, u4), cube, i8, slots, blocks, blocks, normals, shots, block
         )
         self.series = named(Series, slots, cube, blocks, self.coloured)
-        self.driven = named(Driven, self.noise, self.series, named(Forced, slots, table))
+        self.driven = named(Driven, self.noise, self.series, named(Forced, slots, slots, numbers, table))
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)
         closings, points = (
@@ -391,7 +394,9 @@ class _Types:
         self.steps = named(Steps, f8, i8, i8, b1, b1, b1, i8, i8, i8, i8, i8)
         self.account = named(Account, self.history, self.sums)
         self.functions = named(Functions, self.forces, *[i8] * 7)
-        self.stretch = named(Stretch, numbers, cube, cube, table, normals, table, self.state, self.history, self.steps)
+        self.stretch = named(
+            Stretch, numbers, cube, cube, table, normals, numbers, table, self.state, self.history, self.steps
+        )
         self.loop = void(
             self.functions, self.tables, self.driven, self.state, self.history, self.sums, blocks, self.steps
         )

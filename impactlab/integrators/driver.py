@@ -88,10 +88,10 @@ def sampled(steps, index):  # type: ignore[no-untyped-def]
 @scalar
 def stretch_of(tables, driven, state, history, steps):  # type: ignore[no-untyped-def]
     """Return what several steps at once take of the arguments of a loop."""
-    noise = driven.noise
+    noise, forced = driven.noise, driven.forced
     return Stretch(
-        tables.parameters, tables.coefficients, noise.amplitude, noise.scale, noise.normals, driven.forced.force, state,
-        history, steps,
+        tables.parameters, tables.coefficients, noise.amplitude, noise.scale, noise.normals, forced.weights,
+        forced.force, state, history, steps,
     )  # fmt: skip
 
 

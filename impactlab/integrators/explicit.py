@@ -214,4 +214,4 @@ def push(driven, steps, index, node, force):  # type: ignore[no-untyped-def]
     if series.bodies.shape[0]:
         add_series(series, sample_of(steps, now) + sample, force)
     if forced.bodies.shape[0]:
-        add_forced(forced.force, steps.samples * index + sample, forced.bodies, force)
+        add_forced(forced, steps.samples * index + sample, force)

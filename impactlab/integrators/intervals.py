@@ -90,28 +90,13 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
     """
     lanes, bodies, contacts = min(realizations, jump_lanes(model)), len(model.mass), len(model.ends)
     samples = min(SAMPLES, SEARCHES // contacts)
-    z = _normals(bodies + 1, samples)
     single = 0.5 * OPERATION + 3.5 * lanes * bodies  # work of a step that is taken by itself
     inside = 0.0  # and of one within an interval, at the levels that were looked at
     best, foreseen = GAIN, 0
     for level in range((LONGEST // LEAF).bit_length()):
         steps = LEAF << level
-        a_of, q_of = _motion(model, step, steps)
-        path, scatter = _bridge(a_of, q_of, model.ends.pairs, steps)
-        path = np.concatenate([path, np.zeros((steps, 1, 4))], axis=1)
-        limits, draw = model.clearance - window - _sigmas(model, steps) * scatter, _cholesky(q_of[steps])
-        state = z.copy()
-        state[:-1, :2] *= deviations.T[..., None]
-        state[:-1, 2] = draw[:, :1] * z[:-1, 2]
-        state[:-1, 3] = draw[:, 1:2] * z[:-1, 2] + draw[:, 2:] * z[:-1, 3]
-        state[-1] = 0.0
-        touched = np.zeros(samples, dtype=bool)
-        for (first, second), limit in zip(model.ends.pairs, limits.T, strict=True):
-            # not by BLAS, whose threads would take longer to wake up than this takes
-            gap = np.einsum("sc,cn->sn", path[:, first], state[first])
-            gap -= np.einsum("sc,cn->sn", path[:, second], state[second])
-            touched |= (gap > limit[:, None]).any(axis=0)
-        near = float(touched.mean())
+        nearest, farthest = _foreseen(*_motion(model, step, steps), model.ends.pairs, deviations, samples)
+        near = float((nearest > (model.clearance - window)[:, None]).any(axis=0).mean())
         if level == 0:
             inside += _some(near, lanes) * 0.7 * OPERATION + near * lanes * 7.0 * bodies
         else:
@@ -121,15 +106,41 @@ def foreseen_levels(model: Model, step: float, deviations: np.ndarray, window: n
             break
         if level == 0:
             continue
-        reach = _reach(path[:, :-1], draw, deviations)[:, None]
-        size = np.append(reach * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
-        flagged = (size[model.ends.pairs].sum(axis=1) > limits.min(axis=0)[:, None]).any(axis=0).mean()
+        flagged = (farthest > (model.clearance - window)[:, None]).any(axis=0).mean()
         work = OPERATION + lanes * (5.0 * bodies + contacts) + steps * inside
         work += _some(flagged, lanes) * OPERATION + flagged * lanes * (12.0 * bodies + 0.7 * steps * contacts)
         gain = steps * single / work
         if gain > best:
             best, foreseen = gain, level
     return foreseen
+
+
+@remembered
+def _foreseen(
+    a_of: np.ndarray, q_of: np.ndarray, pairs: np.ndarray, deviations: np.ndarray, samples: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how near gaps come to a contact at clearance 0 in an interval, and a bound of it, (contact, sample) each.
+
+    Flows and covariances are as `_motion` returns them.
+    """
+    steps, z = len(a_of) - 1, _normals(deviations.shape[1] + 1, samples)
+    path, scatter = _bridge(a_of, q_of, pairs, steps)
+    stray, draw = _sigmas(len(pairs), steps) * scatter, _cholesky(q_of[steps])
+    reach = _reach(path, draw, deviations)[:, None]
+    size = np.append(reach * np.sqrt((z[:-1] ** 2).sum(axis=1)), np.zeros((1, samples)), axis=0)
+    path = np.concatenate([path, np.zeros((steps, 1, 4))], axis=1)
+    state = z.copy()
+    state[:-1, :2] *= deviations.T[..., None]
+    state[:-1, 2] = draw[:, :1] * z[:-1, 2]
+    state[:-1, 3] = draw[:, 1:2] * z[:-1, 2] + draw[:, 2:] * z[:-1, 3]
+    state[-1] = 0.0
+    nearest = np.empty((len(pairs), samples))
+    for row, (first, second) in enumerate(pairs):
+        # not by BLAS, whose threads would take longer to wake up than this takes
+        gap = np.einsum("sc,cn->sn", path[:, first], state[first])
+        gap -= np.einsum("sc,cn->sn", path[:, second], state[second])
+        nearest[row] = (gap + stray[:, row, None]).max(axis=0)
+    return nearest, size[pairs].sum(axis=1) + stray.max(axis=0)[:, None]
 
 
 @functools.lru_cache(maxsize=4)
@@ -161,7 +172,7 @@ def jump_tables(
     """
     bodies, noisy = len(model.mass), model.intensities() > 0.0
     a_of, q_of = _motion(model, step, leaf << levels)
-    sigmas = _sigmas(model, leaf << levels)
+    sigmas = _sigmas(len(model.ends), leaf << levels)
     gain, rest = np.zeros((2, levels + 1, bodies, 2, 2))
     path, limit = [], []
     for level in range(levels + 1):
@@ -214,9 +225,9 @@ def _repeated(a: np.ndarray, q: np.ndarray, number: int) -> tuple[np.ndarray, np
     return np.array(flows), np.array(growth)
 
 
-def _sigmas(model: Model, steps: int) -> float:
+def _sigmas(contacts: int, steps: int) -> float:
     """Return the standard deviations from a mean path of some steps beyond which nothing is expected."""
-    return -NormalDist().inv_cdf(TOUCHED / (steps * max(1, len(model.ends))))
+    return -NormalDist().inv_cdf(TOUCHED / (steps * max(1, contacts)))
 
 
 @remembered

@@ -82,6 +82,6 @@ def kick(forces, tables, passes, still, v, y, slot):  # type: ignore[no-untyped-
 def push_by_given(coefficients, forced, index, part, push, x, v):  # type: ignore[no-untyped-def]
     """Add the response to a part of given forces in a step, mean or slope; the forces of bodies are left in `push`."""
     clear(push)
-    add_forced(forced.force, 2 * index + part, forced.bodies, push)
+    add_forced(forced, 2 * index + part, push)
     add_scaled(coefficients, PUSH + 2 * part, push, x)
     add_scaled(coefficients, PUSH + 2 * part + 1, push, v)

@@ -47,7 +47,8 @@ class Layout(NamedTuple):
     rows: tuple[int, ...]  # slots of the bodies with noise, and the runs and the first second row of `Noise`
     runs: tuple[tuple[int, ...], ...]
     seconds: int
-    forced: tuple[int, ...]  # slots of the bodies under given forces
+    forced: tuple[int, ...]  # slots of the bodies under given forces, and which of these it is
+    given: tuple[int, ...]
     coefficients: tuple[int, ...]  # their shape
     contacts: int
     passes: int
@@ -79,7 +80,7 @@ class RowsOfNoise(NamedTuple):
 
 # what stands here for the numbers of a layout
 BODIES = WITH_WALL = CONTACTS = COLUMNS = PHASES = SECONDS = PASSES = 0
-INDICES = RUNS = ROWS = FORCED = np.zeros(0, np.int64)
+INDICES = RUNS = ROWS = FORCED = GIVEN = np.zeros(0, np.int64)
 
 
 def forces(*arguments: Any) -> None:
@@ -101,7 +102,7 @@ def stretch(place, index):  # type: ignore[no-untyped-def]
     coefficients = shaped(given.coefficients, PHASES, COLUMNS, BODIES)
     numbers = Numbers(given.parameters, INDICES, coefficients)
     noise = RowsOfNoise(ROWS, RUNS, SECONDS, given.amplitude, given.scale)
-    forced = Forced(FORCED, given.force)
+    forced = Forced(FORCED, GIVEN, given.weights, given.force)
     x, v, y, after, push = (
         registers(WITH_WALL), registers(WITH_WALL), registers(WITH_WALL), registers(WITH_WALL), registers(WITH_WALL),
     )  # fmt: skip
@@ -162,6 +163,7 @@ def stretching(layout: Layout) -> tuple[Any, int]:
         "BODIES": bodies, "WITH_WALL": bodies + 1, "CONTACTS": layout.contacts, "COLUMNS": columns, "PHASES": phases,
         "SECONDS": layout.seconds, "PASSES": layout.passes, "INDICES": of(layout.indices),
         "RUNS": of(layout.runs, len(layout.runs), 3), "ROWS": of(layout.rows), "FORCED": of(layout.forced),
+        "GIVEN": of(layout.given),
     }  # fmt: skip
     own = build(inlined_forces(layout.text)).forces
     function = composed(without_lanes(stretch), layout.version, forces=own, **numbers)

@@ -193,11 +193,11 @@ def add_series(series, index, force):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_forced(table, sample, bodies, force):  # type: ignore[no-untyped-def]
-    """Add a given force, the same in all lanes, to ``force[body, lane]``."""
-    for row in range(bodies.shape[0]):
-        body = bodies[row]
-        given = table[sample, row]
+def add_forced(forced, sample, force):  # type: ignore[no-untyped-def]
+    """Add given forces at a time, the same in all lanes, to ``force[body, lane]``."""
+    for row in range(forced.bodies.shape[0]):
+        body = forced.bodies[row]
+        given = forced.weights[row] * forced.force[sample, forced.numbers[row]]
         for lane in range(force.shape[1]):
             force[body, lane] += given
 

@@ -5,6 +5,7 @@ Laws that depend on time are such functions as well, at places where they are lo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from functools import lru_cache
@@ -213,31 +214,55 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     time by which a step would know it; the relative difference must be below `UNSEEN` at the share `MOST` of them. So
     what matters is where the function is large, however short that is, and how fast it varies there, not any period; of
     laws and displacements it is what differs from their mean. A function that varies at any step is refused.
+
+    What a longer step sees is seen: the next power of 2 is tried first, since networks of other steps try the same one.
     """
     step, of_time, moved = longest, kinds_of(model), {*model.network.prescribed.values()}
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)
     for excitation, kind in of_time.items():
         earliest, latest = span_of(excitation, begin, end)
-        times, values = look(model, excitation, earliest, latest)
-        mean_of_law = values.mean() if isinstance(excitation, LawInTime) or excitation in moved else 0.0
-        varying = np.abs(values - mean_of_law) > (FAINT * np.abs(values).max() if mean_of_law else 0.0)
-        if not (np.isfinite(values).all() and varying.any()):
+        centred = isinstance(excitation, LawInTime) or excitation in moved
+        function = excitation, kind, earliest, latest, _looks(of_time), spots, centred
+        if _spots_of(*function) is None:
             continue
-        values = values - mean_of_law
-        chosen = _drawn(values, spots)
-        at, value = times[chosen], values[chosen]
-        place = (np.sqrt(2.0) * np.arange(1, spots + 1)) % 1.0  # of the time within the step
         step = min(step, latest - earliest)
-        while True:
-            first = np.clip(at - place * step, earliest, latest - step)
-            mean, slope = mean_and_slope(excitation.call(kind, first[:, None] + step * NODES) - mean_of_law)
-            unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
-            if np.quantile(unseen, MOST) <= UNSEEN:
-                break
+        longer = 2.0 ** math.ceil(math.log2(step))
+        if longer <= latest - earliest and _sees(longer, *function):
+            continue
+        while not _sees(step, *function):
             step *= SHORTER
             if step < FINEST * (end - begin):
                 raise InvalidInput(f"No step can be chosen, since no step resolves {excitation!r}. Give step= (s).")
     return step
+
+
+@lru_cache(maxsize=64)
+def _spots_of(
+    excitation: Excitation | LawInTime, kind: str, begin: float, end: float, looks: int, spots: int, centred: bool
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Return times where a function is large, its values there, and its mean, from which they differ if `centred`.
+
+    None where it does not vary.
+    """
+    times, values = look_at(excitation, kind, begin, end, looks)
+    mean = float(values.mean()) if centred else 0.0
+    varying = np.abs(values - mean) > (FAINT * np.abs(values).max() if mean else 0.0)
+    if not (np.isfinite(values).all() and varying.any()):
+        return None
+    values = values - mean
+    chosen = _drawn(values, spots)
+    return times[chosen], values[chosen], mean
+
+
+@lru_cache(maxsize=64)
+def _sees(step: float, excitation: Excitation | LawInTime, kind: str, begin: float, end: float, *how: int) -> bool:
+    """Whether a step sees a function; other arguments are those of `_spots_of`."""
+    at, value, mean_of_all = _spots_of(excitation, kind, begin, end, *how)  # type: ignore[misc]
+    place = (np.sqrt(2.0) * np.arange(1, len(at) + 1)) % 1.0  # of the time within the step
+    first = np.clip(at - place * step, begin, end - step)
+    mean, slope = mean_and_slope(excitation.call(kind, first[:, None] + step * NODES) - mean_of_all)
+    unseen = np.abs(1.0 - (mean + slope * (2.0 * (at - first) / step - 1.0)) / value)
+    return bool(np.quantile(unseen, MOST) <= UNSEEN)
 
 
 def jumping_laws(model: Model, begin: float, end: float, step: float) -> list[str]:

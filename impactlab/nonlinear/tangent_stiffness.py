@@ -39,9 +39,14 @@ def energies(model: Model, start: str | np.ndarray, duration: float, spin_up: fl
     It is the temperature ``m E[v²]`` of the hottest body in the connected part, or the
     energy of the start, of a large impulse or of the response to a given force, whichever is largest.
     """
+    return _energies(model, start.tobytes() if isinstance(start, np.ndarray) else b"", duration, spin_up)
+
+
+@kept
+def _energies(model: Model, start: bytes, duration: float, spin_up: float) -> np.ndarray:
     heat = _heat(model, duration, spin_up)
-    if isinstance(start, np.ndarray):
-        heat = np.maximum(heat, energy_of(model, start))
+    if start:
+        heat = np.maximum(heat, energy_of(model, np.frombuffer(start)))
     heat = np.where(model.prescribed, 0.0, heat)
     for slot in sorted({*model.forced, *np.flatnonzero(model.timed).tolist()} - {*np.flatnonzero(model.prescribed)}):
         heat[slot] = max(heat[slot], largest_energy(model, slot, -spin_up, duration))

@@ -13,7 +13,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.excitation import Excitation
 from impactlab.errors import InvalidInput, warn
-from impactlab.integrators.arguments import Coloured, Filters, Group, Shots
+from impactlab.integrators.arguments import Coloured, Filters, Forced, Group, Shots
 from impactlab.integrators.base import Integrator
 from impactlab.kernels.random import addresses, fill_normals, streams_of
 from impactlab.kernels.series import NEAR
@@ -111,11 +111,9 @@ class Driving:
         """Number of given forces."""
         return len(self.highest)
 
-    def on_bodies(self, values: np.ndarray) -> np.ndarray:
-        """Return what given forces, (n, force), are on the bodies, (n, row)."""
-        if (self.weights == 1.0).all() and np.array_equal(self.forces, np.arange(values.shape[1])):
-            return np.ascontiguousarray(values)  # each on a body of its own
-        return np.ascontiguousarray(values[:, self.forces] * self.weights)
+    def on_bodies(self, values: np.ndarray) -> Forced:
+        """Return the given forces on bodies from their values, (n, force)."""
+        return Forced(self.forced, self.forces, self.weights, np.ascontiguousarray(values))
 
     def nbytes(self, integrator: Integrator, step: float, steps: int, more: int = 0) -> int:
         """Bytes of the samples of a realization, and of some rows more."""

@@ -26,6 +26,7 @@ def layout_of(plan: Plan) -> Layout | None:
         runs=tuple(map(tuple, noise.runs.tolist())),
         seconds=len(np.unique(noise.rows)),
         forced=tuple(plan.driving.forced.tolist()),
+        given=tuple(plan.driving.forces.tolist()),
         coefficients=plan.method.coefficients.shape,
         contacts=len(system.ends),
         passes=forces.passes,

@@ -25,6 +25,7 @@ from impactlab.plan.noise import Shares, WhiteNoises, noise_runs
 from impactlab.plan.observed import Observed
 from impactlab.plan.plan import Plan
 from impactlab.plan.realizations import STEP_SECONDS, lane_seconds
+from impactlab.plan.start import Start
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
 
@@ -69,7 +70,8 @@ def structure(planned: Planned) -> Hashable:
     return (
         forces.text, forces.passes, len(forces.half_kick), model.members.kinds, method.integrator,
         method.coefficients.shape, noise.amplitude.shape, noise.time_varying, tuple(item.tobytes() for item in slots),
-        clock.step, clock.spin_up_steps, clock.steps, clock.boundaries, plan.transient, plan.start.given,
+        clock.step, clock.spin_up_steps, clock.steps, clock.boundaries, plan.transient,
+        plan.start.state.shape if isinstance(plan.start.state, np.ndarray) else plan.start.state,
         plan.realizations.number, plan.realizations.lanes, observed.every, observed.counted, observed.sampled,
         observed.left_out, tuple(ratio for _, ratio in observed.records), forces.timed.tobytes(),
     )  # fmt: skip
@@ -78,7 +80,7 @@ def structure(planned: Planned) -> Hashable:
 def side_by_side(planned: Sequence[Planned]) -> Plan:
     """Return the plan of all networks; their plans have one `structure`, and nothing is an `obstacle`.
 
-    It has no start and no records: these are those of each network.
+    It has no records: these are those of each network.
     """
     plans = [plan for _, plan in planned]
     first, number = plans[0], len(plans)
@@ -92,6 +94,7 @@ def side_by_side(planned: Sequence[Planned]) -> Plan:
         method=_method([plan.method for plan in plans]),
         noise=_noise([plan.noise for plan in plans], len(first.system.bodies)),
         driving=_driving([plan.driving for plan in plans], len(first.system.bodies), given),
+        start=_start([plan.start for plan in plans]),
         realizations=replace(first.realizations, steps_per_call=max(1, int(tuning().call_seconds / calls))),
         observed=_observed([plan.observed for plan in plans]),
         subdomains=Subdomains(0, ()),
@@ -232,6 +235,21 @@ def _driving(drivings: Sequence[Driving], bodies: int, given: np.ndarray) -> Dri
         forces=given[first.forces].ravel(),
         weights=together([item.weights for item in drivings]),
         interrupted=np.zeros(bodies * number, dtype=bool),
+    )
+
+
+def _start(starts: Sequence[Start]) -> Start:
+    first, number = starts[0], len(starts)
+    states = [item.state for item in starts if isinstance(item.state, np.ndarray)]
+    return replace(
+        first,
+        state=together(states, axis=1) if states else first.state,
+        streams=together([item.streams for item in starts]),
+        deviations=together([item.deviations for item in starts]),
+        factors=tuple(
+            (slots * number + place, factor) for place, item in enumerate(starts) for slots, factor in item.factors
+        ),
+        rest=together([item.rest for item in starts]),
     )
 
 

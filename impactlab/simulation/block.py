@@ -14,7 +14,7 @@ from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.jit import evaluate, evaluator
-from impactlab.kernels.memory import TIMES, accept, with_states
+from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.rows import F
 from impactlab.kernels.series import NEAR
@@ -50,8 +50,8 @@ def compiled(plan: Plan) -> tuple[ModuleType, Callable[..., None]]:
 class Block:
     """The arrays of one block while it runs."""
 
-    noise_sets, force_sets = 1, 1
-    """Sets of intensities and given forces that are independent of each other."""
+    networks, force_sets = 1, 1
+    """Networks side by side, with intensities of their own each, and sets of given forces that some of them share."""
 
     def __init__(self, plan: Plan, index: int, tick: Tick) -> None:
         self.plan, self.tick = plan, tick
@@ -91,7 +91,8 @@ class Block:
         """Bring the block to the beginning of the spin-up."""
         plan, kicks = self.plan, self.plan.method.integrator.kicks
         motions = [(motion.slot, *self._at_start(motion)) for motion in plan.driving.motions]
-        first = FirstStates(plan, self.realizations, self.state, self.states, self.coloured.kept, motions)
+        filters = self.coloured.kept
+        first = FirstStates(plan, self.realizations, self.state, self.states, filters, motions, self.networks)
         if plan.driving.lines:
             self.series = self._of_series(*first.put_with_cosines(self.tick))
         else:
@@ -108,17 +109,6 @@ class Block:
         """Return displacement and velocity of a body of given motion at the start."""
         x, v = self.functions.motion(motion, 0, 0)
         return x[0], v[0]
-
-    def begin_as(self, plan: Plan) -> None:
-        """Begin as a block of another plan does, of one `impactlab.plan.side_by_side.structure` with that before."""
-        forces, lanes = plan.forces, len(self.realizations)
-        self.plan, self.parameters = plan, forces.parameters
-        if forces.clocked:
-            self.parameters = with_states(forces.parameters, forces.states, lanes, np.zeros)
-        state, turns = self.state, self.sums.turns
-        for array in (state.x, state.v, state.reading, state.velocity, state.total, turns.force, turns.middle):
-            array.fill(0.0)
-        self._begin()
 
     def _of_series(self, slots: np.ndarray, samples: np.ndarray) -> Series:
         """Return the series of a block: samples of sums of cosines on some slots, and coloured noises."""
@@ -277,7 +267,7 @@ class Block:
     def _noise(self, count: int) -> Noise:
         plan, noise, scale = self.plan, self.plan.noise, self.scale
         if noise.time_varying:
-            rows, sets = noise.shares.noises, self.noise_sets
+            rows, sets = noise.shares.noises, self.networks
             mean, _, least = self.functions.over_steps(self.module.intensity, self.now, count, rows, sets)
             wrong = np.flatnonzero(~(least >= 0.0))
             if wrong.size:
@@ -317,16 +307,15 @@ class Block:
     def _forced(self, count: int) -> Forced:
         plan = self.plan
         if not len(plan.driving.forced):
-            return Forced(plan.driving.forced, np.zeros((0, 0)))
+            return plan.driving.on_bodies(np.zeros((0, 0)))
         if plan.method.integrator.takes_response:
-            forces = self.functions.given_forces(self.now, count, self.force_sets)
-            return Forced(plan.driving.forced, plan.driving.on_bodies(forces))
+            return plan.driving.on_bodies(self.functions.given_forces(self.now, count, self.force_sets))
         per_step = plan.method.integrator.samples_per_step
         first = (self.now - plan.clock.spin_up_steps) * per_step
         times = (first + np.arange(count * per_step + 1)) * (plan.clock.step / per_step)
         force = np.empty((len(times), plan.driving.given))
         self.module.forcing(times, plan.forces.parameters, plan.forces.indices, force)
-        return Forced(plan.driving.forced, plan.driving.on_bodies(force))
+        return plan.driving.on_bodies(force)
 
     def _guard(self) -> None:
         """Stop if a number is not finite: averages would hide it."""

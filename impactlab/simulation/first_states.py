@@ -33,6 +33,8 @@ class FirstStates:
         Where states of filters of noise are kept.
     motions : sequence of (int, float, float)
         Slot, displacement and velocity of each body of given motion.
+    networks : int
+        How many networks are side by side; each draws until its own contacts are open.
     """
 
     def __init__(
@@ -43,8 +45,9 @@ class FirstStates:
         laws: np.ndarray,
         filters: np.ndarray,
         motions: Sequence[tuple[int, float, float]],
+        networks: int = 1,
     ) -> None:
-        self.plan, self.realizations, self.motions = plan, realizations, motions
+        self.plan, self.realizations, self.motions, self.networks = plan, realizations, motions, networks
         self.state, self.laws, self.filters = state, laws, filters
         self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
@@ -56,28 +59,45 @@ class FirstStates:
         if isinstance(plan.start.state, np.ndarray):
             self._put_given(plan.start.state, lanes)
         elif plan.start.state == "stationary":
-            redraw, resting = lanes, lanes[:0]
-            for attempt in range(ATTEMPTS):
-                state.x[:, redraw], state.v[:, redraw] = self._draw(redraw, attempt)
-                closed = self._closed(state.x[:, redraw], slice(None))
-                if attempt == 0:
-                    resting = redraw[closed > HOPELESS]
-                redraw = redraw[(closed > 0) & ((closed <= HOPELESS) | (attempt > 0))]
-                if not redraw.size:
-                    break
-            resting = np.concatenate([resting, redraw])
-            if resting.size:
+            open_, attempt = self._put_open(lanes)
+            if not open_.all():
+                some = np.flatnonzero(~open_.all(axis=0))
+                x, v = np.zeros((2, len(state.x), len(some)))
+                x[:-1] = plan.start.rest[:, None]
                 cold = plan.cold  # what only contacts heat stays cold for long: all its energy is in the velocity
-                velocity = np.sqrt(2.0) * self._draw(resting, 0)[1][cold] if cold.size else 0.0
-                state.x[:-1, resting] = plan.start.rest[:, None]
-                state.v[:, resting] = 0.0
-                state.v[cold[:, None], resting] = velocity
+                if cold.size:
+                    v[cold] = np.sqrt(2.0) * self._draw(lanes[some], 0)[1][cold]
+                self._put(~open_[:, some], lanes[some], x, v)
         else:
             state.x[:-1, lanes] = plan.start.rest[:, None]
         if plan.start.given or plan.start.state != "stationary":
             self._draw_filters(lanes, 0)
         self._put_motions(state.x, state.v)
         return attempt
+
+    def _put_open(self, lanes: np.ndarray) -> tuple[np.ndarray, int]:
+        """Draw the state of some lanes until no contact is closed.
+
+        Return where that came to be, (network, lane) of bool, and the largest number of draws before the last.
+        """
+        waiting = np.ones((self.networks, len(lanes)), dtype=bool)
+        hopeless = ~waiting
+        for attempt in range(ATTEMPTS):
+            some = np.flatnonzero(waiting.any(axis=0))
+            self._put(waiting[:, some], lanes[some], *self._draw(lanes[some], attempt))
+            closed = self._closed(self.state.x[:, lanes[some]], slice(None))
+            if attempt == 0:
+                hopeless = closed > HOPELESS
+            waiting[:, some] &= (closed > 0) & ~hopeless[:, some]
+            if not waiting.any():
+                break
+        return ~(waiting | hopeless), attempt
+
+    def _put(self, chosen: np.ndarray, lanes: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
+        """Put states of the bodies, (body and wall, lane), of chosen networks, (network, lane), into some lanes."""
+        for array, values in ((self.state.x[:-1], x[:-1]), (self.state.v[:-1], v[:-1])):
+            rows = np.tile(chosen, (len(array) // self.networks, 1))
+            array[:, lanes] = np.where(rows, values, array[:, lanes])
 
     def _put_given(self, given: np.ndarray, lanes: np.ndarray) -> None:
         """Put displacements and velocities that are given into some lanes, and states of laws if there are some.
@@ -138,10 +158,9 @@ class FirstStates:
         return np.where(np.isnan(known), drawn, known)
 
     def _closed(self, x: np.ndarray, contacts: np.ndarray | slice) -> np.ndarray:
-        """How many of some contacts are closed at these displacements of the bodies and the wall, (lane,)."""
-        gap = self.plan.system.ends.chosen(contacts).gap(x)
-        closed: np.ndarray = np.sum(gap > self.plan.system.clearance[contacts, None], axis=0)
-        return closed
+        """How many of some contacts are closed at displacements of the bodies and the wall, (network, lane)."""
+        closed = self.plan.system.ends.chosen(contacts).gap(x) > self.plan.system.clearance[contacts, None]
+        return np.asarray(closed.reshape(-1, self.networks, x.shape[1]).sum(axis=0))
 
     def _put_motions(self, x: np.ndarray, v: np.ndarray) -> None:
         """Put bodies of given motion among others, (body and wall, lane) each."""

@@ -31,13 +31,15 @@ def split(
     """
     busy = model.nonlinear_bodies.copy()
     busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True
+    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, Mapping)
+    alone = alone and not model.network.points  # whose structures would be torn apart
+    if not alone or busy.all() or any(record.samples for record in records):
+        return None
     labels = model.connected().copy()
     for slots in (slots for kind in model.sources.values() for slots in kind.joining):
         labels[np.isin(labels, labels[slots])] = labels[slots[0]]
     idle = ~np.isin(labels, labels[busy])
-    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, Mapping)
-    alone = alone and not model.network.points  # whose structures would be torn apart
-    if not alone or not idle.any() or idle.all() or any(record.samples for record in records):
+    if not idle.any() or idle.all():
         return None
     return _only(model, ~idle), _only(model, idle)
 

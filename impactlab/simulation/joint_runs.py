@@ -166,26 +166,10 @@ class _JointBlock(Block):
     """A block of the same realizations of several networks."""
 
     def __init__(self, run: JointRun, index: int, tick: Tick) -> None:
-        self.run, self.index = run, index
         self.lost: set[int] = set()
-        self.noise_sets = len(run.planned)
+        self.networks = len(run.planned)
         self.force_sets = run.whole.driving.given // max(run.plans[0].driving.given, 1) or 1
         super().__init__(run.whole, index, tick)
-
-    def _begin(self) -> None:
-        """Begin as each network does alone."""
-        number, one = len(self.run.planned), None
-        for place, plan in enumerate(self.run.plans):
-            if one is None:
-                one = Block(plan, self.index, lambda steps: None)
-            else:
-                one.begin_as(plan)
-            for name in ("x", "v", "reading", "velocity", "total"):
-                getattr(self.state, name)[place:-1:number] = getattr(one.state, name)[:-1]
-            for name in ("indentation", "contact_force"):
-                getattr(self.state, name)[place::number] = getattr(one.state, name)
-            for name in ("force", "middle"):
-                getattr(self.sums.turns, name)[place::number] = getattr(one.sums.turns, name)
 
     def _guard(self) -> None:
         """Note which networks have a number that is not finite, and hold these still."""
@@ -193,11 +177,10 @@ class _JointBlock(Block):
         finite = np.isfinite(x) & (np.abs(v) < LARGEST) & (np.abs(reading) < LARGEST)
         if finite.all():
             return
-        number = len(self.run.planned)
-        self.lost |= {int(body) % number for body in np.flatnonzero(~finite.all(axis=1))}
+        self.lost |= {int(body) % self.networks for body in np.flatnonzero(~finite.all(axis=1))}
         for place in self.lost:
             for item in (x, v, reading, self.state.velocity, self.state.total):
-                item[place:-1:number] = 0.0
+                item[place : -1 : self.networks] = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,8 +92,9 @@ def make_sweep(
 
 def _own_attributes(point: Point, found: Mapping[str, Any], of_all: Mapping[str, str]) -> dict[str, Any]:
     """Return the attributes of a point as variables, but for those that describe the whole sweep."""
-    network = {} if point.network is None else {"network": point.network.to_dict()}
-    again = found.get(CONFIGURATION, json.dumps(network))
+    again = found.get(CONFIGURATION)
+    if again is None:
+        again = json.dumps({} if point.network is None else {"network": point.network.to_dict()})
     variables = {CONFIGURATION: ((), again, {"long_name": "what makes the point again"})}
     for name, value in found.items():
         if name not in of_all:

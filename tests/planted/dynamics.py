@@ -245,7 +245,7 @@ BUGS = [
     Bug("twice the automatic step", LONG, returned(ExactFlow, "recommended_step", lambda step, *_: 2.0 * step)),
     Bug("three times the automatic step", HALVED, returned(ExactFlow, "recommended_step", lambda step, *_: 3.0 * step)),
     Bug("start that overlaps", START,
-        instead(FirstStates, "_closed", lambda states, x, contacts: np.zeros(x.shape[1], dtype=int))),
+        instead(FirstStates, "_closed", lambda states, x, contacts: np.zeros((1, x.shape[1]), dtype=int))),
     Bug("start with twice the temperature", START,
         in_plan(start__deviations=lambda plan: math.sqrt(2.0) * plan.start.deviations)),
     Bug("one stream for the start of all bodies", START,
