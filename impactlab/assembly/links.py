@@ -54,6 +54,11 @@ class Links(ABC):
     def rows(self) -> np.ndarray:
         """Link of each entry, (entry,)."""
 
+    @cached_property
+    def parts(self) -> np.ndarray:
+        """Label of the connected part of each coordinate, (coordinate,) of int, read-only; walls do not connect."""
+        return _parts(self.pairs, self.count)
+
     @abstractmethod
     def chosen(self, rows: np.ndarray | slice) -> Links:
         """Return some of the links."""
@@ -512,7 +517,7 @@ def joined(one: Links, other: Links) -> Links:
     if isinstance(one, RoundLinks):
         return one.joined_with(other)
     if isinstance(one, Pairs) and isinstance(other, Pairs):
-        return Pairs(one.count, np.concatenate([one.pairs, other.pairs]))
+        return Pairs(one.count, np.concatenate([one.pairs, other.pairs])) if len(other) else one
     begin, slots, weights = np.zeros(1, dtype=np.int64), [], []
     for links in (one, other):
         moving = links.slots < links.count
@@ -520,11 +525,6 @@ def joined(one: Links, other: Links) -> Links:
         slots.append(links.slots[moving])
         weights.append(links.weights[moving])
     return Combinations(one.count, begin, np.concatenate(slots), np.concatenate(weights))
-
-
-def connected_parts(links: Links) -> np.ndarray:
-    """Label of the connected part of each coordinate, (coordinate,) of int; walls do not connect."""
-    return _parts(links.pairs, links.count)
 
 
 @remembered
@@ -539,4 +539,5 @@ def _parts(pairs: np.ndarray, count: int) -> np.ndarray:
         parts = parts[parts]
         if (parts == before).all():
             labels: np.ndarray = np.unique(parts, return_inverse=True)[1].reshape(-1)
+            labels.setflags(write=False)
             return labels

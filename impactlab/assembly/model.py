@@ -6,18 +6,19 @@ import functools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress, islice
+from itertools import compress, islice, repeat
+from operator import attrgetter
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from impactlab.assembly.incidence import runs
-from impactlab.assembly.links import Combinations, Links, Pairs, RoundLinks, connected_parts, joined
+from impactlab.assembly.links import Combinations, Links, Pairs, RoundLinks, joined
 from impactlab.assembly.members import LEADING, ROUND, SLIDING, Kind, Members, Rows, by_kind
 from impactlab.assembly.sources import Sources
 from impactlab.components.contact import Contact, ContactLaw, RigidContact, RoundContact
 from impactlab.components.coupling import CoulombFrictionCoupling, Coupling, CouplingLaw, MatrixTerm
-from impactlab.components.evaluation import TIME, call_each, of_classes, of_objects
+from impactlab.components.evaluation import TIME, are_one, call_each, of_classes, of_objects
 from impactlab.components.excitation import KINDS, Excitation, Source
 from impactlab.components.oscillator import Oscillator
 from impactlab.components.sides import are_differences, directions_of, is_round, weights_of
@@ -76,21 +77,22 @@ class Model:
     def of(cls, network: Described, flowing: Collection[str] = ()) -> Model:
         """Make the model of a network, with some linear couplings in the linear motion."""
         bodies = list(network.oscillators.values())
-        ends, coupled = _links(network, flowing)
-        slots = {name: slot for slot, name in enumerate(network.oscillators)}
+        mass, damping, stiffness = (_numbers(bodies, field) for field in ("mass", "damping", "stiffness"))
+        slots = dict(zip(network.oscillators, range(len(bodies)), strict=True))
+        ends, coupled = _links(network, flowing, slots, mass)
         sources = _sources(network, slots)
         return cls(
             network=network,
-            mass=np.array([body.mass for body in bodies]),
-            damping=np.array([body.damping for body in bodies]),
-            stiffness=np.array([body.stiffness for body in bodies]),
+            mass=mass,
+            damping=damping,
+            stiffness=stiffness,
             ends=ends,
-            clearance=np.array([contact.clearance_at_rest for contact in network.contacts.values()]),
+            clearance=_clearances(network),
             coupled=coupled,
             coupling=np.array([item.law.linear for item in network.couplings.values()]).reshape(-1, 2).T,
             flowing=np.array([name in flowing for name in network.couplings], dtype=bool),
             sources=sources,
-            members=Members.of(_members(network, ends, flowing, sources), ends, coupled),
+            members=Members.of(_members(network, ends, flowing, sources, slots, mass), ends, coupled),
         )
 
     @cached_property
@@ -397,11 +399,11 @@ class Model:
 
     def touching(self) -> np.ndarray:
         """Label of the part of each body that contacts alone connect, (body,) of int."""
-        return connected_parts(self.ends.held(self.prescribed))
+        return self.ends.held(self.prescribed).parts
 
     @cached_property
     def _labels(self) -> np.ndarray:
-        return connected_parts(self.links.held(self.prescribed))
+        return self.links.held(self.prescribed).parts
 
     def coupled_parts(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return slots, stiffness and damping matrix of the bodies that linear couplings connect, part by part.
@@ -410,7 +412,7 @@ class Model:
         """
         linear = np.asarray(self.coupling.any(axis=0))
         links, (stiffness, damping) = self.coupled.chosen(linear).held(self.prescribed), self.coupling[:, linear]
-        labels = connected_parts(links)
+        labels = links.parts
         part_of_link = labels[links.first()]
         result = []
         for part in np.unique(part_of_link):
@@ -426,6 +428,22 @@ def same(items: Iterable[Result]) -> tuple[Result, ...]:
     return tuple(of_objects(lambda item: first.setdefault(item, item), list(items)))
 
 
+def _numbers(items: Sequence[Any], field: str) -> np.ndarray:
+    """Return a number of each of some components, (item,)."""
+    if are_one(items):
+        return np.full(len(items), getattr(items[0], field))
+    return np.array(list(map(attrgetter(field), items)), dtype=float)
+
+
+def _clearances(network: Described) -> np.ndarray:
+    """Return the clearances of contacts at rest, (contact,)."""
+    contacts = list(network.contacts.values())
+    result = _numbers(contacts, "clearance")
+    for slot in np.flatnonzero(_round(network)):
+        result[slot] = contacts[slot].clearance_at_rest
+    return result
+
+
 def _round(network: Described) -> np.ndarray:
     """Whether each contact acts in a plane, (contact,) of bool."""
     kinds = of_classes(lambda kind: issubclass(kind, RoundContact), network.contacts.values())
@@ -436,13 +454,12 @@ def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[
     """Return the excitations by what they define."""
     shared = network.sources
     own: dict[str, Any] = {**network.excitations, **network.prescribed}
-    of_bodies: dict[Any, dict[str, Any]] = {kind: {} for kind in KINDS}
-    for name in slots:
-        if name in own:
-            of_bodies[own[name].kind][name] = own[name]
+    names = [name for name in slots if name in own]
+    kinds: list[str] = of_classes(lambda cls: cls.kind, map(own.__getitem__, names))
+    of_kind = {kind: list(compress(names, map(kind.__eq__, kinds))) for kind in set(kinds)}
     return {
         kind: Sources.of(
-            of_bodies[kind],
+            {name: own[name] for name in of_kind.get(kind, ())},
             {name: (item.excitation, item.on) for name, item in shared.items() if item.excitation.kind == kind},
             slots,
         )
@@ -450,12 +467,13 @@ def _sources(network: Described, slots: Mapping[str, int]) -> dict[str, Sources[
     }
 
 
-def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
-    """Return contacts and couplings as links.
+def _links(
+    network: Described, flowing: Collection[str], slots: Mapping[str, int], mass: np.ndarray
+) -> tuple[Links, Links]:
+    """Return contacts and couplings of bodies with some slots and masses as links.
 
     Both are pairs if all that kick are differences: combinations that flow are only terms of a matrix.
     """
-    slots = {name: slot for slot, name in enumerate(network.oscillators)}
     contacts: list[Contact | RoundContact]
     contacts, couplings = list(network.contacts.values()), list(network.couplings.values())
     kicking = [item for name, item in network.couplings.items() if name not in flowing]
@@ -471,17 +489,17 @@ def _links(network: Described, flowing: Collection[str]) -> tuple[Links, Links]:
             return along
         link = np.repeat(np.arange(len(items)), [1 + is_round(item) for item in items])
         center = [place for item in items for place in (item.center if is_round(item) else (0.0,))]
-        mobility = 1.0 / np.array([body.mass for body in network.oscillators.values()])
-        return RoundLinks(len(slots), along, link, np.array(center), mobility)
+        return RoundLinks(len(slots), along, link, np.array(center), 1.0 / mass)
 
     return links_of(contacts, plain), links_of(couplings, plain and are_differences(couplings))
 
 
 def _pairs(slots: Mapping[Any, int], links: Sequence[Contact | Coupling]) -> np.ndarray:
     """Return the slots of both sides, (link, 2); the wall has that after the last body."""
-    wall = len(slots)
-    sides = [[slots.get(link.first, wall) for link in links], [slots.get(link.second, wall) for link in links]]
-    return np.array(sides, dtype=np.int64).T.copy()
+    result, wall = np.empty((len(links), 2), dtype=np.int64), repeat(len(slots))
+    for side, name in enumerate(("first", "second")):
+        result[:, side] = list(map(slots.get, map(attrgetter(name), links), wall))
+    return result
 
 
 COLOURED = "filter", "impulses"
@@ -496,31 +514,30 @@ _IN_TIME = (
 
 
 def _members(
-    network: Described, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources[Excitation]]
-) -> dict[Kind, Rows]:
+    network: Described, ends: Links, flowing: Collection[str], sources: Mapping[str, Sources[Excitation]],
+    slots: Mapping[str, int], mass: np.ndarray,
+) -> dict[Kind, Rows]:  # fmt: skip
     """Return what acts by its kernels, kind by kind, without the couplings that flow, or stick."""
     result: dict[Kind, Rows] = {}
 
     def add(role: str, components: Sequence[Any], kernel: str, indices: np.ndarray, *leading: np.ndarray) -> None:
         for kind, numbers in by_kind(role, components, kernel).items():
-            chosen = [components[number] for number in numbers.tolist()]
+            chosen = list(map(components.__getitem__, numbers.tolist()))
             columns = [item[numbers] for item in leading[: len(kind.leading)]]
             table = np.stack(columns, axis=1) if columns else np.zeros((len(numbers), 0))
             result[kind] = Rows(chosen, indices[numbers].reshape(len(numbers), len(LEADING[role])), table)
 
     bodies = list(network.oscillators.values())
-    mobility = 1.0 / np.array([body.mass for body in bodies])
-    contacts = list(network.contacts.values())
+    contacts, mobility = list(network.contacts.values()), 1.0 / mass
     straight = np.flatnonzero(~_round(network))
-    clearance = np.array([contact.clearance for contact in contacts])[straight]
-    along = ends.squares(mobility)[straight]
-    add("force", [contacts[number].law for number in straight.tolist()], "force", straight, clearance, along)
+    clearance, along = _numbers(contacts, "clearance")[straight], ends.squares(mobility)[straight]
+    laws = list(map(attrgetter("law"), map(contacts.__getitem__, straight.tolist())))
+    add("force", laws, "force", straight, clearance, along)
     for role, laws, indices, columns in _in_plane(contacts, ends, len(network.couplings)):
         add(role, laws, "force", indices, *columns)
     role = "coupling" if ends.plain else "combination"
     acting = {name: not isinstance(item.law, CoulombFrictionCoupling) for name, item in network.couplings.items()}
     kicking = [item for name, item in network.couplings.items() if acting[name] and name not in flowing]
-    slots = {name: slot for slot, name in enumerate(network.oscillators)}
     numbers = np.flatnonzero([acts and name not in flowing for name, acts in acting.items()])
     add(role, [item.law for item in kicking], "force", _pairs(slots, kicking) if ends.plain else len(ends) + numbers)
     for kind in by_kind(role, [item.law for name, item in network.couplings.items() if acting[name]], "force"):

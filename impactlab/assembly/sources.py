@@ -49,7 +49,7 @@ class Sources(Generic[Excitation]):
         slots: Mapping[str, int],
     ) -> Sources[Excitation]:
         """Return those of bodies by the names of these, by slot, and then those with weights of the bodies on which."""
-        source, body, weight = list(range(len(own))), [slots[name] for name in own], [1.0] * len(own)
+        source, body, weight = list(range(len(own))), list(map(slots.__getitem__, own)), [1.0] * len(own)
         for number, (_, on) in enumerate(shared.values(), len(own)):
             for slot, of_slot in sorted((slots[name], of_name) for name, of_name in on.items()):
                 source.append(number)

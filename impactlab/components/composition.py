@@ -5,6 +5,7 @@ from __future__ import annotations
 import reprlib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence, Set
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self, TypeVar
 
@@ -90,19 +91,17 @@ class Composition:
         self._check_names(bodies, terms, points)
         self._check_held()
         self._check_massless()
-        prescribed = {name: body.displacement for name, body in bodies.items() if isinstance(body, PrescribedBody)}
+        prescribed = {name: body.displacement for name, body in _of(bodies, PrescribedBody).items()}
         if prescribed:
             self._check_prescribed(prescribed, len(bodies))
-        excitations = {
-            name: self._forces(name, item) if isinstance(item, BaseMotion) else item
-            for name, item in self._excitations.items()
-        }
+        motions = _of(self._excitations, BaseMotion).items()
+        excitations = self._excitations | {name: self._forces(name, item) for name, item in motions}
         contacts, couplings = self._contacts, self._couplings
         if points:
             contacts = {name: _without_points(name, item, points) for name, item in contacts.items()}
             couplings = {name: _without_points(name, item, points) for name, item in couplings.items()}
             excitations = {name: _at_bodies(name, item, points) for name, item in excitations.items()}
-        sources = {name: item for name, item in excitations.items() if isinstance(item, Source)}
+        sources = _of(excitations, Source)
         self._expanded = _Expanded(bodies, points, contacts, excitations, couplings | terms, sources, prescribed)
         check_potentials("contact", _laws(self._contacts), "force", "potential")
         check_potentials("coupling", _laws(self._couplings), "force", "potential", both_sides=True)
@@ -116,15 +115,19 @@ class Composition:
         for name in terms:
             if name in self._couplings:
                 raise InvalidInput(f"couplings: {name!r} is the name of a coupling, and of a term of a structure.")
-        for name, link in [*self._contacts.items(), *self._couplings.items()]:
-            if link.first in places and (link.second in places or link.second is WALL):
-                continue
+        links = [*self._contacts.values(), *self._couplings.values()]
+        there = {*places, WALL}.__contains__
+        sides = (map(attrgetter(side), links) for side in ("first", "second"))
+        found = all(all(map(there, of_links)) for of_links in sides)
+        for name, link in () if found else [*self._contacts.items(), *self._couplings.items()]:
             for body in named_by(link):
                 if body not in places:
                     raise InvalidInput(
                         f"{type(link).__name__} {name!r} names a body {body!r} that is not in the network; "
                         f"{self._instead(body, places)}"
                     )
+        if not _has(self._excitations, Source | BaseMotion) and self._excitations.keys() <= places.keys():
+            return
         for name, item in self._excitations.items():
             if isinstance(item, Excitation):
                 if name not in places:
@@ -149,7 +152,7 @@ class Composition:
     def _check_held(self) -> None:
         """Refuse bodies that nothing keeps from moving away."""
         links = [*self._contacts.values(), *self._couplings.values()]
-        for name, body in self._oscillators.items():
+        for name, body in self._oscillators.items() if _has(self._oscillators, InvertedOscillator) else ():
             if not isinstance(body, InvertedOscillator) or body.repulsion <= body.stiffness:
                 continue
             if not any(name in named_by(link) for link in links):
@@ -160,7 +163,7 @@ class Composition:
 
     def _check_massless(self) -> None:
         """Refuse forces on coordinates without mass that would move them at once, and need steps of their lag."""
-        massless = {name for name, body in self._oscillators.items() if isinstance(body, MasslessCoordinate)}
+        massless = set(_of(self._oscillators, MasslessCoordinate))
         if not massless:
             return
         for name, link in [*self._contacts.items(), *self._couplings.items()]:
@@ -224,7 +227,7 @@ class Composition:
     @property
     def structures(self) -> Mapping[str, Structure]:
         """The structures of several coordinates by name."""
-        return {name: item for name, item in self._oscillators.items() if isinstance(item, Structure)}
+        return _of(self._oscillators, Structure)
 
     @property
     def points(self) -> Mapping[str, Shares]:
@@ -400,7 +403,7 @@ def _family(title: str, members: Family[Any]) -> dict[str, Any]:
     except (TypeError, ValueError) as error:
         wanted = f"a mapping of names to {_expected(kinds)} objects"
         raise InvalidInput(f"{title} must be {wanted}, not {members!r}.") from error
-    _check_member_names(title, [name for name, _ in pairs])
+    _check_member_names(title, list(members) if isinstance(members, Mapping) else [name for name, _ in pairs])
     family: dict[str, Any] = dict(pairs)
     if not all(issubclass(kind, kinds) for kind in set(map(type, family.values()))):
         name, member = next(item for item in family.items() if not issubclass(type(item[1]), kinds))
@@ -430,7 +433,17 @@ def _check_member_names(title: str, names: Sequence[Any]) -> None:
 
 def _laws(links: Mapping[str, Contact | RoundContact] | Mapping[str, Coupling]) -> dict[str, Component]:
     """Return the laws of contacts or couplings by the names of these."""
-    return {name: link.law for name, link in links.items()}
+    return dict(zip(links, map(attrgetter("law"), links.values()), strict=True))
+
+
+def _has(members: Mapping[str, Any], kind: Any) -> bool:
+    """Whether any of some members are of a kind; each class is looked at once."""
+    return any(issubclass(cls, kind) for cls in set(map(type, members.values())))
+
+
+def _of(members: Mapping[str, Any], kind: Any) -> dict[str, Any]:
+    """Return the members of a kind."""
+    return {name: item for name, item in members.items() if isinstance(item, kind)} if _has(members, kind) else {}
 
 
 def _with_structures(
@@ -440,7 +453,7 @@ def _with_structures(
     bodies: dict[str, Oscillator] = {}
     terms: dict[str, Coupling] = {}
     points: dict[str, Shares] = {}
-    if not any(issubclass(kind, Structure | PrescribedMotion) for kind in set(map(type, given.values()))):
+    if not _has(given, Structure | PrescribedMotion):
         return dict(given), terms, points
     for name, body in given.items():
         structure = isinstance(body, Structure)

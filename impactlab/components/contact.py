@@ -262,11 +262,6 @@ class Contact(Component):
         check_sides(self)
         take_part(self, "law", ContactLaw, "a contact law such as il.HertzContact(1e4)")
 
-    @property
-    def clearance_at_rest(self) -> float:
-        """Distance to be closed from where all bodies are at 0 (m)."""
-        return self.clearance
-
     def __repr__(self) -> str:
         return f"Contact({self.first!r}, {self.second!r}, {self.law!r}, clearance={self.clearance!r})"
 

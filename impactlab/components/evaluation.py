@@ -50,15 +50,16 @@ def of_classes(function: Callable[[type[Any]], Answer], items: Iterable[Any]) ->
 
 def of_objects(function: Callable[[Item], Answer], items: Sequence[Item]) -> list[Answer]:
     """Return what a function says of each item; it is asked once for each object."""
-    if items and _are_one(items):
+    if are_one(items):
         return [function(items[0])] * len(items)
     keys = list(map(id, items))
     known = {key: function(item) for key, item in dict(zip(keys, items, strict=True)).items()}
     return list(map(known.__getitem__, keys))
 
 
-def _are_one(items: Sequence[Any]) -> bool:
-    return all(map(operator.is_, items, itertools.repeat(items[0])))
+def are_one(items: Sequence[Any]) -> bool:
+    """Whether there are items, and all of them are one object."""
+    return len(items) > 0 and all(map(operator.is_, items, itertools.repeat(items[0])))
 
 
 def call_each(components: Sequence[Any], name: str, *kinematic: np.ndarray) -> np.ndarray:
@@ -121,7 +122,7 @@ def distinct(components: Sequence[Any], arrays: Sequence[np.ndarray]) -> tuple[n
 
     columns = [column for item in arrays for column in (item.T if item.ndim > 1 else [item])]
     varying = [column for column in columns if (column != column[:1]).any()]
-    if components and not _are_one(components):
+    if components and not are_one(components):
         varying.append(np.fromiter(map(id, components), np.float64, len(components)))  # addresses have 48 bits
     if not varying:
         return np.arange(min(len(components), 1)), np.zeros(len(components), dtype=np.int64)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from impactlab.components.component import Component
+from impactlab.components.evaluation import are_one
 from impactlab.errors import InvalidInput
 
 _OCTAVES = 2.0 ** np.arange(-40, 8)  # places (m) between which a potential is looked at
@@ -34,7 +35,8 @@ def check_potentials(
     a rate.
     """
     distinct: dict[type[Component], list[Component]] = {}
-    for component in {id(component): component for component in members.values()}.values():
+    laws = list(members.values())
+    for component in laws[:1] if are_one(laws) else dict(zip(map(id, laws), laws, strict=True)).values():
         distinct.setdefault(type(component), []).append(component)
     for kind, found in distinct.items():
         if not kind.has_kernel(potential) or not set(kind.kernel(force)[1]) <= {kind.kernels[force][0]}:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from impactlab.errors import InvalidInput
@@ -129,10 +130,10 @@ def is_difference(link: Any) -> bool:
     return not isinstance(link.first, Combination | tuple) and not isinstance(link.second, Combination | tuple)
 
 
-def are_differences(links: Iterable[Any]) -> bool:
+def are_differences(links: Sequence[Any]) -> bool:
     """Whether all links are differences; see `is_difference`."""
-    sides = {kind for link in links for kind in (type(link.first), type(link.second))}
-    return not any(issubclass(kind, Combination | tuple) for kind in sides)
+    kinds = {kind for side in ("first", "second") for kind in set(map(type, map(attrgetter(side), links)))}
+    return not any(issubclass(kind, Combination | tuple) for kind in kinds)
 
 
 def check_sides(link: Any) -> None:

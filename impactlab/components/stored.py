@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import itertools
 import json
 from collections.abc import Iterator, Mapping
 from json.encoder import encode_basestring_ascii as quoted
@@ -11,6 +9,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Protocol
 
 from impactlab.components.component import Component, plain
+from impactlab.components.evaluation import are_one
 
 _FEW = 4
 """Members of a family up to which nothing is gained."""
@@ -35,9 +34,10 @@ def stored(network: Given) -> Stored:
     if max(map(len, network.given().values())) <= _FEW:
         data = network.to_dict()
         return Stored((json.dumps(data),), tuple(dict.fromkeys(named_in(data))))
-    writer = _Writer()
-    families = [(f"{quoted(title)}: {{", writer.members(family), "}, ") for title, family in network.given().items()]
-    return Stored(("{", *itertools.chain(*families[:-1]), *families[-1][:2], "}}"), tuple(writer.names))
+    writer, parts = _Writer(), list[str]()
+    for title, family in network.given().items():
+        parts += [f"{'}, ' if parts else '{'}{quoted(title)}: {{", *writer.members(family)]
+    return Stored((*parts, "}}"), tuple(writer.names))
 
 
 def json_of(data: Mapping[str, Any]) -> str:
@@ -63,50 +63,76 @@ def named_in(data: Any) -> Iterator[str]:
             yield from named_in(value)
 
 
+Piece = str | list[str]
+"""Text that all of some members have in common, or that of each."""
+
+
 class _Writer:
-    """Writes components and the values of their fields as JSON, many at a time."""
+    """Writes components and the values of their fields as JSON, many at a time.
+
+    What is written are pieces: those of a member, one after the other, are its text.
+    """
 
     def __init__(self) -> None:
         self.names: dict[str, None] = {}
 
-    def members(self, family: Mapping[str, Component]) -> str:
-        """Return members by name."""
-        columns = _texts(list(family)), self.values(list(family.values()))
-        return ", ".join([f"{name}: {item}" for name, item in zip(*columns, strict=True)])
+    def members(self, family: Mapping[str, Component]) -> list[str]:
+        """Return the parts of the text of members by name."""
+        pieces = _merged([*_texts(list(family)), ": ", *self.values(list(family.values())), ", "])
+        parts = [""] * (len(pieces) * len(family))
+        for place, piece in enumerate(pieces):
+            parts[place :: len(pieces)] = [piece] * len(family) if isinstance(piece, str) else piece
+        if parts:
+            parts[-1] = parts[-1].removesuffix(", ")
+        return parts
 
-    def values(self, values: list[Any]) -> list[str]:
+    def values(self, values: list[Any]) -> list[Piece]:
         """Return components or values of a field; what several have in common is written once."""
-        kinds = dict.fromkeys(map(type, values))
-        if len(kinds) == 1 and str in kinds:
+        if are_one(values):
+            return [_rows(self._of_kind(type(values[0]), values[:1]), 1)[0]]
+        kinds = list(dict.fromkeys(map(type, values)))
+        if kinds == [str]:
             return _texts(values)
         keys = list(map(id, values))
+        if len(kinds) == 1 and len(set(keys)) == len(keys):
+            return self._of_kind(kinds[0], values)
         distinct, known = dict(zip(keys, values, strict=True)), dict[int, str]()
         for kind in kinds:
-            own = distinct if len(kinds) == 1 else {at: value for at, value in distinct.items() if type(value) is kind}
-            known.update(zip(own, self._of_kind(kind, list(own.values())), strict=True))
-        return list(map(known.__getitem__, keys))
+            own = {at: value for at, value in distinct.items() if type(value) is kind}
+            known.update(zip(own, _rows(self._of_kind(kind, list(own.values())), len(own)), strict=True))
+        return [list(map(known.__getitem__, keys))]
 
-    def _of_kind(self, kind: Any, values: list[Any]) -> list[str]:
+    def _of_kind(self, kind: Any, values: list[Any]) -> list[Piece]:
         if issubclass(kind, Component) and kind.to_dict is Component.to_dict:
-            name, fields = kind.stored_name(), kind.field_names()
+            name, pieces = kind.stored_name(), list[Piece]()
             self.names[name] = None
-            columns = [self.values(list(map(attrgetter(field), values))) for field in fields]
-            form = _form(kind, name)
-            return [form % row for row in zip(*columns, strict=True)] if fields else [form] * len(values)
+            for field in kind.field_names():
+                pieces += [f", {quoted(field)}: ", *self.values(list(map(attrgetter(field), values)))]
+            return [f'{{"type": {quoted(name)}', *pieces, "}"]
         data = [plain(value) for value in values] if kind is not float else values
         self.names |= dict.fromkeys(named_in(data))
-        return list(map(json.dumps, data))
+        return [list(map(json.dumps, data))]
 
 
-def _texts(values: list[str]) -> list[str]:
+def _texts(values: list[str]) -> list[Piece]:
     whole = "".join(values)
     if len(quoted(whole)) == len(whole) + 2:  # nothing in it that is written in another way
-        return [f'"{value}"' for value in values]
-    return list(map(quoted, values))
+        return ['"', values, '"']
+    return [list(map(quoted, values))]
 
 
-@functools.cache
-def _form(cls: type[Component], name: str) -> str:
-    """Return the text of components of a class, with a place for each field."""
-    places = ", ".join([f'"type": {quoted(name)}', *(f"{quoted(field)}: %s" for field in cls.field_names())])
-    return f"{{{places}}}"
+def _merged(pieces: list[Piece]) -> list[Piece]:
+    """Return pieces of which no two that follow each other are common to all members."""
+    result: list[Piece] = []
+    for piece in pieces:
+        if isinstance(piece, str) and result and isinstance(last := result[-1], str):
+            result[-1] = last + piece
+        else:
+            result.append(piece)
+    return result
+
+
+def _rows(pieces: list[Piece], count: int) -> list[str]:
+    """Return the texts of so many members."""
+    columns = [[piece] * count if isinstance(piece, str) else piece for piece in pieces]
+    return list(map("".join, zip(*columns, strict=True)))

@@ -27,6 +27,7 @@ from impactlab.linear.laws import coupled_systems, flowing_systems
 from impactlab.linear.systems import LinearSystem
 from impactlab.linear.transitions import (
     GAUSS,
+    distinct_rows,
     free_flows,
     noise_columns,
     noise_root,
@@ -313,6 +314,10 @@ def _flows_alone(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, split: np.ndarray, step: float
 ) -> tuple[np.ndarray, ...]:
     """Return flows and covariances of bodies alone over a step and half of it, of both phases, (phase, body, 2, 2)."""
+    different, which = distinct_rows(np.stack([mass, damping, stiffness, intensity, split], axis=1))
+    if len(different) < len(mass):
+        m, c, k, s, together = different.T
+        return tuple(part[:, which] for part in _flows_alone(m, c, k, s, together > 0.0, step))
     linear = mass, damping, stiffness, intensity
     exact = [part for pair in transitions(*linear, [step, 0.5 * step]) for part in pair]
     phases = [exact, exact]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from impactlab.assembly.links import Pairs, connected_parts
+from impactlab.assembly.links import Pairs
 from impactlab.assembly.model import Model, kept
 from impactlab.components.excitation import Excitation
 from impactlab.components.filters import filter_of, impulses_of
@@ -304,7 +304,7 @@ def joined_systems(
     if not together:
         return systems
     pairs = [np.stack([slots[:-1], slots[1:]], axis=1) for slots in [*together, *(pair[0] for pair in systems)]]
-    labels = connected_parts(Pairs(len(model.bodies), np.concatenate(pairs)))
+    labels = Pairs(len(model.bodies), np.concatenate(pairs)).parts
     touched = np.unique(labels[np.concatenate(together)])
     result = [pair for pair in systems if labels[pair[0][0]] not in touched]
     for part in touched:

@@ -57,7 +57,7 @@ def _transitions(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, intensity: np.ndarray, *steps: float
 ) -> tuple[np.ndarray, ...]:
     """Return A and Q over the first step, over the second, and so on."""
-    unique, which = _unique(np.stack([mass, damping, stiffness], axis=1))
+    unique, which = distinct_rows(np.stack([mass, damping, stiffness], axis=1))
     unit = np.zeros((len(unique), 2, 2))
     unit[:, 1, 1] = 1.0  # the covariance is proportional to the intensity
     scale = (2.0 * np.pi * intensity / mass**2)[:, None, None]
@@ -65,7 +65,7 @@ def _transitions(
     return tuple(item for a, q in found for item in (a[which], q[which] * scale))
 
 
-def _unique(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows that differ, and the place of each row among them."""
     if (rows == rows[:1]).all():
         return rows[:1], np.zeros(len(rows), dtype=np.int64)
@@ -159,7 +159,7 @@ def free_flows(
 @remembered
 def _undamped(mass: np.ndarray, stiffness: np.ndarray, *times: float) -> tuple[np.ndarray, ...]:
     """Return the motions without friction and noise over some times (s), (n, 2, 2) each."""
-    unique, which = _unique(np.stack([mass, np.zeros_like(mass), stiffness], axis=1))
+    unique, which = distinct_rows(np.stack([mass, np.zeros_like(mass), stiffness], axis=1))
     rate, result = _rate(unique), []
     halvings = [_halvings(rate, time) for time in times]
     short = np.array([time / 2.0**number for time, number in zip(times, halvings, strict=True)])
@@ -197,7 +197,7 @@ def response_to_force(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarr
 
     Under a unit force, and under one that grows from -1 to 1 during the step.
     """
-    unique, which = _unique(np.stack([mass, damping, stiffness], axis=1))
+    unique, which = distinct_rows(np.stack([mass, damping, stiffness], axis=1))
     acceleration = np.stack([np.zeros(len(unique)), 1.0 / unique[:, 0]], axis=1)[..., None]
     response = np.concatenate(_response(_drift(unique), acceleration, step, _rate(unique))[..., 0], axis=1)
     return np.asarray(response[which])

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from impactlab.assembly.links import connected_parts
 from impactlab.machine import tuning
 from impactlab.plan.clock import Clock
 from impactlab.plan.driving import Driving
@@ -102,7 +101,7 @@ class Plan:
             *(slots for slots, _ in self.driving.responses),
         ):
             driven[slots] = True
-        labels = connected_parts(self.system.links)
+        labels = self.system.links.parts
         return np.flatnonzero(~driven & np.isin(labels, labels[driven]))
 
     def seconds(self, workers: int) -> float:

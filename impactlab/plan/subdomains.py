@@ -8,7 +8,6 @@ whole network would do. A tile stays in the cache, and tiles run on several core
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -51,33 +50,50 @@ class Subdomains:
         both = np.concatenate([between, between[:, ::-1]])
         both = both[np.argsort(both[:, 0], kind="stable")]
         begin = np.searchsorted(both[:, 0], np.arange(bodies + 1))
+        own = np.diff(bounds)
         for steps in sizes.tile_steps:
-            left, found = int(sizes.tile_excess * bodies), []
-            for low, high in itertools.pairwise(bounds):
-                inside = _near(begin, both[:, 1], np.arange(low, high), reach * steps, left)
-                left -= len(inside)
-                if left < 0:
-                    break
-                found.append(np.concatenate([np.arange(low, high), inside[(inside < low) | (inside >= high)]]))
-            else:
-                own, tables = np.diff(bounds), _Tables.of(model)
-                return cls(steps, tuple(_tile(model, tables, slots, own[k]) for k, slots in enumerate(found)))
+            halos = _halos(begin, both[:, 1], own, reach * steps, int(sizes.tile_excess * bodies))
+            if halos is not None:
+                tables, slots = _Tables.of(model), map(np.arange, bounds, bounds[1:])
+                within = [np.concatenate(pair) for pair in zip(slots, halos, strict=True)]
+                return cls(steps, tuple(_tile(model, tables, *tile) for tile in zip(within, own, strict=True)))
         return cls(0, ())
 
 
-def _near(begin: np.ndarray, neighbours: np.ndarray, start: np.ndarray, distance: int, most: int) -> np.ndarray:
-    """Bodies within a distance of some, in increasing order; may stop at more than `most`."""
-    inside = np.zeros(len(begin) - 1, dtype=bool)
-    inside[start] = True
-    edge, total = start, len(start)
-    for _ in range(distance):
-        reached = neighbours[_entries(begin, edge)]
-        edge = np.unique(reached[~inside[reached]])
-        inside[edge] = True
-        total += len(edge)
-        if not edge.size or total > most:
+def _halos(
+    begin: np.ndarray, neighbours: np.ndarray, own: np.ndarray, distance: int, most: int
+) -> list[np.ndarray] | None:
+    """Return the other bodies within a distance of each tile, in increasing order; None for more than `most` in all.
+
+    Tiles have so many bodies of their `own`, in turn. All grow at once: what a round reaches is written as numbers of
+    a tile and a body, of which only those of the last two rounds can come again.
+    """
+    bodies, tile_of = len(begin) - 1, np.repeat(np.arange(len(own)), own)
+
+    def outside(tiles: np.ndarray, reached: np.ndarray) -> np.ndarray:
+        others = np.flatnonzero(tile_of[reached] != tiles)
+        return _distinct(tiles[others] * bodies + reached[others])
+
+    before, edge = tile_of[:0], outside(np.repeat(tile_of, np.diff(begin)), neighbours)
+    found, total = [edge], bodies + len(edge)
+    for _ in range(distance - 1):
+        if total > most or not edge.size:
             break
-    return np.flatnonzero(inside)
+        tiles, rim = np.divmod(edge, bodies)
+        reached = outside(np.repeat(tiles, begin[rim + 1] - begin[rim]), neighbours[_entries(begin, rim)])
+        before, edge = edge, reached[~np.isin(reached, np.concatenate([before, edge]))]
+        found.append(edge)
+        total += len(edge)
+    if total > most:
+        return None
+    tiles, halo = np.divmod(np.sort(np.concatenate(found)), bodies)
+    return np.split(halo, np.searchsorted(tiles, np.arange(1, len(own))))
+
+
+def _distinct(values: np.ndarray) -> np.ndarray:
+    """Return the values that differ, in increasing order: `numpy.unique` of what is nearly in order, in a tenth."""
+    values = np.sort(values, kind="stable")
+    return np.asarray(values[np.append(True, values[1:] != values[:-1])[: len(values)]])
 
 
 def _entries(begin: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -114,7 +130,7 @@ def _tile(model: Model, known: _Tables, slots: np.ndarray, own: int) -> Tile:
     wall, pairs = model.wall, model.ends.pairs
     place = np.full(wall + 1, -1)
     place[slots], place[wall] = np.arange(len(slots)), len(slots)
-    near = np.unique(known.contacts[_entries(known.begin, slots)])
+    near = _distinct(known.contacts[_entries(known.begin, slots)])
     contacts = near[(place[pairs[near]] >= 0).all(axis=1)]
     owner = np.where(pairs[:, 0] < wall, pairs[:, 0], pairs[:, 1])[contacts]
     mine = place[owner] < own

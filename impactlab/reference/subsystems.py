@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from impactlab.assembly.links import Pairs, connected_parts
+from impactlab.assembly.links import Pairs
 from impactlab.components.composition import Composition
 from impactlab.components.contact import Contact
 from impactlab.components.coupling import Coupling, LinearCoupling
@@ -156,7 +156,7 @@ def subsystems_of(network: Composition) -> list[Subsystem]:
     links: list[Contact | Coupling] = [*network.contacts.values(), *acting.values()]
     together = [*map(sides, links), *(tuple(source.on) for source in network.sources.values()), *_sharing(network)]
     pairs = np.array([[slots[name] for name in pair] for names in together for pair in pairwise(names)], dtype=np.int64)
-    part_of = dict(zip(slots, connected_parts(Pairs(len(slots), pairs.reshape(-1, 2))).tolist(), strict=True))
+    part_of = dict(zip(slots, Pairs(len(slots), pairs.reshape(-1, 2)).parts.tolist(), strict=True))
     members: dict[int, tuple[list[str], dict[str, Contact], dict[str, Coupling]]] = {}
     for name, part in part_of.items():
         members.setdefault(part, ([], {}, {}))[0].append(name)

@@ -259,7 +259,7 @@ def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) 
     segments, lanes = parts[0].shape[-2:]
     counts = np.stack([plan.counts(finer * begin, finer * begin + steps) for begin in coverage.begins], axis=1)
     bodies, contacts, products = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
-    moments = moments_of(plan, bodies, np.repeat(counts, lanes, axis=1), contacts, products)
+    moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products)
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
     return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from impactlab.kernels.rows import FF, FV, FX, VV, XV, XX, F, X
-from impactlab.statistics.chain import Chain, cycle, weighted_sum
+from impactlab.statistics.chain import Chain, Rows, cycle, rows_where, weighted_sum
 
 
 def balances_of(
@@ -27,13 +27,13 @@ def balances_of(
         heat = (np.pi * intensity / (chain.mass * chain.damping))[:, None]
     own, held, damped = closed & chain.alone, chain.stiffness > 0.0, chain.damping > 0.0
     mean, displacement, mixed, velocity = (np.full(s.shape[2:], np.nan) for _ in range(4))
-    bodies = own & held
+    bodies = rows_where(own & held)
     mean[bodies] = s[:, X, bodies].mean(axis=0) - weighted_sum(of_kicks[bodies, 0].T, s[:, F, bodies])
-    bodies = own & ~damped & (intensity == 0.0)
-    velocity[bodies] = (chain.increment * s[:, FV])[:, bodies].mean(axis=0)
-    bodies = own & damped & ~held
+    bodies = rows_where(own & ~damped & (intensity == 0.0))
+    velocity[bodies] = (chain.increment[bodies] * s[:, FV, bodies]).mean(axis=0)
+    bodies = rows_where(own & damped & ~held)
     velocity[bodies] = _of_free_bodies(chain, s, bodies, heat)
-    bodies = own & damped & held
+    bodies = rows_where(own & damped & held)
     displacement[bodies], mixed[bodies], velocity[bodies] = _of_held_bodies(chain, s, bodies, heat)
     balances = {
         "mean_displacement": mean,
@@ -43,30 +43,31 @@ def balances_of(
     return balances, mixed
 
 
-def _before_kicks(chain: Chain, s: np.ndarray) -> np.ndarray:
-    """Return E[v²] before the kicks, (phase, body, unit)."""
-    increment = chain.increment
-    return np.asarray(s[:, VV] - increment * s[:, FV] + 0.25 * increment**2 * s[:, FF])
+def _before_kicks(increment: np.ndarray, s: np.ndarray, bodies: Rows) -> np.ndarray:
+    """Return E[v²] of some bodies before the kicks, with their increments, (phase, body, unit)."""
+    return np.asarray(s[:, VV, bodies] - increment * s[:, FV, bodies] + 0.25 * increment**2 * s[:, FF, bodies])
 
 
-def _of_free_bodies(chain: Chain, s: np.ndarray, bodies: np.ndarray, heat: np.ndarray) -> np.ndarray:
+def _of_free_bodies(chain: Chain, s: np.ndarray, bodies: Rows, heat: np.ndarray) -> np.ndarray:
     """Return the balance of E[v²] of damped bodies without a spring."""
-    a = chain.flows.transition[:, bodies, 1:, 1:]
-    gain = cycle(a**2, np.full((bodies.sum(), 1, 1), 2.0), chain.motions[bodies])[:, 0]
-    power = (chain.increment * s[:, FV])[:, bodies]
-    return np.asarray(_before_kicks(chain, s)[:, bodies].mean(axis=0) - heat[bodies] - weighted_sum(gain.T, power))
+    first, which = chain.alike(bodies)
+    a, increment = chain.flows.transition[:, bodies, 1:, 1:][:, first], chain.increment[bodies]
+    gain = cycle(a**2, np.full((len(first), 1, 1), 2.0))[which, 0]
+    power = weighted_sum(gain.T, increment * s[:, FV, bodies])
+    return np.asarray(_before_kicks(increment, s, bodies).mean(axis=0) - heat[bodies] - power)
 
 
 def _of_held_bodies(
-    chain: Chain, s: np.ndarray, bodies: np.ndarray, heat: np.ndarray
+    chain: Chain, s: np.ndarray, bodies: Rows, heat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the balances of E[x²], E[x v] and E[v²] of damped bodies with a spring."""
-    a, increment = chain.flows.transition[:, bodies], chain.increment
+    first, which = chain.alike(bodies)
+    a, increment = chain.flows.transition[:, bodies][:, first], chain.increment[bodies]
     squares = (a[..., :, None, :, None] * a[..., None, :, None, :]).reshape(*a.shape[:2], 4, 4)  # A ⊗ A
     kicks = np.array([[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2.0]]).T  # K, flattened, of virial and power
     inputs = np.broadcast_to(kicks, (a.shape[1], 4, 2))
-    gain = cycle(squares, inputs, chain.motions[bodies]).reshape(-1, 4, len(a), 2)
-    virial, power = (increment * s[:, FX])[:, bodies], (increment * s[:, FV])[:, bodies]
+    gain = cycle(squares, inputs).reshape(-1, 4, len(a), 2)[which]
+    virial, power = increment * s[:, FX, bodies], increment * s[:, FV, bodies]
     of_xx, of_xv, of_vv = (
         weighted_sum(gain[:, row, :, 0].T, virial) + weighted_sum(gain[:, row, :, 1].T, power) for row in (0, 1, 3)
     )
@@ -74,5 +75,5 @@ def _of_held_bodies(
     return (
         s[:, XX, bodies].mean(axis=0) - potential - of_xx,
         (s[:, XV, bodies] - 0.5 * virial).mean(axis=0) - of_xv,
-        _before_kicks(chain, s)[:, bodies].mean(axis=0) - heat[bodies] - of_vv,
+        _before_kicks(increment, s, bodies).mean(axis=0) - heat[bodies] - of_vv,
     )

@@ -11,6 +11,9 @@ from impactlab.integrators.arguments import Flows
 
 _CHUNK = 4096  # bodies whose equations are solved at a time
 
+Rows = np.ndarray | slice
+"""Some bodies: whether each is one of them, or all."""
+
 
 @dataclass(frozen=True, eq=False)
 class Chain:
@@ -22,6 +25,12 @@ class Chain:
     stiffness: np.ndarray  # (body,)
     flows: Flows  # what is between kicks
     alone: np.ndarray  # (body,) of bool: whether no coupling is a part of the flow of each body
+
+    def part(self, rows: slice) -> Chain:
+        """Return the steps of some bodies."""
+        a, q, middle_a, middle_q = (item[:, rows] for item in self.flows[:-1])
+        mass, damping, stiffness, alone = (item[rows] for item in (self.mass, self.damping, self.stiffness, self.alone))
+        return Chain(self.step, mass, damping, stiffness, Flows(a, q, middle_a, middle_q, self.flows.groups), alone)
 
     @cached_property
     def motions(self) -> np.ndarray:
@@ -35,6 +44,11 @@ class Chain:
         numbers: dict[bytes, int] = {}
         rows = (text[begin : begin + width] for begin in range(0, len(text), width))
         return np.array([numbers.setdefault(row, len(numbers)) for row in rows], dtype=np.int64)
+
+    def alike(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Return one of some rows for each motion that they have, and which of these motions each of them has."""
+        _, first, which = np.unique(self.motions[rows], return_index=True, return_inverse=True)
+        return first, which
 
     @property
     def increment(self) -> np.ndarray:
@@ -53,26 +67,29 @@ class Chain:
         """
         a, increment, bodies = self.flows.transition, self.increment, len(self.mass)
         over_time, at_kicks = np.full((bodies, 2), np.nan), np.full((bodies, 2, len(a)), np.nan)
-        held = self.alone & (self.stiffness > 0.0)
-        over_time[held] = np.column_stack([1.0 / self.stiffness[held], np.zeros(held.sum())])
-        push = np.stack([np.zeros_like(increment[held]), increment[held]], axis=1)
-        at_kicks[held] = cycle(a[:, held], push, self.motions[held])
-        free = self.alone & (self.stiffness == 0.0) & (self.damping > 0.0)
+        held = rows_where(self.alone & (self.stiffness > 0.0))
+        over_time[held, 0], over_time[held, 1] = 1.0 / self.stiffness[held], 0.0
+        first, which = self.alike(held)
+        push = increment[held][first]
+        at_kicks[held] = cycle(a[:, held][:, first], np.stack([np.zeros_like(push), push], axis=1))[which]
+        free = rows_where(self.alone & (self.stiffness == 0.0) & (self.damping > 0.0))
         over_time[free, 1] = 1.0 / self.damping[free]
-        at_kicks[free, 1] = cycle(a[:, free, 1:, 1:], increment[free, None], self.motions[free])[:, 0]
+        first, which = self.alike(free)
+        at_kicks[free, 1] = cycle(a[:, free, 1:, 1:][:, first], increment[free, None][first])[which, 0]
         at_kicks[:, 1] += 0.5 * increment / len(a)  # the velocity is read in the middle of the kick
         return over_time, at_kicks
 
 
-def cycle(maps: np.ndarray, inputs: np.ndarray, motions: np.ndarray) -> np.ndarray:
+def rows_where(chosen: np.ndarray) -> Rows:
+    """Return the bodies that are chosen; a slice where all are, which copies nothing."""
+    return slice(None) if chosen.all() else chosen
+
+
+def cycle(maps: np.ndarray, inputs: np.ndarray) -> np.ndarray:
     """Solve ``z_p = L_p (z_q + B u_q)``, q the phase before p; return the mean of z per unit of each u.
 
-    The maps L are (phase, body, n, n), the inputs B (body, n, m), and the means (body, n, phase m). Those of bodies
-    with the same one of the `motions` are equal, and are worked out once.
+    The maps L are (phase, body, n, n), the inputs B (body, n, m), and the means (body, n, phase m).
     """
-    _, first, which = np.unique(motions, return_index=True, return_inverse=True)
-    if len(first) < len(motions):
-        return cycle(maps[:, first], inputs[first], motions[first])[which]
     phases, bodies, size, _ = maps.shape
     columns = inputs.shape[2]
     result = np.empty((bodies, size, phases * columns))

@@ -15,14 +15,14 @@ from itertools import pairwise
 import numpy as np
 
 from impactlab.errors import warn
-from impactlab.kernels.rows import FF, FLUX
+from impactlab.kernels.rows import FF, FLUX, F
 from impactlab.plan.clock import BATCH_TIMES, BATCHES, batches_wanted
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, OF_POINTS, POINT, STATISTICS, Moments, sampled_of
 from impactlab.statistics.drift import drift_of
 from impactlab.statistics.ergodicity import Memory, memory_of
 from impactlab.statistics.heating import Heating, heating_of
-from impactlab.statistics.moments import moments_of
+from impactlab.statistics.moments import SumsOf, moments_of
 from impactlab.statistics.point_moments import with_points
 from impactlab.statistics.rare import Events, warn_of_rare, warn_of_still, widen_bodies, widen_contacts
 from impactlab.statistics.regression import Mean
@@ -49,19 +49,24 @@ class Units:
         steps = np.diff(ends).astype(float)
         counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
         total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
-        sums = bodies, contacts, products, points
+        sums = contacts, products, points
         whole = [item.sum(axis=0) for item in sums]
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
-                whole[1][row] = contacts[:, row].max(axis=0)
+                whole[0][row] = contacts[:, row].max(axis=0)
         alone = realizations >= BATCHES
         pushes = _pushes(bodies, steps, alone) if plan.method.integrator.kicks else np.zeros((0, 0))
         if alone or len(steps) == 1:
-            moments = _moments(plan, total, *whole)
+            moments = _moments(plan, total, lambda rows: bodies[:, :, :, rows].sum(axis=0), *whole)
             weights = np.ones(realizations) if alone else np.repeat(steps, realizations)
             return cls(moments, moments, weights, steps, alone, pushes)
         counts = np.concatenate([total, np.repeat(counts, realizations, axis=1)], axis=1)
-        moments = _moments(plan, counts, *map(_joined, whole, sums))
+
+        def of_bodies(rows: slice) -> np.ndarray:
+            own = bodies[:, :, :, rows]
+            return _joined(own.sum(axis=0), own)
+
+        moments = _moments(plan, counts, of_bodies, *map(_joined, whole, sums))
         units, of_whole = moments.of_units(slice(realizations, None)), moments.of_units(slice(realizations))
         return cls(units, of_whole, np.repeat(steps, realizations), steps, alone, pushes)
 
@@ -135,7 +140,7 @@ def estimate(
         closings = events.closings
     looked_at = slice(0 if "mean_contact_force" in plan.observed.left_out else None)
     _forget(plan, values)
-    of_batches = bodies.sum(axis=1)
+    of_batches = bodies[:, :, :F].sum(axis=1)
     memory = memory_of(plan, of_batches, units.steps, units.alone)
     if random:
         _widen(plan, units, events, memory, values)
@@ -154,11 +159,11 @@ def estimate(
 
 
 def _moments(
-    plan: Plan, counts: np.ndarray, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
+    plan: Plan, counts: np.ndarray, bodies: SumsOf, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
 ) -> Moments:
     """Return the moments of bodies, contacts and points, if there are any."""
     moments = moments_of(plan, bodies, counts, contacts, products)
-    return with_points(plan, moments, bodies, counts, points) if plan.points else moments
+    return with_points(plan, moments, bodies(slice(None)), counts, points) if plan.points else moments
 
 
 def _joined(whole: np.ndarray, batches: np.ndarray) -> np.ndarray:

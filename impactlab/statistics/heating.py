@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.assembly.links import connected_parts
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import Moments
 from impactlab.statistics.regression import Regression
@@ -64,7 +63,7 @@ def heating_of(plan: Plan, moments: Moments, weights: np.ndarray, seldom: np.nda
     if not (_conservative(plan) and plan.forces.kicked.any()):
         return Heating()
     mass, damping, _ = plan.system.linear
-    labels = connected_parts(plan.system.links)
+    labels = plan.system.links.parts
     put_in = np.zeros(len(mass))
     put_in[plan.noise.white] = np.pi * plan.noise.intensity / mass[plan.noise.white]
     given = np.bincount(labels, put_in)
@@ -107,7 +106,7 @@ def unequal_partition(plan: Plan, mean_square_velocity: np.ndarray, error: np.nd
     if not _conservative(plan) or _damped_couplings(plan):
         return ""
     mass, damping, _ = plan.system.linear
-    labels = connected_parts(plan.system.links)
+    labels = plan.system.links.parts
     intensity = np.zeros(len(mass))
     intensity[plan.noise.white] = plan.noise.intensity
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from impactlab.assembly.links import connected_parts
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV, XV, XX, F, V, X
 from impactlab.plan.plan import Plan
@@ -14,6 +14,14 @@ from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_o
 from impactlab.statistics.balances import balances_of
 from impactlab.statistics.chain import Chain, weighted_sum
 from impactlab.statistics.joint_moments import joint_moments, mean_load
+
+AT_ONCE = 1 << 15
+"""Bodies times units whose moments are formed at a time: what is made on the way is twenty times what comes out, which
+for a large network is memory that nobody has touched before, and takes longer than the arithmetic.
+"""
+
+SumsOf = Callable[[slice], np.ndarray]
+"""Gives sums of some bodies over the steps of each phase, (phase, row, body, unit); see `impactlab.kernels.sums`."""
 
 
 class Motion(NamedTuple):
@@ -29,48 +37,85 @@ class Motion(NamedTuple):
             target[..., bodies, :] = np.where(sure, values, target[..., bodies, :])
 
 
-def moments_of(plan: Plan, sums: np.ndarray, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Moments:
+class Moved(NamedTuple):
+    """What moves some bodies, by a method with flows."""
+
+    chain: Chain
+    intensity: np.ndarray  # (body,) of the white noise that the flows are made with
+    closed: np.ndarray  # (body,) of bool: whether nothing but white noise acts between kicks
+    steady: np.ndarray  # and whether no function of time leads a body
+
+    @classmethod
+    def of(cls, plan: Plan) -> Moved:
+        """Return that of all bodies of a plan."""
+        assert plan.method.flows is not None
+        mass, damping, stiffness = plan.system.linear
+        chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
+        closed, intensity = plan.driving.closed(plan.method.groups), np.zeros(len(plan.system.bodies))
+        intensity[plan.noise.white] = plan.noise.intensity
+        return cls(chain, intensity, closed, closed & ~_led(plan))
+
+    def part(self, rows: slice) -> Moved:
+        """Return that of some of the bodies."""
+        return Moved(self.chain.part(rows), self.intensity[rows], self.closed[rows], self.steady[rows])
+
+
+Formed = tuple[Motion, dict[str, np.ndarray], np.ndarray]
+"""Moments and balances of some bodies, and their sums of what statistics sample, (row, body, unit)."""
+
+
+def moments_of(plan: Plan, sums: SumsOf, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Moments:
     """Turn sums into moments, (body or contact, unit) each.
 
-    Sums over the steps of each phase are (phase, row, body, unit), see `impactlab.kernels.sums`, and `counts` says how
-    many steps these are, (phase, unit). Sums of contacts and products are (row, contact or pair, unit).
+    `counts` says over how many steps of each phase sums are, (phase, unit). Sums of contacts and products are
+    (row, contact or pair, unit).
     """
-    steps = counts.sum(axis=0)
-    motion, balances = _of_bodies(plan, sums, counts, products / steps)
+    steps, number = counts.sum(axis=0), len(plan.system.bodies)
+    moved, of_pairs = None if plan.method.flows is None else Moved.of(plan), products / steps
+    most = number if plan.method.groups else max(1, AT_ONCE // len(steps))  # groups are not cut
+    parts = [slice(begin, begin + most) for begin in range(0, number, most)]
+    motion, balances, samples = _joined(
+        [_of_bodies(plan, moved.part(rows) if moved else None, sums(rows), counts, of_pairs) for rows in parts]
+    )
     mass, damping, stiffness = np.broadcast_to(plan.system.linear[..., None], (3, *motion.load.shape))
     variance = np.maximum(motion.square[0] + motion.load - motion.mean[0] ** 2, 0.0)
     (x, v), (xx, vv) = motion.mean, motion.square
     flux = contacts[FLUX] / steps
     rate = flux / plan.clock.step if plan.observed.counted else 9.0 / 8.0 * flux / plan.observed.window[:, None]
     of_bodies, of_contacts = sampled_of(BODY), sampled_of(CONTACT)
-    rows = [*zip(of_bodies, sums.sum(axis=0)[sums.shape[1] - len(of_bodies) :], strict=True)]
-    rows += zip(of_contacts, contacts[FLUX + 1 :], strict=True)
-    others = {item.name: row if item.largest else row / steps for item, row in rows}
+    pairs = [*zip(of_bodies, samples, strict=True), *zip(of_contacts, contacts[FLUX + 1 :], strict=True)]
+    others = {item.name: row if item.largest else row / steps for item, row in pairs}
     others["peak_contact_force"][plan.impacts.rigid.contacts] = np.nan  # impulses have no force
     bodies = OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load)
     return Moments(bodies, {"contact_rate": rate, **others}, balances)
 
 
-def _of_bodies(
-    plan: Plan, sums: np.ndarray, counts: np.ndarray, products: np.ndarray
-) -> tuple[Motion, dict[str, np.ndarray]]:
-    """Return the moments and balances of bodies from sums, and the means of products."""
-    seen = counts > 0
-    means = sums / np.where(seen, counts, 1)[:, None, None]
-    of_phases = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
-    bodies = sums.sum(axis=0) / counts.sum(axis=0) if plan.transient else of_phases
+def _joined(parts: list[Formed]) -> Formed:
+    """Return what was formed of all bodies from what was of some at a time."""
+    if len(parts) == 1:
+        return parts[0]
+    motions, balances, samples = zip(*parts, strict=True)
+    motion = Motion(*(np.concatenate(items, axis=-2) for items in zip(*motions, strict=True)))
+    both = {name: np.concatenate([item[name] for item in balances]) for name in balances[0]}
+    return motion, both, np.concatenate(samples, axis=-2)
+
+
+def _of_bodies(plan: Plan, moved: Moved | None, sums: np.ndarray, counts: np.ndarray, products: np.ndarray) -> Formed:
+    """Return what is formed of the sums of some bodies, and of the means of products of all pairs."""
+    seen, samples = counts > 0, sums[:, sums.shape[1] - len(sampled_of(BODY)) :].sum(axis=0)
+    means = sums[:, :BEGUN] / np.where(seen, counts, 1)[:, None, None]
+    if plan.transient:
+        bodies = sums[:, :BEGUN].sum(axis=0) / counts.sum(axis=0)
+    else:
+        bodies = means.sum(axis=0) / seen.sum(axis=0)  # sums over no steps are 0
     at_kicks = Motion(bodies[[X, V]], bodies[[XX, VV]], np.zeros_like(bodies[X]))
-    if plan.method.flows is None:
-        return at_kicks, {}
+    if moved is None:
+        return at_kicks, {}, samples
     complete = seen.all(axis=0)
     if not complete.all():
         means[..., ~complete] = np.nan
-    mass, damping, stiffness = plan.system.linear
-    chain = Chain(plan.clock.step, mass, damping, stiffness, plan.method.flows, ~plan.method.grouped)
-    closed = plan.driving.closed(plan.method.groups)
-    steady = closed & ~_led(plan)
-    response, intensity = chain.response(), np.zeros(len(closed))
-    intensity[plan.noise.white] = plan.noise.intensity
+    chain, intensity, closed, steady = moved
+    response = chain.response()
     balances, mixed = balances_of(chain, intensity, means, steady, response[1])
     begun = sums[:, BEGUN:] / counts.sum(axis=0) if plan.transient else None
     if begun is not None:
@@ -89,7 +134,7 @@ def _of_bodies(
             for name, values in off_balance.items():
                 known = complete & steady[group.slots].all()
                 balances[name][group.slots] = np.where(known, values, balances[name][group.slots])
-    return motion, balances
+    return motion, balances, samples
 
 
 def _led(plan: Plan) -> np.ndarray:
@@ -101,7 +146,7 @@ def _led(plan: Plan) -> np.ndarray:
     led = np.concatenate([plan.driving.forced, varying, np.flatnonzero(plan.forces.timed)])
     if not len(led):
         return np.zeros(len(plan.system.bodies), dtype=bool)
-    parts = connected_parts(plan.system.links)
+    parts = plan.system.links.parts
     return np.isin(parts, parts[led])
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impactlab.assembly.links import connected_parts
 from impactlab.errors import warn
 from impactlab.plan.observed import WINDOW
 from impactlab.plan.plan import Plan
@@ -97,7 +96,7 @@ def widen_bodies(plan: Plan, events: Events, kinetic: np.ndarray, estimates: Est
     if not moved.size:
         return
     mass, _, stiffness = plan.system.linear
-    labels = connected_parts(plan.system.links)
+    labels = plan.system.links.parts
     hottest = np.zeros(labels.max(initial=-1) + 1)
     np.maximum.at(hottest, labels, mass * kinetic)
     time = plan.clock.step * plan.clock.steps * plan.realizations.number

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impactlab.assembly.links import Combinations, Pairs, RoundLinks, connected_parts, joined
+from impactlab.assembly.links import Combinations, Pairs, RoundLinks, joined
 
 COUNT = 5
 PAIRS = np.array([[0, 1], [5, 2], [3, 1], [4, 5], [0, 1]])
@@ -41,7 +41,7 @@ def test_pairs_are_combinations_with_weights_1_and_minus_1(some):
     assert one.all(VALUES > 2.0).tolist() == other.all(VALUES > 2.0).tolist()
     moving = one.slots < COUNT
     np.testing.assert_allclose(one.others(VALUES)[moving], other.others(VALUES))
-    assert connected_parts(one).tolist() == connected_parts(other).tolist()
+    assert one.parts.tolist() == other.parts.tolist()
     for both in zip(one.exchanges(VALUES)[:3], other.exchanges(VALUES)[:3], strict=True):
         assert both[0].tolist() == both[1].tolist()
 
@@ -63,7 +63,7 @@ def test_weights():
     expected = np.diagonal(inside @ (SYMMETRIC - np.diag(np.diagonal(SYMMETRIC))) @ inside.T)
     np.testing.assert_allclose(weighted.mixed(SYMMETRIC, slots), expected)
     np.testing.assert_allclose(weighted.others(VALUES), [1.0 + 0.5, 4.0 + 0.5, 4.0 + 1.0, 0.0])
-    assert connected_parts(weighted).tolist() == [0, 1, 0, 0, 2]
+    assert weighted.parts.tolist() == [0, 1, 0, 0, 2]
 
 
 def test_what_a_collision_exchanges():
@@ -127,5 +127,5 @@ def test_round_links_are_laid_out_with_and_without_masses():
     np.testing.assert_allclose(dense, expected)
     assert rounds.tolist() == [[1, 4, 5]]
     assert centers.tolist() == [CENTER.tolist()]
-    assert connected_parts(round_).tolist() == [0, 0, 0, 1, 2]
+    assert round_.parts.tolist() == [0, 0, 0, 1, 2]
     assert joint.chosen(np.array([2, 1])).gap(VALUES).tolist() == [weighted.gap(VALUES)[0], round_.gap(VALUES)[1]]

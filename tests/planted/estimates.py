@@ -41,14 +41,17 @@ def after_the_kick(monkeypatch: Any) -> None:
     """Read velocities at the end of the kick."""
     right = moments.moments_of
 
-    def wrong(plan: Any, sums: np.ndarray, *others: Any) -> Any:
-        half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
-        s = sums.copy()
-        s[:, V] += half * sums[:, F]
-        s[:, XV] += half * sums[:, FX]
-        s[:, VV] += 2.0 * half * sums[:, FV] + half**2 * sums[:, FF]
-        s[:, FV] += half * sums[:, FF]
-        return right(plan, s, *others)
+    def wrong(plan: Any, sums_of: Any, *others: Any) -> Any:
+        def after(rows: slice) -> np.ndarray:
+            half, sums = 0.5 * plan.clock.step / plan.system.linear[0][rows, None], sums_of(rows)
+            s = sums.copy()
+            s[:, V] += half * sums[:, F]
+            s[:, XV] += half * sums[:, FX]
+            s[:, VV] += 2.0 * half * sums[:, FV] + half**2 * sums[:, FF]
+            s[:, FV] += half * sums[:, FF]
+            return s
+
+        return right(plan, after, *others)
 
     monkeypatch.setattr(estimate, "moments_of", wrong)
 
