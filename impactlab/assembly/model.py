@@ -128,7 +128,8 @@ class Model:
     @cached_property
     def excitations(self) -> list[tuple[str, Excitation]]:
         """All excitations with the first of their names, those of each kind one after the other."""
-        named = [item for kind in self.sources.values() for item in kind.named()]
+        kinds = self.sources.values()
+        named = [item for kind in kinds for item in kind.named()[: 1 if are_one(kind.excitations) else None]]
         return list({id(item[1]): item for item in reversed(named)}.values())[::-1]
 
     @cached_property
@@ -265,6 +266,8 @@ class Model:
     @cached_property
     def states(self) -> tuple[tuple[str, str], ...]:
         """Labels of the states of laws, such as "spring.pull", and their units, in the order of `Members.states`."""
+        if not len(self.members.states):
+            return ()
         contacts, couplings = (
             {name: link.law for name, link in links.items()}
             for links in (self.network.contacts, self.network.couplings)
@@ -316,8 +319,8 @@ class Model:
     @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:
         """Names of the points of structures, with the slots of the bodies of which they are sums, and their weights."""
-        slots = {name: slot for slot, name in enumerate(self.bodies)}
         rows = self.network.points.items()
+        slots = {name: slot for slot, name in enumerate(self.bodies)} if rows else {}
         return tuple((name, tuple((slots[body], share) for body, share in row.items())) for name, row in rows)
 
     @cached_property

@@ -101,6 +101,21 @@ def test_every_body_and_contact_is_summed_once(small):
     assert sorted(own) == list(range(len(model.contacts)))
 
 
+@pytest.mark.parametrize("network", [chain(), grid()], ids=["chain", "grid"])
+def test_a_tile_has_all_bodies_within_its_reach_and_no_other(network, small):
+    model = Model.of(network)
+    parts, nearby = Subdomains.of(model, 2), {slot: {slot} for slot in range(len(model.bodies))}
+    for first, second in model.ends.pairs[(model.ends.pairs < model.wall).all(axis=1)].tolist():
+        nearby[first].add(second)
+        nearby[second].add(first)
+    for tile in parts.tiles:
+        within = set(tile.bodies[: tile.own_bodies].tolist())
+        for _ in range(2 * parts.steps):
+            within = set().union(*map(nearby.get, within))
+        halo = tile.bodies[tile.own_bodies :].tolist()
+        assert halo == sorted(within - set(tile.bodies[: tile.own_bodies].tolist()))
+
+
 def test_networks_without_parts_of_their_own_are_not_cut(small):
     """A star, whose halos are everything, and small networks."""
     names = [f"b{k}" for k in range(90)]

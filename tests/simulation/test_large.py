@@ -13,7 +13,7 @@ from impactlab.components.evaluation import call_each
 from impactlab.integrators import exact_flow
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.seed import seed_of
-from impactlab.statistics import balances, chain, controls
+from impactlab.statistics import balances, chain, controls, moments
 from impactlab.statistics.regression import Regression
 from impactlab.step_size.kinks import kink_step
 
@@ -159,6 +159,24 @@ def test_batches_are_units_of_one_estimate(monkeypatch):
         monkeypatch.setattr(module, "cycle", lambda *arguments: calls.append(1) or usual(*arguments))
     il.simulate(base(), 4.0, realizations=2, rng=1)
     assert len(calls) == 4  # means and squares, of held bodies and of free ones
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("spin_up", [0.0, None], ids=["transient", "stationary"])
+def test_moments_of_some_bodies_at_a_time_have_the_bits_of_all(spin_up, monkeypatch):
+    network, calls, usual = unequal(7), [], moments._of_bodies
+    monkeypatch.setattr(moments, "_of_bodies", lambda *arguments: calls.append(1) or usual(*arguments))
+
+    def run():
+        calls.clear()
+        return il.simulate(network, 2.0, realizations=2, rng=1, step=0.004, spin_up=spin_up)
+
+    whole, number = run(), len(calls)
+    monkeypatch.setattr(moments, "AT_ONCE", 1)
+    parts = run()
+    assert len(calls) == 7 * number > 0
+    for name, values in whole.data_vars.items():
+        np.testing.assert_array_equal(values, parts[name], err_msg=name)
 
 
 def reference(values, controls, weights):
