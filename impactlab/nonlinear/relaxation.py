@@ -335,7 +335,10 @@ def _without_dampers(model: Model) -> tuple[np.ndarray, np.ndarray]:
     They may where the force of a contact or a coupling depends on the rate or on states.
     """
     linear, labels = damped(model)[0], model.connected()
+    hot = np.isinf(linear_variances(linear)[1])
+    if not hot.any():
+        return hot, hot
     of_contacts = ["rate" in law.kernel("force")[1] or bool(law.state_names()) for law in model.contact_laws]
     of_laws = np.flatnonzero([*of_contacts, *(law.dissipative for law in model.coupling_laws)])
-    heated = np.isinf(linear_variances(linear)[1]) & ~np.isin(labels, labels[linear.damping > 0.0])
+    heated = hot & ~np.isin(labels, labels[linear.damping > 0.0])
     return heated, np.isin(labels, labels[model.first_of(model.links)[of_laws]])

@@ -199,6 +199,8 @@ def _by_realization(units: Units) -> dict[str, np.ndarray]:
 def _forget(plan: Plan, values: Values) -> None:
     """Turn standard errors into NaN where no noise reaches, unless a value is 0: nothing is sampled there."""
     random = plan.noise.random
+    if random.all():
+        return
     stills = {BODY: ~random, CONTACT: ~plan.system.ends.any(random), POINT: ~plan.points.shares.any(random)}
     for variable, (value, error) in values.labelled():
         still = stills[variable.dimension]

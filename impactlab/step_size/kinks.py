@@ -248,6 +248,8 @@ def _density(
 
 def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: float) -> None:
     """Warn of a step at which the energy of bodies that no friction cools may change by more than `WANDERING`."""
+    if (model.damping > 0.0).all():
+        return
     labels = model.connected()
     braked = model.first_of(model.coupled)[model.coupling[1] > 0.0]
     slowed = np.concatenate([np.flatnonzero(model.damping > 0.0), braked])
