@@ -1,10 +1,13 @@
 """The documentation: its code runs and prints what is shown, its links and commands exist."""
 
+import ast
+import inspect
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -51,7 +54,7 @@ def readme_command(name: str) -> str:
     return found[0]
 
 
-LONG = {"how_we_know.md", "plots.md"}
+LONG = {"how_to.md", "how_we_know.md", "plots.md"}
 """Pages of many runs, whose functions have tests of their own."""
 
 WITH_CODE = [
@@ -59,6 +62,28 @@ WITH_CODE = [
     for page in PAGES
     if blocks(page, "python")
 ]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name)
+def test_python_blocks_name_what_is_there(page: Path) -> None:
+    """Public names, and arguments of public functions and classes, of pages that are too long to be run each time."""
+    for node in ast.walk(ast.parse(script(page), page.name)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "il":
+            assert hasattr(il, node.attr), f"{page.name}:{node.lineno}: il.{node.attr}"
+        if isinstance(node, ast.Call) and re.fullmatch(r"il\.\w+", ast.unparse(node.func)):
+            taken = arguments_of(getattr(il, ast.unparse(node.func).removeprefix("il.")))
+            for item in node.keywords:
+                known = taken is None or item.arg is None or item.arg in taken
+                assert known, f"{page.name}:{node.lineno}: {ast.unparse(node.func)}({item.arg}=…)"
+
+
+def arguments_of(named: Any) -> set[str] | None:
+    """Names of the arguments of a function or a component; None where any may be given."""
+    if isinstance(named, type) and issubclass(named, il.Component):
+        return set(named.field_names())
+    parameters = inspect.signature(named).parameters
+    any_name = any(item.kind is item.VAR_KEYWORD for item in parameters.values())
+    return None if any_name else set(parameters)
 
 
 @pytest.mark.parametrize("page", WITH_CODE)

@@ -107,6 +107,7 @@ result = il.simulate(network, 4.0, step=0.05, spin_up=0.0, realizations=2, integ
 """
 
 
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")  # of two realizations
 def test_installed_package_simulates(installed: Path) -> None:
     """The same bits as here, without waiting for a compiler."""

@@ -135,6 +135,7 @@ def of_storeys(mass, stiffness):
     return il.LinearStructure.from_damping_ratio(np.full(5, mass), matrix, 0.05)
 
 
+@pytest.mark.campaign
 def test_two_buildings_that_pound_in_an_earthquake():
     """Peaks of displacements and contact forces, against a solver of ordinary differential equations."""
     left, right = of_storeys(2.0e4, 1.0e7), of_storeys(1.5e4, 2.4e7)

@@ -160,6 +160,7 @@ def rebound(law, speed, step):
     return -float(il.simulate(network, 0.3, step=step, **options).velocity.isel(time=-1).squeeze()) / speed
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("restitution", [1.0, 0.99, 0.9, 0.5])
 def test_lankarani_nikravesh_contact_rebounds_as_its_equation_says(restitution):
     stiffness, speed = 1e5, 0.5

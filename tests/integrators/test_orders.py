@@ -132,6 +132,7 @@ def test_order_with_forces_that_depend_on_velocity(integrator):
     assert order == pytest.approx(expected, abs=0.15), errors
 
 
+@pytest.mark.campaign
 def test_exact_flow_is_of_second_order_with_a_dissipative_contact():
     steps = EXPECTED["ExactFlow"][2]
     order, errors = measured_order(pair(LossyContact(100.0, damping=50.0)), il.ExactFlow(), steps, len(STARTS))

@@ -190,6 +190,7 @@ def place_of_everything():
     return tight(of_everything, 2.0, [0.3, 0.2, -0.4, 0.0])[:2]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("method", "order"), [(EXACT, 2), (il.RungeKutta4(), 4)])
 def test_laws_of_all_kinds_take_the_time(method, order):
     coarse, fine = (

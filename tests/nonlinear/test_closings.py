@@ -99,6 +99,7 @@ def test_bodies_that_friction_stops_within_a_step(damping):
         assert deviation(ds, float(rate), label) < 3.5
 
 
+@pytest.mark.campaign
 def test_closings_of_bodies_that_friction_would_stop_within_a_step():
     """A contact with a dashpot has its closings counted: at the step that forces need, 13.8 m/c, some 50 % too many."""
     body = il.LinearOscillator(stiffness=1.0, damping=200.0)

@@ -63,7 +63,7 @@ def assert_same(first, second):
     "network",
     [
         chain(),
-        chain(il.HuntCrossleyContact(1e4, dissipation=0.3)),
+        pytest.param(chain(il.HuntCrossleyContact(1e4, dissipation=0.3)), marks=pytest.mark.campaign),
         pytest.param(chain(TabulatedContact([0.0, 50.0, 400.0], distance=0.01)), marks=pytest.mark.campaign),
         grid(),
     ],

@@ -151,6 +151,7 @@ def test_bounded_noise_is_a_sum_over_its_lines():
     assert "sums of cosines" in repr(reference)
 
 
+@pytest.mark.campaign
 def test_densities_under_cosines_are_not_gaussian():
     """Their fourth moment is 3 σ⁴ − 3/8 Σ a⁴; and bins against a million sums of cosines."""
     network = bounded(components=12)

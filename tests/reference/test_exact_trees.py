@@ -167,6 +167,7 @@ def test_hard_bodies_in_a_box():
     np.testing.assert_allclose(data.contact_rate, np.sqrt(masses / (2.0 * math.pi)) * count / free, rtol=20.0 * depth)
 
 
+@pytest.mark.campaign
 def test_forces_balance_and_virial():
     """Mean force 0 on every body, and the virial Σ E[x F] = n T; a star of unequal bodies in a wall."""
     bodies = {"hub": DoubleWell(depth=2.0, damping=1.0), "a": body(3.0), "b": body(70.0), "c": body(20.0, 5.0, 9.0)}
@@ -269,7 +270,9 @@ def test_refusals():
 
 
 @pytest.mark.parametrize("clearance", [-0.4, 0.3])
-@pytest.mark.parametrize("well", [2.0, 6.0, 40.0])
+@pytest.mark.parametrize(
+    "well", [pytest.param(2.0, marks=pytest.mark.campaign), 6.0, pytest.param(40.0, marks=pytest.mark.campaign)]
+)
 def test_a_pair_with_two_wells_each(well, clearance):
     """Against a sum; the curvature is negative between the wells, where the way to the least energy begins."""
     temperature = 0.7

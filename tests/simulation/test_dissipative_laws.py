@@ -134,7 +134,7 @@ def highest(law, speed, step=0.0057, starts=32):
     return result.peak_contact_force_by_realization.values[:, 0], result.contact_force.max("time").values[:, 0]
 
 
-@pytest.mark.parametrize("name", ["Kelvin-Voigt", "Jankowski"])
+@pytest.mark.parametrize("name", ["Kelvin-Voigt", pytest.param("Jankowski", marks=pytest.mark.campaign)])
 def test_peaks_do_not_depend_on_where_in_a_step_bodies_touch(name):
     """Of bounces at 3.5 times the usual speed that lose most, whose forces at steps scatter by 5 and 11 %."""
     law = law_of(name, 0.5)

@@ -299,7 +299,7 @@ except KeyboardInterrupt:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process")
-@pytest.mark.parametrize("realizations", [1, 2000])
+@pytest.mark.parametrize("realizations", [pytest.param(1, marks=pytest.mark.campaign), 2000])
 def test_interrupt_is_answered(realizations):
     process = subprocess.Popen(
         [sys.executable, "-c", LONG.format(realizations=realizations)],
@@ -342,7 +342,10 @@ except KeyboardInterrupt:
     "call",
     [
         "il.simulate(network, 10.0, realizations=64, rng=1)",
-        "il.sweep(lambda c: network, dict(c=[1, 2]), duration=10.0, realizations=64, rng=1)",
+        pytest.param(
+            "il.sweep(lambda c: network, dict(c=[1, 2]), duration=10.0, realizations=64, rng=1)",
+            marks=pytest.mark.campaign,
+        ),
     ],
     ids=["simulate", "sweep"],
 )

@@ -61,6 +61,7 @@ def path_errors(duration, steps):
         yield np.abs([rotor, casing]).max()
 
 
+@pytest.mark.campaign
 def test_paths_of_a_spinning_rotor_that_rubs():
     """ExactFlow is of second order in contact, as under all forces that depend on velocities."""
     errors = np.array(list(path_errors(0.02, (1e-3, 5e-4, 2.5e-4))))
@@ -94,6 +95,7 @@ def test_without_friction_angular_momentum_is_kept():
     np.testing.assert_allclose((x * w - y * v)[free], 0.03 * 2.0, rtol=1e-10)
 
 
+@pytest.mark.campaign
 def test_means_against_radial_quadrature():
     """E[r²], contact ratio, mean force and rate of the density ``r exp(−U(r)/T)``, and E[v²] = T/m."""
     stiffness, clearance = 1e4, 0.05

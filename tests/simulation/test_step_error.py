@@ -321,6 +321,7 @@ def test_realizations_are_taken_together_where_there_are_many():
     np.testing.assert_allclose(ratio, 1.0, atol=4.0 / math.sqrt(2.0 * 64))  # 4 standard errors
 
 
+@pytest.mark.campaign
 def test_a_step_that_is_twice_enlarged_is_measured_with_the_velocities_that_it_was_chosen_with():
     """At four times the step of the rules; without them it would be refused as too large."""
     base = il.LinearOscillator.from_frequency(6.0, 0.1, mass=1e5)
@@ -352,6 +353,7 @@ def test_a_path_of_few_steps_is_measured():
     assert np.isfinite(result.mean_square_velocity.item())
 
 
+@pytest.mark.campaign
 def test_noise_that_comes_late_is_measured():
     """After most of a run in which hardly anything moves."""
     network = at_wall(

@@ -174,7 +174,7 @@ SCENES = {
     "standard solid": (stopped(SolidContact(500.0, more=2000.0, relaxation=0.05), 0.02), {"duration": 50.0, **MANY}),
 }  # fmt: skip
 
-QUICK = "one drop", "Maxwell element", "impacts on a soft wall"
+QUICK = "one drop", "Maxwell element"
 
 
 def measured(network, **options):

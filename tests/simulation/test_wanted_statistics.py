@@ -74,7 +74,7 @@ def rigid():
         (base, {"realizations": 1, "duration": 1000.0}),
         (distant, {}),
         (damped, {}),
-        (rigid, {}),
+        pytest.param(rigid, {}, marks=pytest.mark.campaign),  # its loop over lanes has no other use in quick tests
     ],
 )
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")

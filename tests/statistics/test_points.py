@@ -105,6 +105,7 @@ def test_one_motion_three_ways(force):
             np.testing.assert_allclose(other[name], bodies[name], rtol=1e-8, atol=scale, err_msg=name)
 
 
+@pytest.mark.campaign
 def test_one_noise_three_ways():
     """One physical noise on two floors: the same law of the floors, and the same statistics within their errors."""
     wind = {"wind": il.Source(il.WhiteNoise(0.4), on={"tower.second": 1.0, "tower.roof": 2.0})}
@@ -236,6 +237,7 @@ def test_correlations_of_points_under_other_noises(excitation):
         assert whole == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.campaign
 def test_towers_of_modes_that_pound():
     """The law is that of the same towers as bodies, and the simulated one."""
     warm = {name: il.WhiteNoise(RATE * mass / np.pi) for name, mass in zip(FLOORS, MASS, strict=True)}
@@ -368,6 +370,7 @@ def test_the_law_of_a_point_without_contacts():
             il.simulate(network, 1.0, record=record)
 
 
+@pytest.mark.campaign
 def test_a_tolerance_at_points():
     network = il.Network({"beam": BEAM}, STOP, {"beam.tip": il.WhiteNoise(1.0)})
     tolerance = {"point_mean_square_displacement": 0.05, "point_mean_velocity": 0.05}

@@ -31,6 +31,7 @@ def test_samples_agree_with_the_exact_law(realizations):
     assert (result.direct_mean_speed_standard_error > 0.0).all()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("method", [il.ExactFlow(), il.RungeKutta4()], ids=["kicks", "without kicks"])
 def test_the_trapezoidal_rule_is_that_of_a_transient(method):
     """A swing from the greatest displacement to rest: the way over the time, with half of the states at both ends."""

@@ -61,7 +61,9 @@ def histories(network, times):
 
 
 @pytest.mark.parametrize(
-    "law", [il.HertzContact(1e5), il.HuntCrossleyContact(1e5, dissipation=0.5)], ids=["elastic", "with damping"]
+    "law",
+    [pytest.param(il.HertzContact(1e5), marks=pytest.mark.campaign), il.HuntCrossleyContact(1e5, dissipation=0.5)],
+    ids=["elastic", "with damping"],
 )
 def test_a_record_with_contact_against_a_solver(law):
     """Histories and peaks."""
@@ -79,6 +81,7 @@ def test_a_record_with_contact_against_a_solver(law):
     assert "peak_absolute_acceleration_standard_error" not in found
 
 
+@pytest.mark.campaign
 def test_laws_with_states_and_laws_that_depend_on_time():
     """A hysteretic storey and a body on a spring that varies, each against its equations."""
     bouc_wen = il.BoucWenCoupling(60.0, yield_displacement=0.02, ratio=0.1)

@@ -165,7 +165,7 @@ def test_an_ensemble_is_that_of_the_point_alone(seed, first, realizations):
     ("make", "values", "options"),
     [
         (base, [16.0, 17.0, 18.0], {}),
-        (modulated, [1.0, 2.0, 5.0], {"step": 5e-3}),
+        pytest.param(modulated, [1.0, 2.0, 5.0], {"step": 5e-3}, marks=pytest.mark.campaign),
         (wells, [0.2, 0.25, 0.3], {"step": 0.02, "initial": "rest"}),
         (driven, [1.0, 1.5], {"step": 0.02, "integrator": il.RungeKutta4()}),
         (linear, [5.0, 6.0], {"integrator": il.EulerMaruyama(), "step": 2e-3}),
