@@ -25,7 +25,7 @@ _MOST_MODES = 100
 """Modes up to which the frequencies and shapes have been looked at; higher ones feel the shear that is left out."""
 
 _NOWHERE = 1e-12
-"""Displacement, in that of a free end, which is rounding at a support or a node."""
+"""Displacement, relative to that of a free end, below which it is rounding at a support or a node."""
 
 
 def beam(

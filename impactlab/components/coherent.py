@@ -20,7 +20,7 @@ NEGATIVE = 1e-10
 """Eigenvalue of a matrix of coherences, per body, down to which a negative one is rounding."""
 
 ROUNDING = 1e-14
-"""Lowest eigenvalue of such a matrix, per body, of which rounding leaves more than nothing in its root."""
+"""Least eigenvalue of such a matrix, per body, below which rounding would leave a negative pivot in its root."""
 
 Coherence = Callable[[np.ndarray, float], Any]
 """Coherences at angular frequencies (rad s-1), of two places at some distance (m)."""
@@ -87,7 +87,7 @@ def coherent(
     25, 1972, 111; Deodatis, J. Eng. Mech. 122, 1996, 778).
 
     An `impactlab.BaseMotion` in the place of the noise is the acceleration of the ground below each body or structure.
-    Displacements are then those beside the ground at its own place; see there.
+    Displacements are then relative to the ground at the place of each; see there.
 
     Parameters
     ----------

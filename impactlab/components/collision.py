@@ -18,10 +18,10 @@ STEPS = 3000
 """Steps of a collision after which bodies count as staying together."""
 
 AT_REST = 1e-9
-"""Depth and speed below which they do so as well, in parts of the largest."""
+"""Depth and speed, relative to the largest, below which they do so as well."""
 
 STRAIGHT = 1000
-"""Parts of a collision in each of which a state that changes in time is found as on a straight way."""
+"""Parts of a collision in each of which the path is taken as straight to find states that change in time."""
 
 DECADES = 12
 """Powers of ten up and down from the value of a field among which `calibrate` looks for another."""

@@ -1,4 +1,4 @@
-"""Components: frozen descriptions with _validated fields and scalar kernels.
+"""Components: frozen descriptions with validated fields and scalar kernels.
 
 A component class declares its fields with :func:`parameter` and its physics as
 *kernels*: static functions of scalars, without ``self``. Defining the class makes
@@ -287,7 +287,7 @@ def _arguments(function: Callable[..., Any], kinematic: tuple[str, ...]) -> tupl
 
 
 def _found_of(cls: Any, name: str, function: Callable[..., float], update: Any) -> Found:
-    """Return what `Component.kernel` does of a class that has some kernels."""
+    """Return what `Component.kernel` returns for a class with these kernels."""
     kinematic, fields = cls.arguments(name)
     if name == UPDATE or set(fields).isdisjoint(cls.state_names()):
         return function, kinematic, fields
@@ -305,7 +305,7 @@ _names: Callable[[Any], tuple[tuple[str, ...], tuple[str, ...]]] = functools.cac
 
 
 def _check_annotations(cls: type) -> None:
-    """Refuse fields without a type, of which data classes would not know."""
+    """Refuse fields without a type, which data classes ignore."""
     annotated = inspect.get_annotations(cls)
     for name, value in vars(cls).items():
         if isinstance(value, dataclasses.Field) and name not in annotated:

@@ -199,7 +199,7 @@ class Composition:
         """Return the source of forces on all that follows a motion of the ground."""
         inertia: dict[str, float] = {}
         for place, body in self._oscillators.items():
-            if isinstance(body, PrescribedMotion | PrescribedBody):  # beside the ground
+            if isinstance(body, PrescribedMotion | PrescribedBody):  # relative to the ground
                 continue
             if not isinstance(body, Structure):
                 inertia[place] = item.factor(place) * body.mass

@@ -20,7 +20,7 @@ def correlated(
 ) -> dict[str, Source | BaseMotion]:
     """Return correlated noises on several bodies: sources of independent noises, for ``excitations=`` of a network.
 
-    The matrix of the spectral densities of the forces, of each on the diagonal and between two beside it, is
+    The matrix of the spectral densities of the forces, with cross-spectral densities off the diagonal, is
     `densities` times the density of the noise. With ``il.WhiteNoise(1.0)`` it is `densities` itself (N2 s rad-1), with
     coloured noise of variance 1 it is that of the covariances (N2). With an `impactlab.BaseMotion` in the place of the
     noise it is that of the accelerations of the ground below each body or structure (m2 s-3 rad-1).

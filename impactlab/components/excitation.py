@@ -60,14 +60,14 @@ class Excitation(Component):
 
     @property
     def period(self) -> float:
-        """Time after which the force repeats and a longer run is refused (s)."""
+        """Time after which the force repeats, so that a longer run is refused (s)."""
         return math.inf
 
     @property
     def phases_of(self) -> str | None:
         """Name of the random phases that a sum of cosines shares with others; None if they are its own.
 
-        Amplitudes that `lines` returns may be complex then, for phases in relation to the others.
+        Amplitudes that `lines` returns may be complex then, to shift its phases relative to the others.
         """
         return None
 
@@ -88,20 +88,20 @@ class Excitation(Component):
 
     @property
     def highest_frequency(self) -> float:
-        """Angular frequency up to which a given force is a sum of cosines, at all times; inf if it is none (rad s-1).
+        """Highest angular frequency of a given force that is a sum of cosines at all times, else inf (rad s-1).
 
-        Steps then need fewer of its values.
+        Steps need fewer values of a force whose highest frequency is known.
         """
         return math.inf
 
     @property
     def multiplied_by(self) -> Excitation | None:
-        """Return another given force that what the kernel ``force`` returns is multiplied by, of a product."""
+        """The other factor of a force that is a product: what the kernel ``force`` returns is multiplied by it."""
         return None
 
     @property
     def acts_between(self) -> tuple[float, float]:
-        """Times before and after which there is no force, between which it is looked at to choose a step (s)."""
+        """Times between which the force acts, and is looked at to choose a step (s)."""
         return -math.inf, math.inf
 
 
@@ -131,8 +131,8 @@ class Source(Component):
 
     A network has it under a name of its own, by which its random numbers are addressed, such as
     ``excitations={"ground": il.Source(il.WhiteNoise(0.2), on={"left": -3.0, "right": -1.0})}`` for the motion of the
-    ground below two bodies of 3 and 1 kg, whose displacements are then those beside the ground: 0.2 m2 s-3 rad-1 is
-    the spectral density of its acceleration.
+    ground below two bodies of 3 and 1 kg, whose displacements are then relative to the ground: 0.2 m2 s-3 rad-1 is the
+    spectral density of its acceleration.
 
     Parameters
     ----------
@@ -165,17 +165,17 @@ class Source(Component):
 class BaseMotion(Component):
     """Motion of the ground below bodies, by its acceleration a(t): a force −m a on each of them (N).
 
-    Displacements and velocities are then those beside the ground, and so are all statistics: walls, and springs to the
+    Displacements and velocities are then relative to the ground, and so are all statistics: walls, and springs to the
     ground, move with it. For a structure of coordinates x the forces are ``−M ι a``, where ι is 1 for the coordinates
     that follow the ground, all unless some are named, and 0 for others, such as rotations (Chopra, Dynamics of
     Structures, 4th ed., 2012, section 9.4). In a network it has a name of its own, as in
     ``excitations={"ground": il.BaseMotion(il.SampledForce(times, accelerations))}``.
 
-    Bodies on different grounds, such as those of `impactlab.coherent`, have their displacements beside their own ground
-    each. Contacts and couplings between them compare these, so that what the grounds move apart is left out.
+    The displacements of bodies on different grounds, such as those of `impactlab.coherent`, are relative to the ground
+    of each. Contacts and couplings between them see the difference of these, without that between the grounds.
 
     A constant acceleration is gravity: ``il.BaseMotion(il.ConstantForce(9.80665))`` pulls all bodies to the left, where
-    displacements are negative. `impactlab.absolute_acceleration` finds what is felt on bodies.
+    displacements are negative. `impactlab.absolute_acceleration` returns absolute accelerations.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 
 CACHE_LINE = 64
-"""Bytes that a processor moves at a time, and of its longest vectors."""
+"""Bytes of a line of the cache, and of the longest vectors of a processor."""
 
 
 class Arrays(NamedTuple):
@@ -47,7 +47,7 @@ class Counted:
 
 
 def aligned(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
-    """Return zeros that begin where a line of the cache does, so that no vector of eight lanes lies in two lines."""
+    """Return zeros that begin with a line of the cache, so that no vector of eight lanes spans two lines."""
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     memory = np.zeros(size + CACHE_LINE, np.uint8)
@@ -116,14 +116,14 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
 
 
 def _peaks(plan: Plan, parameters: np.ndarray, lanes: int, zeros: Zeros) -> Peaks:
-    """Return what peaks between steps are read with, but for the function."""
+    """Return the arrays with which peaks between steps are read; the function is set later."""
     contacts = plan.observed.contacts * plan.observed.rated
     row = FLUX + 1 + [statistic.name for statistic in sampled_of(CONTACT)].index("peak_contact_force")
     return Peaks(0, zeros((PEAK_ROWS, contacts, lanes)), parameters, row)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:
-    """Return the last kick, where what flows add to velocities is summed."""
+    """Return arrays for the last kick, where the changes of velocity by flows are summed."""
     turning = plan.observed.bodies * (plan.rows > TURN)
     half = 0.5 * plan.clock.step / plan.system.linear[0]
     return Turns(half=half, force=zeros((turning, lanes)), middle=zeros((turning, lanes)))

@@ -34,7 +34,7 @@ SNAPSHOT_BYTES = 16_000_000
 """Memory that the samples of a call may take."""
 
 WORTH_COMPILING = 20.0
-"""Work of a run (s) from which on a loop without samples that are not wanted, which saves 5 % of it, is compiled."""
+"""Work of a run (s) from which a loop without the unwanted samples is compiled, which saves 5 % of the work."""
 
 Tick = Callable[[int], None]
 
@@ -62,7 +62,7 @@ class Block:
         self.realizations = plan.realizations.of(index)
         self.now = 0
         lanes = len(self.realizations)
-        # of each phase, by that of the plan
+        # summed over the steps of each phase
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
         arrays = allocate(plan, lanes)
         self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, events = arrays
@@ -117,9 +117,9 @@ class Block:
         return Series(np.concatenate([slots, noise.slots]), samples, np.zeros(near), self.coloured)
 
     def _half_kick(self, given: bool) -> None:
-        """Bring the velocity from the time of the displacement to the end of the kick there.
+        """Bring the velocity from the time of the displacement to the end of the kick at that time.
 
-        A displacement that is `given` is where the kick is read.
+        The force of the kick is read at the displacement itself if that is `given`.
         """
         plan, state = self.plan, self.state
         half = 0.5 * plan.clock.step / plan.system.linear[0][:, None]
@@ -137,19 +137,20 @@ class Block:
         turns.force[:], turns.middle[:] = (item[: len(turns.force)] for item in (state.total, state.velocity))
 
     def _begin_on_path(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Add to the velocities what those at the kicks have beyond the velocities of the smooth path, (body, lane)."""
+        """Add the difference between velocities at kicks and those of the smooth path to the velocities."""
         self.state.v[:-1] += self._beyond_path(x, v)
 
     def _beyond_path(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return what velocities at kicks have beyond those of the smooth path, (body, lane)."""
+        """Return the difference between velocities at kicks and those of the smooth path, (body, lane)."""
         laws = Laws(self.states[None], np.array([self.time]))
         _, before = SmoothPath(self.plan, self.evaluate).begin(x[None], v[None], laws)
         beyond: np.ndarray = before[0] - v
         return beyond
 
     def _final(self) -> np.ndarray:
-        """Return a snapshot from which another run can go on, with velocities as `_begin_on_path` takes them, and the
-        states of filters.
+        """Return the snapshot and the states of filters from which another run can go on.
+
+        Its velocities are those that `_begin_on_path` takes.
         """
         final, plan, bodies = self._snapshot(), self.plan, len(self.plan.system.bodies)
         if plan.method.integrator.kicks and plan.method.interval == 1:
@@ -388,7 +389,7 @@ class Block:
         self.note_gaps(self.state.reading, self.state.velocity)
 
     def note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Tell where the gaps are from which closings are counted, if they are."""
+        """Store the gaps and their rates from which closings are counted, where they are counted."""
         if not self.plan.observed.counted:
             return
         contacts = slice(self.plan.observed.contacts)
@@ -428,7 +429,7 @@ class Block:
         self._take_peaks()
 
     def _take_peaks(self) -> None:
-        """Let the largest forces be those that were read between steps, of contacts of which they were."""
+        """Take the largest forces from between the steps for those contacts whose peaks were read there."""
         sums = self.sums
         peaks = sums.closings.peaks
         if self.plan.observed.rated:

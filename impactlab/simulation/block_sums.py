@@ -1,4 +1,4 @@
-"""The sums of a block, and what the states at the ends of steps are worth in those of a transient."""
+"""The sums of a block, and what the states at both ends of a transient add to them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class BlockResult:
 
 
 class Edge(NamedTuple):
-    """What the state at one moment is worth in the sums."""
+    """What the state at one moment adds to each of the sums."""
 
     bodies: np.ndarray  # (row, body, lane)
     contacts: np.ndarray  # (row, contact, lane)
@@ -36,7 +36,7 @@ class Edge(NamedTuple):
 
 
 def edge_of(plan: Plan, state: State, sums: Sums, phase: int) -> Edge:
-    """Return what the state in some phase, of which a kick has just been made, adds to the sums."""
+    """Return what the state after a kick of some phase adds to the sums."""
     mass = plan.system.linear[0][:, None]
     x, f = state.x[:-1], state.total[:-1]
     v = state.v[:-1] - 0.5 * plan.clock.step / mass * f if plan.method.integrator.kicks else state.v[:-1]
@@ -59,7 +59,7 @@ def edge_of(plan: Plan, state: State, sums: Sums, phase: int) -> Edge:
 
 
 def with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Return sums over bodies with those of what statistics sample in the last rows, all in the first phase."""
+    """Return sums over bodies with the sums of sampled statistics as further rows, all in the first phase."""
     if not len(samples):
         return bodies
     rows = np.zeros((len(bodies), *samples.shape))
@@ -70,9 +70,10 @@ def with_samples(bodies: np.ndarray, samples: np.ndarray) -> np.ndarray:
 def over_time(
     plan: Plan, sums: Sums, intensity: np.ndarray, begin: int, end: int, first: Edge, last: Edge
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sums of some steps as a transient needs them, from those of the kicks or states in them.
+    """Return the sums of some steps of a transient: integrals over time by the trapezoidal rule.
 
-    Sums over kicks are of those that end the steps, other sums of the states that begin them.
+    Sums over kicks so far include the kicks that end the steps; other sums include the states that begin them. Half
+    of the state at one end is added, and half of that at the other subtracted.
     """
     kicks, phases = plan.method.integrator.kicks, plan.method.integrator.phases
     half = [0.5 * (one - other if kicks else other - one) for one, other in zip(first, last, strict=True)]

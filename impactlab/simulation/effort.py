@@ -15,7 +15,7 @@ from impactlab.plan.realizations import STEP_SECONDS, lane_seconds, most_lanes
 from impactlab.simulation.step_error import FEWEST
 
 SEGMENT = 32
-"""Steps of a segment where forces may part two paths: some contacts long, and short beside the time between them."""
+"""Steps of a segment where contacts may separate two paths: several contacts long, short beside the time between."""
 
 SHARE, LEAST_SECONDS, MOST_SECONDS = 0.2, 0.05, 2.0
 """Part of the work of a run that the measurement may take, what it always may, and what is enough for any network, or
@@ -32,7 +32,7 @@ LONGEST = 4 * SEGMENT
 """Steps of a segment up to which it may be longer for the sake of fewer."""
 
 SPIN_UP = 3.0
-"""Relaxation times before the first segment: states need be typical only."""
+"""Relaxation times before the first segment, whose states need only be typical."""
 
 FINER, FINEST = 2, 4
 """Steps of the fine run in one of the coarse; where nothing is random, so that one path alone must tell the error."""
@@ -109,14 +109,14 @@ def _numbers(plan: Plan, model: Model) -> list[int]:
     number = plan.realizations.number
     if number == 1 or most_lanes(model, number, 1) == 1:
         return [1]
-    least = len(model.mass) // 16 + 2  # blocks of one lane have a text of their own
+    least = len(model.mass) // 16 + 2  # blocks of one lane have machine code of their own
     return [max(LANES >> power, least) for power in range(0, 9, 2)]
 
 
 def _segment(plan: Plan, model: Model, left: int) -> int:
     """Return the steps of a segment where so many can be measured."""
     steps, memory = SEGMENT, math.ceil(2.0 * plan.clock.relaxation / plan.clock.step)
-    if not len(model.ends) or plan.led:  # paths do not part: as long as they remember
+    if not len(model.ends) or plan.led:  # paths stay together: as long as the motion is correlated
         steps = max(steps, min(left // FEWEST, memory) // SLOTS * SLOTS)
     if not plan.steady or plan.driving.series:
         steps = min(steps, left)

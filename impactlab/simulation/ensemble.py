@@ -71,7 +71,7 @@ def run(
 
 
 def add_sums(kept: list[dict[str, np.ndarray]], records: list[dict[str, np.ndarray]], plan: Plan) -> None:
-    """Add what the records of a finished block have in common with those of others, and take it from them."""
+    """Move the sums that the records of a finished block share with those of other blocks to the common ones."""
     for sums, of_block, (record, _) in zip(kept, records, plan.observed.records, strict=True):
         for name in record.summed:
             array = of_block.pop(name)
@@ -87,7 +87,7 @@ def continued(results: list[BlockResult], more: list[BlockResult], plan: Plan) -
         return more
     for sums, others, (record, _) in zip(results[0].records, more[0].records, plan.observed.records, strict=True):
         for name in record.summed:
-            shorter, longer = sorted((sums[name], others.pop(name)), key=len)  # few realizations are few subsamples
+            shorter, longer = sorted((sums[name], others.pop(name)), key=len)  # of fewer subsamples
             longer[: len(shorter)] += shorter
             sums[name] = longer
     return [*results, *more]
@@ -110,7 +110,7 @@ def run_block(
 
 
 def _telling(live: Live, index: int, block: Block) -> Tick:
-    """Return the tick of a block that also shows its sums."""
+    """Return the tick of a block, which from then on also shows the sums of the block."""
     tick = block.tick
 
     def both(steps: int) -> None:

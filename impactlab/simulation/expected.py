@@ -47,7 +47,7 @@ class Expected:
             warn_of_unknown_damping(model, spin_up)
         measured = stiffening
         if request.mean_square_velocity is not None:
-            # estimates take each body for as hot as the hottest in its connected part: the smaller one is closer
+            # rules take all connected bodies to be as hot as the hottest: the smaller energy is closer
             energy = np.minimum(stiffening.energy, measured_energies(model, request.mean_square_velocity))
             if not np.array_equal(energy, stiffening.energy):
                 measured = Stiffening.of(model, energy, stiffening.times)
@@ -60,10 +60,10 @@ class Expected:
 
 
 def _usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> tuple[float, bool]:
-    """Return the given spin-up, or that which linear motion wants (s), and whether it is one to be chosen."""
+    """Return the given spin-up, or the one that linear motion needs (s), and whether it still is to be chosen."""
     if request.spin_up is not None:
         return request.spin_up, False
-    # a free motion or one from a given state is a transient, of which all counts
+    # a free motion, or one from a given state, is a transient: all of it counts
     led = model.timed.any() or model.prescribed.any()
     automatic = isinstance(start, str) and bool(model.network.excitations or led)
     return RELAXATION_TIMES * relaxation_time(damped(model)[1]) if automatic else 0.0, automatic

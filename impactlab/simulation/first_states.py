@@ -15,7 +15,7 @@ ATTEMPTS = 100
 """How often a random start is drawn again while a contact is closed."""
 
 HOPELESS = 20
-"""Contacts closed in the first draw from which on no draw will have none."""
+"""Number of contacts closed in the first draw above which hardly any further draw would have them all open."""
 
 
 class FirstStates:
@@ -49,11 +49,11 @@ class FirstStates:
     ) -> None:
         self.plan, self.realizations, self.motions, self.networks = plan, realizations, motions, networks
         self.state, self.laws, self.filters = state, laws, filters
-        self.responses: list[Cosines] = []  # of sums of cosines, and the contacts whose gap is known after each
+        self.responses: list[Cosines] = []  # to sums of cosines; and the contacts whose gap is known after each
         self.known: list[np.ndarray] = []
 
     def put(self, lanes: np.ndarray) -> int:
-        """Set the state of some lanes at the beginning; return the largest number of draws before the last."""
+        """Set the initial state of some lanes; return the number of the last draw, from 0."""
         plan, state = self.plan, self.state
         attempt = 0
         if isinstance(plan.start.state, np.ndarray):
@@ -102,7 +102,7 @@ class FirstStates:
     def _put_given(self, given: np.ndarray, lanes: np.ndarray) -> None:
         """Put displacements and velocities that are given into some lanes, and states of laws if there are some.
 
-        There may be more realizations than values, in measurements of the step: these then come again.
+        Measurements of the step may have more realizations than there are values, which are then used again.
         """
         chosen = self.realizations[lanes] % given.shape[2]
         self.state.x[:-1, lanes], self.state.v[:-1, lanes] = given[:, :, chosen]
@@ -121,7 +121,7 @@ class FirstStates:
         for slots, factor in plan.start.factors:
             independent = np.concatenate([normals[0, slots], normals[1, slots]])
             joint = sum(column[:, None] * row for column, row in zip(factor.T, independent, strict=True))
-            x[slots], v[slots] = np.split(joint, 2)  # the same bits in any block, as a matrix product would not be
+            x[slots], v[slots] = np.split(joint, 2)  # unlike a matrix product it has the same bits in any block
         for (slots, _), cosines, known in zip(plan.driving.responses, self.responses, self.known, strict=True):
             for column, realization in enumerate(realizations):
                 steady = cosines.start(int(realization), attempt)

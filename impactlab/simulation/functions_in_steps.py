@@ -57,7 +57,7 @@ class FunctionsInSteps(NamedTuple):
         return motion_at(displacement, motion.displacement, times, plan.clock.step, begins=now == 0)
 
     def _in_panels(self, now: int, count: int, steps: int) -> np.ndarray:
-        """Return the same by panels of some steps, which begin at multiples of these whatever steps are asked for."""
+        """Return the same from panels of several steps, which begin at multiples of their length."""
         plan, rows, weights = self.plan, self.plan.driving.given, panel_weights(steps)
         first, last = now // steps, -(-(now + count) // steps)
         most = max(1, TABLE // (POINTS * rows))
@@ -78,9 +78,8 @@ class FunctionsInSteps(NamedTuple):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return mean and slope of functions of time over some steps, (step, row), and the least value, (step,).
 
-        The measurement begins at 0. Rows are those of some sets, one set after the other, each of which has the bits
-        that it has alone. Parts of steps may be asked for in their place, so many `per_step`, and where they begin by
-        the number of the first one.
+        Rows belong to one set after the other; each set has the bits that it has alone. Instead of whole steps, equal
+        parts of them may be asked for, `per_step` in each step; `begins` and `count` are then numbers of parts.
         """
         plan = self.plan
         mean, slope, least = *np.empty((2, sets, count, rows // sets)), np.empty(count)

@@ -25,9 +25,9 @@ def split(
 ) -> tuple[Composition, Composition] | None:
     """Return the part of a network where something can touch, and the rest, if they can be simulated apart.
 
-    Parts that no contact, no coupling and no source connects know nothing of each other. The rest are bodies on
-    which nothing acts but constant white noise; each transition of theirs is exact however long.
-    Records that look at both parts at a time keep them together, and so does a given start.
+    Parts that no contact, coupling or source connects do not affect each other. The rest are bodies on
+    which nothing but constant white noise acts; their transitions are exact over any time.
+    Records of both parts at once keep the network whole, and so does a given start.
     """
     busy = model.nonlinear_bodies.copy()
     busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True

@@ -24,8 +24,8 @@ from impactlab.simulation.ensemble import add_sums, merged
 from impactlab.statistics.estimate import Rows, Units
 
 SIZE, LEAST = 8000, 64
-"""Bodies times lanes of a run of several networks, which outweigh what a call costs and stay in the cache, and the
-least of them in each of several runs that there are only for all cores to have work."""
+"""Bodies times lanes of a joint run: enough to outweigh the cost of a call, and few enough for the cache; and the least
+in each run where networks are divided among several runs only to keep all cores busy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +55,17 @@ class JointRun:
         return [plan for _, plan in self.planned]
 
     def run(self, index: int, tick: Tick) -> OfBlock:
-        """Run one block of realizations; return what it found, and which networks left the finite."""
+        """Run one block of realizations; return what it found, and which networks left the range of finite numbers."""
         try:
             block = _JointBlock(self, index, tick)
             with np.errstate(invalid="ignore", over="ignore"):  # of networks that did
                 block.advance(self.whole.clock.spin_up_steps, None)
                 return OfBlock(block.measure(), block.lost)
-        except Diverged:  # each will say it for itself
+        except Diverged:  # each network reports it when it runs alone
             return OfBlock(None, set(range(len(self.planned))))
 
     def collected(self, blocks: Sequence[OfBlock]) -> list[Found | None]:
-        """Return what all blocks found of each network, None of those that left the finite in one of them."""
+        """Return what all blocks found of each network, None if it left the range of finite numbers in a block."""
         number, lost = len(self.planned), set().union(*(block.lost for block in blocks))
         wholes = [block.result for block in blocks if block.result is not None]
         if len(wholes) < len(blocks):
@@ -87,7 +87,7 @@ class JointRun:
 class OfBlock(NamedTuple):
     """What a block found of several networks."""
 
-    result: BlockResult | None  # None if all left the finite
+    result: BlockResult | None  # None if all left the range of finite numbers
     lost: set[int]  # which of them did
 
 

@@ -1,4 +1,4 @@
-"""What the dataset of a finished run holds: values, their errors, records, and what is said of the whole."""
+"""What the dataset of a finished run holds: values with errors, records, and attributes of the whole run."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def findings_of(
 
 
 def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any]) -> dict[str, Any]:
-    """Return what is said of the whole run."""
+    """Return the attributes of the whole run."""
     attributes: dict[str, Any] = {
         **provenance(
             "Statistics of a network of oscillators with contacts",
@@ -68,7 +68,7 @@ def _attributes(plan: Plan, estimates: Estimates, configuration: dict[str, Any])
 
 
 def _of_contacts(plan: Plan, estimates: Estimates) -> Variables:
-    """Return what values of contacts rest on."""
+    """Return on what the values of contacts are based."""
     text = "number of contacts in one of the samples that standard errors come from"
     number = labelled(("contact",), estimates.contacts_per_sample, "1", text)
     number[2]["comment"] = "Differences beyond 5 standard errors are possible below 20."

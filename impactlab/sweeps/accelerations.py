@@ -26,7 +26,7 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     """Return the absolute accelerations of a run with trajectories: what people, floors and accelerometers feel.
 
     They are the forces of springs, dampers, contacts and couplings on a body, and other given forces, over its mass.
-    The motion of the ground, an `il.BaseMotion`, is no such force: with the displacement x beside the ground it is
+    The motion of the ground, an `il.BaseMotion`, is no such force: with the displacement x relative to the ground it is
     ``m (x'' + a) = F``, and for structures ``M (x'' + ι a) = −K x − C x' + …`` (Chopra, Dynamics of Structures, 4th
     ed., 2012, section 6.3). So they are finite also where the ground moves like white noise. Under gravity, which is a
     ground that is accelerated all the time, they are what an accelerometer reads: 9.8 m s-2 on a body at rest.
