@@ -17,7 +17,7 @@ from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import undefined
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.forces import evaluate
 from impactlab.kernels.memory import with_states
 
 for module in pkgutil.walk_packages(il.__path__, "impactlab."):

@@ -172,7 +172,6 @@ def _header(form: _Form, kernels: dict[str, str]) -> str:
     called = [] if not form.touching else plain if form.plain else ["elongations", "push_back"]
     kernels_from = "kick" if form.plain or not called else "combinations"
     resident = bool(called) and form.plain
-    decorators = {"resident": resident, "timetable": tables}
     of_arrays = ["rows"] * bool(form.kinds) + ["value_at"] * (remembering or rated)
     text = "\n".join(kernels.values())
     lines = [
@@ -181,8 +180,8 @@ def _header(form: _Form, kernels: dict[str, str]) -> str:
         *(["import math", ""] if "math." in text or not roles.isdisjoint(ROUND) else []),
         *(["import numpy as np", ""] if "np." in text else []),
         *([f"from impactlab.kernels.arrays import {', '.join(of_arrays)}"] if of_arrays else []),
-        "from impactlab.kernels.jit import FORCES, "
-        + ", ".join(["pointer", *(name for name, wanted in decorators.items() if wanted)]),
+        f"from impactlab.kernels.forces import FORCES, pointer{', resident' * resident}",
+        *(["from impactlab.kernels.jit import timetable"] if tables else []),
         f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
         *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered"] if remembering else []),
         *(["from impactlab.kernels.peaks import PEAKS, reading"] if rated else []),

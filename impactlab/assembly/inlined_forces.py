@@ -40,8 +40,8 @@ def inlined_forces(text: str) -> str:
                 continue
             if name == "pointer":
                 node.decorator_list = [ast.Name("kernel", ast.Load())]
-        elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.jit":
-            node.names = [ast.alias("kernel")]
+        elif isinstance(node, ast.ImportFrom) and node.module == "impactlab.kernels.forces":
+            node.module, node.names = "impactlab.kernels.jit", [ast.alias("kernel")]
         elif isinstance(node, ast.Assign) and _name(node.value) == "resident":
             continue
         body.append(node)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numba import b1, f4, f8, i8, types, u4, u8, void
 
-from impactlab.kernels.jit import FORCES, FORCES_OF_ONE
+from impactlab.kernels.forces import FORCES, FORCES_OF_ONE
 from impactlab.linear.systems import LinearSystem
 
 

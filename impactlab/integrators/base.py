@@ -54,7 +54,7 @@ class Integrator(Component):
         Parameters
         ----------
         forces : function
-            See `impactlab.kernels.jit.FORCES`.
+            See `impactlab.kernels.forces.Forces`.
         tables : Tables
         driven : Driven
             With the noise and the series of the step.

@@ -237,6 +237,27 @@ def rows_of_lanes(array, begin, count, lanes):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def _sized(typing_context, place, shape):  # type: ignore[no-untyped-def]
+    result = types.Array(place.dtype, len(shape), "C")
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, lengths = context.make_array(result)(context, builder), _unpack_tuple(builder, arguments[1])
+        strides = [context.get_constant(types.intp, 8)]
+        for length in reversed(lengths[1:]):
+            strides.insert(0, builder.mul(length, strides[0]))
+        _populate_array(array, arguments[0], lengths, strides, strides[-1], None)
+        return array._getvalue()
+
+    return result(place, shape), codegen
+
+
+@scalar
+def sized(place, shape):  # type: ignore[no-untyped-def]
+    """Return the array of a shape whose numbers of 8 bytes are at some place, which somebody else holds."""
+    return _sized(place, shape)  # type: ignore[call-arg]
+
+
+@intrinsic
 def _seldom(typing_context, condition):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bit = ir.IntType(1)

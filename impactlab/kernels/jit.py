@@ -23,13 +23,9 @@ from types import FunctionType
 from typing import Any
 
 import numba
-import numpy as np
-from llvmlite.binding import add_symbol
-from numba import f8, i8, types, void
-from numba.core import cgutils
+from numba import f8, i8, void
 from numba.core.ccallback import CFunc
 from numba.core.compiler import Compiler
-from numba.extending import intrinsic
 
 from impactlab.errors import ImpactLabWarning, warn
 from impactlab.kernels.machine_code import Cache, CacheAlone
@@ -42,17 +38,6 @@ BLOCK = f8[:, ::1]
 
 BLOCK_OF_ONE = f8[::1]
 """The same of one lane; see `impactlab.kernels.single`."""
-
-FORCES = types.FunctionType(void(BLOCK, BLOCK, BLOCK, f8, f8[::1], i8[::1], BLOCK, BLOCK, BLOCK))
-"""Type of the function that is generated for a network's forces."""
-
-FORCES_OF_ONE = types.FunctionType(void(*[BLOCK_OF_ONE] * 3, f8, f8[::1], i8[::1], *[BLOCK_OF_ONE] * 3))
-
-_BLOCKS, _BLOCKS_OF_ONE = f8[:, :, ::1], f8[:, ::1]
-_EVALUATE = void(FORCES, *[_BLOCKS] * 2, f8[::1], i8[::1], *[_BLOCKS] * 3)
-_EVALUATE_ONE = void(FORCES_OF_ONE, *[_BLOCKS_OF_ONE] * 2, f8[::1], i8[::1], *[_BLOCKS_OF_ONE] * 3)
-
-_declared: Any = cgutils.get_or_insert_function
 
 _dispatchers: list[Any] = []
 _kernels: dict[Any, Callable[[Function], Function]] = {}
@@ -145,71 +130,6 @@ def loop(signature: Any, function: Function, counting: bool = False) -> Function
 def timetable(function: Function) -> Function:
     """Compile a generated function of time: (times, parameters, indices, result[time, row])."""
     return loop(void(f8[::1], f8[::1], i8[::1], f8[:, ::1]), function, True)
-
-
-def evaluate(forces: Any, x: np.ndarray, v: np.ndarray, *arrays: np.ndarray) -> None:
-    """Call a network's forces in some states, at their velocities, for what is outside the loops.
-
-    `arrays` are parameters, indices, and the results: indentation, contact force, total. These and states are
-    blocks, [state, body or contact, lane].
-    """
-    parameters, indices, *results = arrays
-    single = forces._numba_type_ is FORCES_OF_ONE
-    x, v, *results = (item[..., 0] if single else item for item in (x, v, *results))
-    evaluator(single)(forces, x, v, parameters, indices, *results)
-
-
-def evaluator(single: bool) -> Function:
-    """Return the compiled function that calls a network's forces, for blocks or for single lanes."""
-    return loop(_EVALUATE_ONE if single else _EVALUATE, _evaluate)
-
-
-def _evaluate(forces, x, v, parameters, indices, indentation, contact_force, total):  # type: ignore[no-untyped-def]
-    for state in range(x.shape[0]):
-        forces(
-            x[state], v[state], v[state], 0.0, parameters, indices, indentation[state], contact_force[state],
-            total[state],
-        )  # fmt: skip
-
-
-def resident(compiled: Function, function_type: types.FunctionType) -> Function:
-    """Return a kernel that takes `Members.indices` and two blocks for functions of a type, which call it where it is.
-
-    Called as other kernels are, it would be compiled again with every function that is generated.
-    """
-    if DISABLED:
-        return compiled
-    block = function_type.signature.args[0]
-    signature, symbol = void(i8[::1], block, block), f"impactlab_{compiled.__name__}"
-    kernel: Any = compiled
-    kernel.compile(signature.args)
-    found = kernel.overloads[signature.args]
-    add_symbol(symbol, found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
-
-    @intrinsic
-    def call(typing_context, indices, one, other):  # type: ignore[no-untyped-def]
-        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            convention, kinds = context.call_conv, signature.args
-            there = _declared(builder.module, convention.get_function_type(types.none, kinds), symbol)
-            status, _ = convention.call_function(builder, there, types.none, kinds, arguments)
-            with builder.if_then(status.is_error, likely=False):
-                convention.return_status_propagate(builder, status)
-            return context.get_dummy_value()
-
-        return signature, codegen
-
-    return call  # type: ignore[no-any-return]
-
-
-def pointer(function_type: types.FunctionType) -> Callable[[Function], Function]:
-    """Compile a function that kernels receive as an argument of one fixed type."""
-
-    def decorate(function: Function) -> Function:
-        compiled: Any = function if DISABLED else _callback(function_type.signature, function, True)
-        compiled._numba_type_ = function_type  # else numba makes it anew for each call
-        return compiled  # type: ignore[no-any-return]
-
-    return decorate
 
 
 @cache

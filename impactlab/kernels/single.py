@@ -59,7 +59,7 @@ def single_text(text: str) -> str:
     for place, node in enumerate(body):
         if not isinstance(node, ast.ImportFrom):
             continue
-        if node.module in ("impactlab.kernels.jit", "impactlab.kernels.memory", "impactlab.kernels.peaks"):
+        if node.module in ("impactlab.kernels.forces", "impactlab.kernels.memory", "impactlab.kernels.peaks"):
             node.names = [
                 ast.alias(f"{item.name}_OF_ONE", item.name) if item.name in _TYPES else item for item in node.names
             ]

@@ -13,7 +13,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.forces import evaluate
 from impactlab.kernels.memory import TIMES, with_states
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot

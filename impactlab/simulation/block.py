@@ -12,8 +12,8 @@ from impactlab.errors import Diverged
 from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps, Tables
 from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
+from impactlab.kernels.forces import evaluate, evaluator
 from impactlab.kernels.impacts import ENDLESS
-from impactlab.kernels.jit import evaluate, evaluator
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.rows import F

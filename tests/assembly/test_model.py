@@ -11,7 +11,7 @@ from impactlab.assembly.build import build
 from impactlab.assembly.generate import generate
 from impactlab.assembly.members import HEADER, PLACES, Kind
 from impactlab.assembly.model import Model
-from impactlab.kernels.jit import evaluate
+from impactlab.kernels.forces import evaluate
 
 HERTZ, LINEAR = il.HertzContact(1e4), il.LinearContact(50.0)
 
