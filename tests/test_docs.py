@@ -54,7 +54,7 @@ def readme_command(name: str) -> str:
     return found[0]
 
 
-LONG = {"how_to.md", "how_we_know.md", "plots.md"}
+LONG = {"how_to.md", "how_we_know.md", "plots.md", "tutorial.md"}
 """Pages of many runs, whose functions have tests of their own."""
 
 WITH_CODE = [

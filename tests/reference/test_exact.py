@@ -354,6 +354,7 @@ def brute_force(bodies, contacts, temperature):
     }
 
 
+@pytest.mark.campaign
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(pairs())
 def test_pair_against_two_dimensional_quadrature(scene):

@@ -71,9 +71,9 @@ def rigid():
         (base, {}),
         (base, {"initial": "rest", "spin_up": 0.0}),
         (base, {"step": 0.015}),  # closings are counted
-        (base, {"realizations": 1, "duration": 1000.0}),
+        pytest.param(base, {"realizations": 1, "duration": 1000.0}, marks=pytest.mark.campaign),
         (distant, {}),
-        (damped, {}),
+        pytest.param(damped, {}, marks=pytest.mark.campaign),
         pytest.param(rigid, {}, marks=pytest.mark.campaign),  # its loop over lanes has no other use in quick tests
     ],
 )
