@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
+from typing import Any
 
 _LEFT_OUT = "timetable", "accepting", "reading"
 """Decorators of functions that are no forces."""
 
 
+_CHOSEN = "forces_of[member] = gap - gap if gap <= 0.0 else "
+"""What a loop over contacts ends with before the force."""
+
+
 class _WhereClosed(ast.NodeTransformer):
-    """Evaluates the force of a contact only where it is closed, in loops that end ``force if closed, else 0``.
+    """Evaluates the force of a contact only where it is closed, in the loops of `forces` over contacts.
+
+    They end ``forces_of[member] = gap - gap if gap <= 0.0 else force``; see `impactlab.assembly.loops`.
 
     Vectors need both. One lane would wait for roots of a force that it does not feel, which takes a fifth of a step.
     """
@@ -17,9 +25,10 @@ class _WhereClosed(ast.NodeTransformer):
     def visit_For(self, node: ast.For) -> ast.For:
         self.generic_visit(node)
         *lines, last = node.body
-        if not (isinstance(last, ast.Assign) and isinstance(last.value, ast.IfExp)):
+        if not (isinstance(last, ast.Assign) and ast.unparse(last).startswith(_CHOSEN)):
             return node
-        choice, force = last.value, ast.unparse(last.value.orelse)
+        choice: Any = last.value
+        force = ast.unparse(choice.orelse)
         found = [item for item in lines if isinstance(item, ast.Assign) and ast.unparse(item.targets[0]) == force]
         if len(found) == 1:
             lines.remove(found[0])
@@ -29,6 +38,7 @@ class _WhereClosed(ast.NodeTransformer):
         return node
 
 
+@cache
 def inlined_forces(text: str) -> str:
     """Return the text of a module whose function ``forces`` is a kernel, as are the kernels that it calls."""
     tree = ast.parse(text)
@@ -46,7 +56,7 @@ def inlined_forces(text: str) -> str:
             continue
         body.append(node)
     tree.body = [*ast.parse("from impactlab.kernels.arrays import seldom").body, *body]
-    _WhereClosed().visit(tree)
+    _WhereClosed().visit(next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == "forces"))
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 

@@ -37,7 +37,8 @@ BY_ADDRESS = void(*_PLACES, f8, _PLACE, i8, pointer_to(i8), i8, *_PLACES, i8, i8
 class Forces(types.Callable):  # type: ignore[misc]
     """Type of a network's forces, for blocks or for blocks of one lane; see `impactlab.assembly.generate`.
 
-    The value is an address.
+    The value is an address. All blocks of bodies have the rows of the first, and those of contacts the rows of the
+    indentation: only these are handed over.
     """
 
     def __init__(self, single: bool) -> None:

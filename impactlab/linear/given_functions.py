@@ -215,7 +215,8 @@ def resolving_step(model: Model, begin: float, end: float, longest: float) -> fl
     what matters is where the function is large, however short that is, and how fast it varies there, not any period; of
     laws and displacements it is what differs from their mean. A function that varies at any step is refused.
 
-    What a longer step sees is seen: the next power of 2 is tried first, since networks of other steps try the same one.
+    What the next power of 2, a longer step, sees counts as seen: it is tried first, as networks of other steps try the
+    same one.
     """
     step, of_time, moved = longest, kinds_of(model), {*model.network.prescribed.values()}
     spots = max(min(SPOTS, 8 * SPOTS // max(len(of_time), 1)), FEWEST)

@@ -167,7 +167,7 @@ class Block:
     def evaluate(
         self, x: np.ndarray, v: np.ndarray, *result: np.ndarray, laws: Laws | None = None, elapsed: float = 0.0
     ) -> None:
-        """Evaluate the forces in some states; see `impactlab.kernels.jit.evaluate`.
+        """Evaluate the forces in some states; see `impactlab.kernels.forces.evaluate`.
 
         Laws have the states that they have now or others, in each state, accepted some time before (s).
         """
@@ -410,7 +410,7 @@ class Block:
         return bodies, contacts, products
 
     def _edge(self) -> Edge:
-        """Return what the state now is worth in the sums of a transient."""
+        """Return what the present state adds to the sums of a transient."""
         plan, state = self.plan, self.state
         if not plan.method.integrator.kicks:
             state.reading[:], state.velocity[:] = state.x, state.v

@@ -74,7 +74,7 @@ def rigid():
         pytest.param(base, {"realizations": 1, "duration": 1000.0}, marks=pytest.mark.campaign),
         (distant, {}),
         pytest.param(damped, {}, marks=pytest.mark.campaign),
-        pytest.param(rigid, {}, marks=pytest.mark.campaign),  # its loop over lanes has no other use in quick tests
+        pytest.param(rigid, {}, marks=pytest.mark.campaign),
     ],
 )
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
