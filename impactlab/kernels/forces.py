@@ -20,7 +20,7 @@ from numba.core import typing as numba_typing
 
 from impactlab.kernels.arrays import pointer_to, sized
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
-from impactlab.kernels.scalars import DISABLED
+from impactlab.kernels.scalars import DISABLED, scalar
 
 _declared: Any = cgutils.get_or_insert_function
 _unpack_tuple: Any = cgutils.unpack_tuple
@@ -101,28 +101,12 @@ def by_address(  # type: ignore[no-untyped-def]
     lanes,
 ):  # fmt: skip
     """Call the forces with blocks at some places, of so many rows and lanes, and arrays of so many numbers."""
+    of_bodies, of_contacts = shape(bodies, lanes), shape(contacts, lanes)
     forces(
-        sized(x, (bodies, lanes)), sized(v, (bodies, lanes)), sized(middle, (bodies, lanes)), half_step,
-        sized(parameters, (numbers,)), sized(indices, (entries,)), sized(indentation, (contacts, lanes)),
-        sized(contact_force, (contacts, lanes)), sized(total, (bodies, lanes)),
+        sized(x, of_bodies), sized(v, of_bodies), sized(middle, of_bodies), half_step, sized(parameters, (numbers,)),
+        sized(indices, (entries,)), sized(indentation, of_contacts), sized(contact_force, of_contacts),
+        sized(total, of_bodies),
     )  # fmt: skip
-
-
-def by_address_of_one(  # type: ignore[no-untyped-def]
-    x, v, middle, half_step, parameters, numbers, indices, entries, indentation, contact_force, total, bodies, contacts,
-    lanes,
-):  # fmt: skip
-    """Do so for blocks of one lane, which have no axis of lanes."""
-    forces(
-        sized(x, (bodies,)), sized(v, (bodies,)), sized(middle, (bodies,)), half_step, sized(parameters, (numbers,)),
-        sized(indices, (entries,)), sized(indentation, (contacts,)), sized(contact_force, (contacts,)),
-        sized(total, (bodies,)),
-    )  # fmt: skip
-
-
-def forces(*arguments: Any) -> None:
-    """Stand for the forces of a network."""
-    raise NotImplementedError
 
 
 RESIDENT = void(pointer_to(i8), i8, _PLACE, i8, _PLACE, i8, i8)
@@ -131,18 +115,33 @@ RESIDENT = void(pointer_to(i8), i8, _PLACE, i8, _PLACE, i8, i8)
 
 def resident_by_address(indices, entries, one, ones, other, others, lanes):  # type: ignore[no-untyped-def]
     """Call a kernel with `Members.indices` and two blocks, of so many rows and lanes."""
-    kernel(sized(indices, (entries,)), sized(one, (ones, lanes)), sized(other, (others, lanes)))
+    kernel(sized(indices, (entries,)), sized(one, shape(ones, lanes)), sized(other, shape(others, lanes)))
 
 
-def resident_by_address_of_one(indices, entries, one, ones, other, others, lanes):  # type: ignore[no-untyped-def]
-    """Do so for blocks of one lane."""
-    kernel(sized(indices, (entries,)), sized(one, (ones,)), sized(other, (others,)))
+@scalar
+def of_lanes(rows, lanes):  # type: ignore[no-untyped-def]
+    """Return the shape of a block."""
+    return rows, lanes
 
 
-def kernel(*arguments: Any) -> None:
-    """Stand for the kernel."""
+@scalar
+def of_one(rows, lanes):  # type: ignore[no-untyped-def]
+    """Return the shape of a block of one lane, which has no axis of lanes."""
+    return (rows,)
+
+
+def _called_by(signature: Any, caller: Function, kind: Forces, name: str, **names: Any) -> Any:
+    """Compile what is called by its address, with blocks of a kind, known to the cache by a name; return both."""
+    shape, version = (of_one, f"{name}_of_one") if kind.single else (of_lanes, name)
+    return part(signature, composed(caller, version, shape=shape, **names), True)
+
+
+def _stand_in(*arguments: Any) -> Any:
+    """Stand for the forces of a network, for a kernel, or for the shape of a block."""
     raise NotImplementedError
 
+
+forces = kernel = shape = _stand_in
 
 _BLOCKS, _BLOCKS_OF_ONE = f8[:, :, ::1], f8[:, ::1]
 _EVALUATE = void(FORCES, *[_BLOCKS] * 2, f8[::1], i8[::1], *[_BLOCKS] * 3)
@@ -156,8 +155,7 @@ def pointer(kind: Forces) -> Callable[[Function], Function]:
         compiled: Any = function
         if not DISABLED:
             version = Path(function.__code__.co_filename).stem
-            caller = composed(by_address_of_one if kind.single else by_address, version, forces=inlined(function))
-            compiled, _ = part(BY_ADDRESS, caller, True)
+            compiled, _ = _called_by(BY_ADDRESS, by_address, kind, version, forces=inlined(function))
         compiled.single = kind.single
         return compiled  # type: ignore[no-any-return]
 
@@ -172,9 +170,9 @@ def resident(compiled: Function, kind: Forces) -> Function:
     """
     if DISABLED:
         return compiled
-    caller = resident_by_address_of_one if kind.single else resident_by_address
-    symbol = f"impactlab_{compiled.__name__}"
-    add_symbol(symbol, part(RESIDENT, composed(caller, compiled.__name__, kernel=compiled), True)[1])
+    name = compiled.__name__
+    symbol = f"impactlab_{name}"
+    add_symbol(symbol, _called_by(RESIDENT, resident_by_address, kind, name, kernel=compiled)[1])
 
     @_intrinsic
     def call(typing_context, indices, one, other):  # type: ignore[no-untyped-def]
