@@ -107,7 +107,8 @@ def _exact(network: il.Network) -> Reference:
 
 def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     """Run the scene at a fine step, with noise of its own."""
-    network, options = scene.network, dict(scene.options)
+    network = scene.network
+    options = {name: value for name, value in scene.options.items() if name != "record"}
     bodies, duration, realizations = len(network.oscillators), options["duration"], options["realizations"]
     spin_up = options.get("spin_up")
     if spin_up is None:
@@ -135,6 +136,12 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     method = il.ExactFlow(jumps=False, measured=False)  # looks at every step
     result = il.simulate(network, rng=seed, record=PathMeans(), integrator=method, **options)
     path = path_statistics(result)
+    unseen = np.array(
+        [
+            isinstance(item, il.RoundContact) or isinstance(item.law, il.RigidContact)
+            for item in network.contacts.values()
+        ]
+    )  # contacts whose closings a path of samples does not show
     values, errors, doubts = {}, {}, []
     for name in JUDGED:
         if name not in path:
@@ -151,6 +158,9 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
         if STATISTICS[name].dimension == CONTACT:
             known = path["closings"].values >= COUNTED
             value = np.where(known, value, np.nan)
+            if name in result:
+                value = np.where(unseen, result[name].values, value)
+                error = np.where(unseen, result[f"{name}_standard_error"].values, error)
         values[name], errors[name] = value, np.hypot(error, USUAL_BIAS * (options["step"] / step) ** 2 * scale)
     return Reference("fine step", values, errors, options["step"], tuple(doubts))
 
