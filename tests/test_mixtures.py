@@ -1,6 +1,4 @@
-"""Random networks that mix all mechanisms: what a record, a sweep, a file or another number of realizations changes is nothing."""
-
-import warnings
+"""Random networks of all mechanisms: no record, sweep, file or number of realizations changes a number of a run."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Scenes that mix all mechanisms: laws, couplings, structures, planes, noises, given forces and motions, and records."""
+"""Scenes that mix all mechanisms: laws, couplings, structures, planes, noises, given forces and motions, records."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _plane(sketch: Sketch) -> None:
     if rng.random() < 0.4:
         friction = {"friction_coefficient": 0.2, "friction_velocity": 0.3 * sketch.thermal_speed(body.mass)}
     clearance = float(rng.uniform(0.3, 1.5)) * spread
-    sketch.contacts["ring"] = il.RoundContact((first, second), il.WALL, law, clearance=clearance, **friction)  # type: ignore[assignment]
+    sketch.contacts["ring"] = il.RoundContact((first, second), il.WALL, law, clearance=clearance, **friction)  # type: ignore
 
 
 def _excite(sketch: Sketch) -> bool:
