@@ -49,16 +49,17 @@ class Findings(NamedTuple):
 def gathered(results: Sequence[xr.Dataset | Findings], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
     """Return results over a product of coordinates, the last of which varies fastest, as one dataset.
 
-    The coordinates become its first dimensions. What a result lacks is NaN, or an empty text. Where a sample has not the
-    same place on an axis in all results, the dimension is the number of the sample, see `number_of`, and its places are
-    a coordinate over the results, too.
+    The coordinates become its first dimensions. What a result lacks is NaN, or an empty text. Where samples of the same
+    number are at different places of an axis, such as time, the dimension is their number, see `number_of`, and the
+    places are a coordinate that depends on the result, too.
     """
     found = [Findings.of(item) if isinstance(item, xr.Dataset) else item for item in results]
     common, own = _axes(found)
     found = [_numbered(item, own) for item in found]
     if not _labels_agree(found, common):
         of_each = [item.dataset() for item in found]
-        found = [Findings.of(item) for item in xr.align(*of_each, join="outer", exclude=common, copy=False)]
+        others = {name for item in of_each for name in item.dims if name in common or name not in item.coords}
+        found = [Findings.of(item) for item in xr.align(*of_each, join="outer", exclude=others, copy=False)]
     lengths = tuple(len(values) for values in coordinates.values())
     kept: dict[Any, Any] = {}
     indexes: dict[Any, Any] = {}
