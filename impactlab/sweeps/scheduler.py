@@ -9,6 +9,7 @@ from typing import Any
 
 from impactlab.errors import ImpactLabError, ImpactLabWarning, Interrupted, Listener, heard_by, warn
 from impactlab.machine import SharedThreads, begin, cores
+from impactlab.sweeps.points import reason_of
 
 FOREIGN = 16
 """Simulations at a time on a given executor, whose number of workers is not known."""
@@ -141,10 +142,10 @@ def run_points(
 
     run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
     lost = [outcome for outcome in outcomes.values() if _lost_its_executor(outcome)]
-    if lost:  # not run again on threads: what ended a worker would end this process, too
+    if 0 < len(lost) < len(outcomes):  # not run again on threads: what ended a worker would end this process, too
         warn(
-            f"{len(lost)} of {len(outcomes)} points were lost with the executor, and are NaN: {lost[0]} The variable "
-            "status says which; sweep over their values on a new executor.",
+            f"{len(lost)} of {len(outcomes)} points were lost with the executor, and are NaN: {reason_of(lost[0])} "
+            "The variable status says which; sweep over their values on a new executor.",
             ImpactLabWarning,
         )
     if done and not jobs:
