@@ -123,7 +123,7 @@ def _numbered(found: Findings, own: set[str]) -> Findings:
         return found
     renamed = {name: number_of(name) for name in own}
     variables, coordinates = (
-        {name: (tuple(renamed.get(one, one) for one in dims), *rest) for name, (dims, *rest) in family.items()}
+        {name: (tuple(renamed.get(one, one) for one in item[0]), item[1], item[2]) for name, item in family.items()}
         for family in (found.variables, found.coordinates)
     )
     return Findings(variables, coordinates, found.attributes)

@@ -1,0 +1,107 @@
+"""The statistics of a dataset as a table, for pandas, for files of text, and as a summary."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from impactlab.errors import InvalidInput
+from impactlab.results.measured import measured_text
+from impactlab.results.schema import OF_POINTS, STATISTICS, Statistic
+from impactlab.results.stack import DONE
+
+ROWS = 24
+"""Rows of a table that a summary shows."""
+
+_SETTINGS = {
+    "realizations": "{} realizations", "duration": "duration {} s", "step": "step {} s", "spin_up": "spin-up {} s",
+}  # fmt: skip
+"""What a summary tells of a run."""
+
+
+def table_of(dataset: xr.Dataset) -> pd.DataFrame:
+    """Return the default statistics of a dataset as a table, a row for each of a body, contact or point.
+
+    Its columns are the values of a sweep, if it is one, statistic, label, value, standard_error and units.
+
+    Raises
+    ------
+    InvalidInput
+        If it holds no statistics.
+    """
+    held = [item for item in (*STATISTICS.values(), *OF_POINTS.values()) if item.name in dataset]
+    if not held:
+        raise InvalidInput("The dataset holds no statistics: give what il.simulate, il.sweep or il.exact returned.")
+    return pd.concat([_table_of_one(dataset, item) for item in held], ignore_index=True)
+
+
+def _table_of_one(dataset: xr.Dataset, statistic: Statistic) -> pd.DataFrame:
+    """Return the rows of one statistic."""
+    value = dataset[statistic.name]
+    error = dataset[statistic.error] if statistic.error in dataset else xr.full_like(value, np.nan)
+    both = xr.Dataset({"value": value, "standard_error": error})
+    if statistic.dimension not in both.dims:  # one that was selected
+        both = both.expand_dims(statistic.dimension)
+    others = [name for name in both.dims if name != statistic.dimension]
+    frame = both.reset_coords(drop=True).to_dataframe(dim_order=[*others, statistic.dimension]).reset_index()
+    frame.insert(len(others), "statistic", statistic.name)
+    return frame.rename(columns={statistic.dimension: "label"}).assign(units=statistic.units)
+
+
+def text_of(dataset: xr.Dataset) -> str:
+    """Return a summary of a dataset as text."""
+    heading, table, remarks = _summary(dataset)
+    shown = [] if table is None else [table.to_string(index=False)]
+    return "\n".join([heading, *shown, *remarks])
+
+
+def html_of(dataset: xr.Dataset) -> str:
+    """Return a summary of a dataset as HTML."""
+    heading, table, remarks = _summary(dataset)
+    shown = "" if table is None else table.to_html(index=False, border=0)
+    parts = [f"<p>{html.escape(text)}</p>" for text in (heading, *remarks)]
+    return f"<div>{parts[0]}{shown}{''.join(parts[1:])}</div>"
+
+
+def _summary(dataset: xr.Dataset) -> tuple[str, pd.DataFrame | None, list[str]]:
+    """Return a heading, a table of values with their errors as text, and what else is to be said."""
+    heading = ", ".join(_settings(dataset)) or str(dataset.attrs.get("title", "dataset"))
+    try:
+        table = table_of(dataset)
+    except InvalidInput:
+        return heading, None, ["It holds no statistics."]
+    shown = table.head(ROWS)
+    values = [measured_text(*pair) for pair in zip(shown["value"], shown["standard_error"], strict=True)]
+    remarks = [f"These are {ROWS} of {len(table)} rows."] if len(table) > ROWS else []
+    remarks += [*_warnings(dataset), "As a table: .table(); pictures: .plot."]
+    return heading, shown.drop(columns="standard_error").assign(value=values), remarks
+
+
+def _settings(dataset: xr.Dataset) -> Iterator[str]:
+    """Give what a summary tells of a run, or of the points of a sweep."""
+    for name, coordinate in dataset.coords.items():
+        if coordinate.ndim == 0:  # a part that was selected
+            yield f"{name} = {coordinate.item()}"
+    if "status" in dataset and dataset["status"].ndim:
+        done = dataset["status"].values == DONE
+        yield f"{np.count_nonzero(done)} of {done.size} points done"
+    for name, text in _SETTINGS.items():
+        given = np.asarray(dataset[name] if name in dataset else dataset.attrs.get(name, np.nan), dtype=float)
+        if np.isfinite(given).any():
+            limits = dict.fromkeys(f"{limit(given):.6g}" for limit in (np.nanmin, np.nanmax))
+            yield text.format(" to ".join(limits))
+
+
+def _warnings(dataset: xr.Dataset) -> Iterator[str]:
+    """Give the warnings of a run, of each kind one."""
+    if "warnings" not in dataset:
+        return
+    for kind in dataset["warning"].values.tolist():
+        texts = [text for text in dataset["warnings"].sel(warning=kind).values.ravel().tolist() if text]
+        if texts:
+            more = f" (of {len(texts)} points the first)" if len(texts) > 1 else ""
+            yield f"Warning: {texts[0]}{more}"
