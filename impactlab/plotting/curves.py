@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 import impactlab
-from impactlab.plotting.held import error_of, law_with, rows, variable
+from impactlab.plotting.held import error_of, known_dataset, law_with, rows, variable
 from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style
 
 
@@ -70,6 +70,7 @@ def spectrum(
         If the motion of the reference is not linear.
     """
     name, inner, record = f"spectrum_{quantity}", f"{quantity}_frequency", f"il.{impactlab.Spectrum(quantity)!r}"
+    result = known_dataset(result)
     data = variable(result, name, f"spectrum of the {quantity.replace('_', ' ')}", record, [inner])
     frequencies = result[inner].values
     inside = frequencies > 0.0
@@ -123,7 +124,7 @@ def peaks(
     InvalidInput
         If the result holds no peak forces, or a name is unknown.
     """
-    record = "il.PeakForces()"
+    result, record = known_dataset(result), "il.PeakForces()"
     data = variable(result, "crossing_rate", "peak forces", record, ["crossing_bin"])
     axes = axes_of(ax)
     for name, place in rows(data, names):

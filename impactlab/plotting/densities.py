@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 import impactlab
-from impactlab.plotting.held import configuration, contact_weights, error_of, law_with, rows, variable
+from impactlab.plotting.held import configuration, contact_weights, error_of, known_dataset, law_with, rows, variable
 from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, legend_above, style
 
 
@@ -72,6 +72,7 @@ def density(
         If the result holds no such density, or a name is unknown.
     """
     name, inner, record = f"density_{quantity}", f"{quantity}_bin", f"il.{impactlab.Density(quantity)!r}"
+    result = known_dataset(result)
     data = variable(result, name, f"density of the {quantity.replace('_', ' ')}", record, [inner])
     axes, top, reached = axes_of(ax), 0.0, []
     for index, (label, place) in enumerate(rows(data, names)):
@@ -125,6 +126,7 @@ def joint_density(
     InvalidInput
         If the result holds no joint density.
     """
+    result = known_dataset(result)
     inner = ["joint_first_bin", "joint_second_bin"]
     data = variable(result, "joint_density", "joint density", "il.JointDensity(first, second)", inner)
     edges = [result[f"joint_{side}_edges"].values for side in ("first", "second")]

@@ -13,16 +13,19 @@ from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
+from impactlab.results.stack import DONE, number_of, on_own_axes
 
 LABELS = (BODY, CONTACT, POINT)
 """Dimensions whose labels are names of members of a network."""
 
 
 def known_dataset(result: Any) -> xr.Dataset:
-    """Return a result, or refuse what is none."""
+    """Return a result, a point of a sweep as a simulation has it; refuse what is none, and a point without one."""
     if not isinstance(result, xr.Dataset):
         raise InvalidInput(f"A plot takes the dataset that il.simulate or il.sweep returned, not {type(result)!r}.")
-    return result
+    if "status" in result and result["status"].ndim == 0 and result["status"].item() != DONE:
+        raise InvalidInput(f"Nothing was simulated at this point of the sweep: {result['status'].item()}")
+    return on_own_axes(result)
 
 
 def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str]) -> xr.DataArray:
@@ -43,8 +46,9 @@ def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str
     dataset = known_dataset(result)
     if name not in dataset:
         raise InvalidInput(f"The result holds no {what}; ask for it with simulate(…, record=[{record}]).")
-    found = dataset[name]
-    if further := [str(item) for item in found.dims if item not in (*inner, *LABELS)]:
+    found, inner = dataset[name], list(inner)
+    known = {*inner, *map(number_of, inner), *LABELS}
+    if further := [str(item) for item in found.dims if item not in known]:
         example = ", ".join(f"{item}=…" for item in further)
         raise InvalidInput(f"The result is one over {', '.join(further)}: select a point of it, result.sel({example}).")
     return found

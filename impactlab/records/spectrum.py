@@ -130,7 +130,7 @@ class Spectrum(Record):
         power, mean, segments = (in_subsamples([item[key] for item in results]) for key in keys)
         count = self.samples_per_segment(plan, interval)
         window = _window(count)
-        frequencies = 2.0 * math.pi * np.arange(count // 2 + 1) / (count * interval)
+        frequencies = 2.0 * math.pi * np.arange(count // 2 + 1) / (count * (self.interval or interval))
         scale = interval / (2.0 * math.pi * (window**2).sum())
         of_mean = np.abs(np.fft.rfft(window)) ** 2  # what a constant gives: only at the lowest two frequencies
         density, error = np.full((2, len(known), len(frequencies)), np.nan)

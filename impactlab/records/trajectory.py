@@ -56,7 +56,7 @@ class Trajectory(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         paths = [result["path"] for result in results]
         path = np.concatenate(paths) if len(paths) > 1 else paths[0]
-        times = ("time",), interval * np.arange(path.shape[1]), TIME
+        times = ("time",), self.interval * np.arange(path.shape[1]), TIME
         return {"time": times, **plan.snapshot.labelled(path, "realization", "time")}
 
 
@@ -83,7 +83,7 @@ def sample_count(plan: Plan) -> tuple[float, int]:
     """Return the time between samples of the trajectories of a plan (s), and their number; 0 without any."""
     for record, ratio in plan.observed.records:
         if isinstance(record, Trajectory):
-            return plan.interval(ratio), plan.clock.steps // (ratio * plan.observed.every) + 1
+            return record.interval, plan.clock.steps // (ratio * plan.observed.every) + 1
     return 0.0, 0
 
 

@@ -19,7 +19,7 @@ from impactlab.records.trajectory import Trajectory, sample_count, trajectory_si
 from impactlab.results.dataset import LOCK, told
 from impactlab.results.labels import Variables
 from impactlab.results.schema import CONTACT
-from impactlab.results.snapshot import TIME
+from impactlab.results.snapshot import REALIZATION, TIME
 
 
 @contextlib.contextmanager
@@ -74,6 +74,7 @@ class _File:
             time.setncatts(TIME)
             time[:] = interval * np.arange(samples)
             self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
+            self.data["realization"].setncatts(REALIZATION)
             self.data["realization"][:] = np.arange(plan.realizations.number)
 
     def said(self) -> contextlib.AbstractContextManager[None]:

@@ -74,11 +74,11 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
         ),
         "z": (_ratio(difference, combined), "difference in combined standard errors"),
     }
-    return xr.Dataset(
-        {name: ("comparison", data, {"long_name": text}) for name, (data, text) in columns.items()},
-        {name: ("comparison", list(data)) for name, data in
-         {"statistic": statistic, "label": label, "units": units}.items()},
-    )  # fmt: skip
+    labels = {"statistic": statistic, "label": label, "units": units}
+    rows_of = xr.Dataset(coords={name: ("comparison", list(data)) for name, data in labels.items()})
+    return rows_of.assign(  # after the labels, which are so the first columns of `to_dataframe`
+        {name: ("comparison", data, {"long_name": text}) for name, (data, text) in columns.items()}
+    )
 
 
 def _rows(statistic: Statistic, result: xr.Dataset, reference: xr.Dataset) -> list[tuple[Any, ...]]:

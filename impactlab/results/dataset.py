@@ -208,9 +208,11 @@ def _umask() -> int:
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Ask for a checksum on every variable that can have one: arrays of numbers."""
-    return {
-        str(name): {"fletcher32": True}
-        for name, variable in dataset.variables.items()
-        if variable.ndim and variable.size and variable.dtype.kind in "fiu"
-    }
+    """Ask for a checksum on every variable that can have one, arrays of numbers, and for complete coordinates."""
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind in "fiu":
+            encoding[str(name)] = {"fletcher32": True} if variable.ndim and variable.size else {}
+            if name in dataset.coords and variable.ndim < 2:  # those of more are padded for points with fewer samples
+                encoding[str(name)]["_FillValue"] = None
+    return encoding

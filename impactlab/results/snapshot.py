@@ -36,6 +36,9 @@ STATES = Variable("law_state", "state", "", "state of a law")
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
 
+REALIZATION = {"long_name": "number of the realization"}
+"""Attributes of the numbers of realizations."""
+
 
 def with_points(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by the quantity with those of the same quantities at points."""

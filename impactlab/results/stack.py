@@ -10,6 +10,12 @@ import xarray as xr
 
 from impactlab.results.labels import Variables
 
+DONE = "done"
+"""Status of a point of a sweep that was simulated."""
+
+ROUNDED = 1e-12
+"""Relative difference of two samples' places on an axis that comes from rounding alone."""
+
 
 class Findings(NamedTuple):
     """What a dataset holds, in plain arrays: many become one dataset sooner than datasets do."""
@@ -43,11 +49,17 @@ class Findings(NamedTuple):
 def gathered(results: Sequence[xr.Dataset | Findings], coordinates: Mapping[str, xr.Variable]) -> xr.Dataset:
     """Return results over a product of coordinates, the last of which varies fastest, as one dataset.
 
-    The coordinates become its first dimensions. What a result lacks is NaN, or an empty text.
+    The coordinates become its first dimensions. What a result lacks is NaN, or an empty text. Where samples of the same
+    number are at different places of an axis, such as time, the dimension is their number, see `number_of`, and the
+    places are a coordinate that depends on the result, too.
     """
     found = [Findings.of(item) if isinstance(item, xr.Dataset) else item for item in results]
-    if not _labels_agree(found):
-        found = [Findings.of(item) for item in xr.align(*(item.dataset() for item in found), join="outer", copy=False)]
+    common, own = _axes(found)
+    found = [_numbered(item, own) for item in found]
+    if not _labels_agree(found, common):
+        of_each = [item.dataset() for item in found]
+        others = {name for item in of_each for name in item.dims if name in common or name not in item.coords}
+        found = [Findings.of(item) for item in xr.align(*of_each, join="outer", exclude=others, copy=False)]
     lengths = tuple(len(values) for values in coordinates.values())
     kept: dict[Any, Any] = {}
     indexes: dict[Any, Any] = {}
@@ -58,19 +70,71 @@ def gathered(results: Sequence[xr.Dataset | Findings], coordinates: Mapping[str,
         first = next(variable for variable in of_name if variable is not None)
         dimensions, _, attributes = first
         if dimensions == (name,):
-            indexes[name] = first
+            indexes[name] = common.get(name, first)
             continue
         values = _joined([None if variable is None else np.asarray(variable[1]) for variable in of_name])
         kept[name] = ((*coordinates, *dimensions), values.reshape(lengths + values.shape[1:]), attributes)
     return xr.Dataset(kept, {**indexes, **coordinates}).set_coords(further & kept.keys())
 
 
-def _labels_agree(found: Sequence[Findings]) -> bool:
-    """Whether all results that have a dimension label it alike."""
+def number_of(axis: str) -> str:
+    """Return the dimension of the number of a sample along an axis such as that of time."""
+    return "sample" if axis == "time" else f"{axis}_number"
+
+
+def on_own_axes(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a point of a sweep with its samples along axes, as a simulation has them, and none of other points."""
+    for dimension in [str(name) for name in dataset.dims if name not in dataset.coords]:
+        along = [item for item in dataset.variables.values() if dimension in item.dims and item.dtype.kind == "f"]
+        length = max((_filled(item, dimension) for item in along), default=dataset.sizes[dimension])
+        if length < dataset.sizes[dimension]:
+            dataset = dataset.isel({dimension: slice(length)})
+    axes = {number_of(str(name)): name for name in dataset.coords if dataset[name].dims == (number_of(str(name)),)}
+    return dataset.swap_dims(axes)
+
+
+def _filled(variable: xr.Variable, dimension: str) -> int:
+    """Return how many places there are along a dimension up to the last that is not empty."""
+    length = variable.sizes[dimension]
+    while length and variable.isel({dimension: length - 1}).isnull().all():
+        length -= 1
+    return length
+
+
+def _axes(found: Sequence[Findings]) -> tuple[Variables, set[str]]:
+    """Return the axes along which a sample has the same place in all results, and the names of the others."""
+    axes: dict[str, list[Any]] = {}
+    for item in found:
+        for name, variable in item.indexes().items():
+            if np.asarray(variable[1]).dtype.kind == "f":
+                axes.setdefault(name, []).append(variable)
+    common = {name: max(several, key=lambda variable: len(variable[1])) for name, several in axes.items()}
+    own = {
+        name
+        for name, (_, longest, _) in common.items()
+        if not all(np.allclose(longest[: len(some)], some, rtol=ROUNDED, atol=0.0) for _, some, _ in axes[name])
+    }
+    return {name: variable for name, variable in common.items() if name not in own}, own
+
+
+def _numbered(found: Findings, own: set[str]) -> Findings:
+    """Return a result with numbers of samples in place of some axes."""
+    if own.isdisjoint(found.coordinates):
+        return found
+    renamed = {name: number_of(name) for name in own}
+    variables, coordinates = (
+        {name: (tuple(renamed.get(one, one) for one in item[0]), item[1], item[2]) for name, item in family.items()}
+        for family in (found.variables, found.coordinates)
+    )
+    return Findings(variables, coordinates, found.attributes)
+
+
+def _labels_agree(found: Sequence[Findings], axes: Variables) -> bool:
+    """Whether all results that have a dimension, axes aside, label it alike."""
     known: Variables = {}
     for item in found:
         for name, variable in item.indexes().items():
-            if not np.array_equal(known.setdefault(name, variable)[1], variable[1]):
+            if name not in axes and not np.array_equal(known.setdefault(name, variable)[1], variable[1]):
                 return False
     return True
 

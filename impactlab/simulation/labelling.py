@@ -14,6 +14,7 @@ from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import Variable, labels_of, variables_of
+from impactlab.results.snapshot import REALIZATION
 from impactlab.results.stack import Findings
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.statistics.subsamples import samples_per_realization
@@ -38,7 +39,7 @@ def findings_of(
         variables |= item.label(plan, [result.records[index] for result in results], plan.interval(ratio))
     coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
-        coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), {}
+        coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), REALIZATION
     variables = {name: item for name, item in variables.items() if name not in coordinates}
     return Findings(variables, coordinates, _attributes(plan, estimates, configuration))
 

@@ -16,6 +16,7 @@ from impactlab.results.dataset import load
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY, POINT
 from impactlab.results.snapshot import STATES
+from impactlab.results.stack import on_own_axes
 from impactlab.sweeps.rerun import network_of
 
 LANES = 4096
@@ -53,7 +54,7 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     dataset, network = source if isinstance(source, xr.Dataset) else load(source), network_of(source)
     if not isinstance(dataset, xr.Dataset) or "displacement" not in dataset or "velocity" not in dataset:
         raise InvalidInput("There are no trajectories; repeat the run with record=il.Trajectory(interval).")
-    model = Model.of(network)
+    dataset, model = on_own_axes(dataset), Model.of(network)
     _refuse_unknown(network, model)
     if "realization" not in dataset.dims:  # one that was selected
         dataset = dataset.expand_dims("realization")

@@ -15,14 +15,11 @@ from impactlab.components.literature import in_one_line
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
-from impactlab.results.stack import Findings, gathered
+from impactlab.results.stack import DONE, Findings, gathered
 from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
 
 Outcome: TypeAlias = xr.Dataset | Findings | ImpactLabError
 """What comes of a point."""
-
-DONE = "done"
-"""Status of a point that was simulated."""
 
 _UNITS = dict.fromkeys(("step", "duration", "spin_up", "longest_jump", "seconds_spent"), "s")
 

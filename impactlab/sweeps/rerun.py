@@ -20,8 +20,9 @@ from impactlab.plan.seed import Seed
 from impactlab.plan.start import WORDS
 from impactlab.progress import reporter
 from impactlab.results.dataset import CONFIGURATION, configuration_of, load, parsed
+from impactlab.results.stack import DONE
 from impactlab.sweeps.points import Point
-from impactlab.sweeps.product import DONE, Sweep
+from impactlab.sweeps.product import Sweep
 from impactlab.sweeps.scheduler import run_points
 
 _REPEATED = {"duration", "realizations", "step", "integrator", "spin_up", "initial", "record", "seed"}

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from typing import Any
 
-from impactlab.errors import ImpactLabError, Interrupted, Listener, heard_by, warn
+from impactlab.errors import ImpactLabError, ImpactLabWarning, Interrupted, Listener, heard_by, warn
 from impactlab.machine import SharedThreads, begin, cores
+from impactlab.sweeps.points import reason_of
 
 FOREIGN = 16
 """Simulations at a time on a given executor, whose number of workers is not known."""
@@ -118,6 +119,11 @@ def run_together(
         hearing.say(kind, jobs)
 
 
+def _lost_its_executor(outcome: Any) -> bool:
+    """Whether a point was not simulated because its executor broke, or was shut down, meanwhile."""
+    return isinstance(outcome, ImpactLabError) and isinstance(outcome.__cause__, RuntimeError)
+
+
 def run_points(
     jobs: Mapping[str, Job],
     executor: Executor | None,
@@ -135,6 +141,13 @@ def run_points(
             show(part)
 
     run_together(jobs, outcomes.__setitem__, kind="Point", executor=executor, alone=alone, watch=watch, heard=heard)
+    lost = [outcome for outcome in outcomes.values() if _lost_its_executor(outcome)]
+    if 0 < len(lost) < len(outcomes):  # not run again on threads: what ended a worker would end this process, too
+        warn(
+            f"{len(lost)} of {len(outcomes)} points were lost with the executor, and are NaN: {reason_of(lost[0])} "
+            "The variable status says which; sweep over their values on a new executor.",
+            ImpactLabWarning,
+        )
     if done and not jobs:
         show(1.0)
     return outcomes

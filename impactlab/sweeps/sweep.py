@@ -85,9 +85,11 @@ def sweep(
     -------
     xarray.Dataset
         The variables of `simulate` with the names of `over` as first dimensions, NaN at a
-        refused point; a point's attributes, such as ``step``, as variables; ``status``, which is
-        "done" or the reason why a point was refused or diverged; with `reference` also
-        ``reference_status``. A point selected from it can be given to `rerun` and `network_of`.
+        refused point. Where points have different times, the dimension is the number of the
+        ``sample``, and the coordinate ``time`` depends on the point, likewise frequencies. A
+        point's attributes, such as ``step``, are variables; ``status`` is "done" or the reason
+        why a point was refused or diverged; with `reference` there is ``reference_status``, too.
+        A point selected from it can be given to `rerun` and `network_of`.
 
     Raises
     ------

@@ -39,6 +39,7 @@ def test_result_against_exact_reference():
     assert set(table.data_vars) == {
         "value", "standard_error", "reference", "difference", "relative_difference", "z"
     }  # fmt: skip
+    assert table.to_dataframe().columns.tolist()[:4] == ["statistic", "label", "units", "value"]
     ratio = row(table, "contact_ratio", "contact_0")
     assert ratio.reference == true
     assert ratio.units == "1"

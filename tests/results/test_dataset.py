@@ -83,6 +83,7 @@ def test_attributes_follow_cf(result):
         assert not isinstance(value, bool)
     for name, variable in result.variables.items():
         assert re.fullmatch(r"[A-Za-z]\w*", name)
+        assert variable.attrs["long_name"] or name not in result.coords
         if variable.dtype.kind == "f":
             assert variable.attrs["units"], name
             assert variable.attrs["long_name"], name
@@ -162,6 +163,19 @@ def test_every_array_of_numbers_has_a_checksum(result, tmp_path):
             numbers = {name for name, item in group.variables.items() if item.ndim and item.dtype is not str}
             assert checked == numbers
             assert checked
+
+
+def test_coordinates_have_no_fill_values(result, tmp_path):
+    """The conventions allow none, since no coordinate may be missing."""
+    out = {"record": il.Trajectory(0.5), "out": tmp_path / "out.nc"}
+    il.simulate(il.network_of(result), 2.0, realizations=64, step=0.02, spin_up=0.0, rng=1, **out).close()
+    il.save(result.assign_coords(frequency=1.5), tmp_path / "result.nc")
+    il.save(xr.DataTree.from_dict({"/inside": result}), tmp_path / "tree.nc")
+    for name in ("result.nc", "tree.nc", "out.nc"):
+        with netCDF4.Dataset(tmp_path / name) as file:
+            group = file["inside"] if name == "tree.nc" else file
+            for coordinate in ("time", "realization", "oscillator", *(["frequency"] if name == "result.nc" else [])):
+                assert "_FillValue" not in group[coordinate].ncattrs(), f"{coordinate} in {name}"
 
 
 def test_damage_is_found(tmp_path):

@@ -5,7 +5,9 @@ import os
 import threading
 import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -112,6 +114,46 @@ def test_a_worker_that_dies_is_said():
         pool.submit(os._exit, 1)
         with pytest.raises(il.ImpactLabError, match=r"A worker of the executor died|accepts no more work"):
             il.simulate(network, 5.0, realizations=64, executor=pool)
+
+
+class FailingPool(ThreadPoolExecutor):
+    """Accepts some work, the last of which ends the worker."""
+
+    def __init__(self, accepts):
+        super().__init__(1)
+        self.accepts, self.numbers = accepts, iter(range(1, accepts + 1))
+
+    def submit(self, function, /, *arguments):
+        number = next(self.numbers, None)
+        if number is None:
+            raise BrokenProcessPool("A child process terminated abruptly.")
+        return super().submit(function if number < self.accepts else ended, *arguments)
+
+
+def ended(*arguments):
+    raise BrokenProcessPool("A process was terminated\nabruptly.")
+
+
+def test_points_that_are_lost_with_their_executor_are_said():
+    def network(damping):
+        body = il.LinearOscillator(stiffness=1.0, damping=damping)
+        return il.Network({"a": body}, excitations={"a": il.Harmonic(1.0, frequency=1.0)})
+
+    points, options = {"damping": [0.5, 1.0, 2.0, 4.0]}, {"duration": 5.0}  # of one realization: one block each
+    expected = il.sweep(network, points, **options)
+    message = (
+        r"^2 of 4 points were lost with the executor, and are NaN: .*abruptly\..* sweep over their values on a new"
+    )
+    with FailingPool(5) as pool, pytest.warns(il.ImpactLabWarning, match=message) as said:
+        found = il.sweep(network, points, executor=pool, **options)  # of what it accepts, two begin workers
+    assert len(said) == 1
+    kept = (found.status == "done").values
+    assert kept.sum() == 2
+    values = found.mean_square_displacement
+    np.testing.assert_array_equal(values[kept], expected.mean_square_displacement[kept])
+    assert values[~kept].isnull().all()
+    with FailingPool(3) as pool, pytest.raises(il.ImpactLabError, match=r"No point .* could be simulated; .* abruptly"):
+        il.sweep(network, points, executor=pool, **options)
 
 
 # warnings
