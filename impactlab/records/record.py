@@ -61,6 +61,9 @@ class Record(Component):
     label: ClassVar[Any] = None
     """``label(plan, results, interval)`` returns variables from the results of all blocks."""
 
+    peaks: ClassVar[bool] = False
+    """Whether snapshots hold the largest contact forces since the last one, where these are read between steps."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 

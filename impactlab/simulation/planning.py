@@ -153,7 +153,10 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
     every = math.gcd(*strides)
     left_out = _left_out(model, request)
     counted = steps.counted and "contact_rate" not in left_out
-    no_jitter = np.zeros(len(model.ends))
+    peaks = any(record.peaks for record in records)
+    read = peaks or "peak_contact_force" not in left_out
+    rated = model.rated_contacts if read else np.zeros(len(model.ends), dtype=bool)
+    disturbed = counted or (steps.counted and rated.any())  # what noise does within steps counts
     return Observed(
         records=tuple(
             (record, stride // every if every else 1) for record, stride in zip(records, strides, strict=True)
@@ -161,8 +164,9 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
         every=every,
         window=window,
         counted=counted,
-        jitter=jitter(model, steps.step, request.duration) if counted else no_jitter,
-        rated=model.rated and "peak_contact_force" not in left_out,
+        jitter=jitter(model, steps.step, request.duration) if disturbed else np.zeros(len(model.ends)),
+        rated=rated,
+        peaked=bool(peaks and rated.any()),
         bodies=len(model.bodies),
         contacts=len(model.contacts),
         sampled=steps.sampled,
