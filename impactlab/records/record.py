@@ -90,6 +90,10 @@ class Record(Component):
         """Return the record with everything filled in that was left to be chosen."""
         return self
 
+    def resolved_for(self, model: Model, begin: float, end: float) -> Record:
+        """Return the same for a run between two times, the spin-up before t = 0 (s)."""
+        return self.resolved(model)
+
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must."""
         return None
