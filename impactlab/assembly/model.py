@@ -311,10 +311,14 @@ class Model:
         """Whether the force of each contact depends on time, (contact,) of bool."""
         return np.array(of_classes(lambda kind: TIME in kind.kernel("force")[1], self.contact_laws), dtype=bool)
 
-    @property
-    def rated(self) -> bool:
-        """Whether the force of a contact depends on the rate of its indentation."""
-        return any(kind.rated for kind in self.members.kinds)
+    @cached_property
+    def rated_contacts(self) -> np.ndarray:
+        """Whether the force of each contact that is not round depends on the rate of its indentation, (contact,)."""
+        result = np.zeros(len(self.ends), dtype=bool)
+        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
+            if kind.rated:
+                result[leading[:, 0]] = True
+        return result
 
     @cached_property
     def points(self) -> tuple[tuple[str, tuple[tuple[int, float], ...]], ...]:

@@ -223,7 +223,7 @@ def add_leaf(add, past, before, first, steps, lanes, sums):  # type: ignore[no-u
     bodies, contacts, number = sums.bodies.shape[2], sums.contacts.shape[1], before.shape[2]
     shared = sums.closings.peaks
     last = np.empty((shared.before.shape[0], shared.before.shape[1], number))
-    peaks = Peaks(shared.function, last, shared.parameters, shared.row)
+    peaks = Peaks(shared.function, last, shared.parameters, shared.row, shared.written)
     for row in range(last.shape[0]):
         take(shared.before[row], lanes, last[row])
     if last.shape[1] and before.shape[1]:

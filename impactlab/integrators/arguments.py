@@ -236,6 +236,7 @@ class Peaks(NamedTuple):
     before: np.ndarray  # as in `impactlab.kernels.peaks.Between`
     parameters: np.ndarray  # of the forces, with the states
     row: int  # of the sums over contacts
+    written: int  # contacts whose peaks are in snapshots: all that are summed, or none
 
 
 class Closings(NamedTuple):
@@ -386,7 +387,7 @@ class _Types:
         self.state = named(State, *[block] * 8, blocks)
         self.history = named(History, *[blocks] * 5)
         closings, points = (
-            named(Closings, blocks, numbers, numbers, f8, named(Peaks, i8, blocks, numbers, i8)),
+            named(Closings, blocks, numbers, numbers, f8, named(Peaks, i8, blocks, numbers, i8, i8)),
             named(PointSums, slots, slots, cube, sums, block),
         )
         flux, turns = named(Flux, numbers, table, blocks, block, block), named(Turns, numbers, block, block)

@@ -18,6 +18,7 @@ from impactlab.kernels.dry_friction import rub
 from impactlab.kernels.impacts import collisions
 from impactlab.kernels.jit import Function, composed, inlined, loop, part
 from impactlab.kernels.memory import Accepted, set_accepted, set_elapsed, write_states
+from impactlab.kernels.peaks import write_peaks
 from impactlab.kernels.points import add_history_of_points, add_turns_of_points
 from impactlab.kernels.random import fill_steps
 from impactlab.kernels.rows import FLUX, TURN
@@ -77,6 +78,8 @@ def advance(functions, tables, driven, state, history, sums, snapshots, steps): 
             write_snapshot(state.reading, state.velocity, state.contact_force, sums, snapshots, number)
             if steps.remembering:
                 write_states(tables.parameters, sums, snapshots, number)
+            if sums.closings.peaks.written:
+                write_peaks(state.contact_force, sums.closings.peaks, snapshots, number)
 
 
 @scalar

@@ -32,6 +32,29 @@ def count_pairs(snapshots, first, stride, quantities, low, inverse_width, subsam
 
 
 @kernel
+def find_peaks(snapshots, row, level, peaks):  # type: ignore[no-untyped-def]
+    """Write peaks to ``peaks[sample, lane]`` where they end, and 0 elsewhere.
+
+    A peak ends where less than half of it is left, and another begins where twice the least since then is reached.
+    `level` is the largest value of a peak that goes on, or minus the least since the last one, (lane,).
+    """
+    for sample in range(snapshots.shape[0]):
+        for lane in range(snapshots.shape[2]):
+            value, last = snapshots[sample, row, lane], level[lane]
+            peaks[sample, lane] = 0.0
+            if last > 0.0:
+                if value < 0.5 * last:
+                    peaks[sample, lane] = last
+                    level[lane] = -value
+                elif value > last:
+                    level[lane] = value
+            elif value > -2.0 * last:
+                level[lane] = value
+            elif value < -last:
+                level[lane] = -value
+
+
+@kernel
 def add_crossings(snapshots, along, clearance, inverse_width, flux, inward, push):  # type: ignore[no-untyped-def]
     """Add what crosses indentations of a contact to bins of them, ``[lane, bin]``.
 

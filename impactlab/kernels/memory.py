@@ -83,9 +83,9 @@ def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-unty
 
 @kernel
 def write_states(parameters, sums, snapshots, index):  # type: ignore[no-untyped-def]
-    """Write the states after all else that is in a snapshot; see `impactlab.kernels.sums.write_snapshot`."""
+    """Write the states into a snapshot, after what `impactlab.kernels.sums.write_snapshot` writes and before peaks."""
     first, snapshot = 2 * sums.bodies.shape[2] + sums.contacts.shape[1], snapshots[index]
-    count = snapshot.shape[0] - first
+    count = snapshot.shape[0] - first - sums.closings.peaks.written
     states = remembered(parameters, count, count, snapshot)
     for row in range(count):
         for lane in range(states.shape[1]):

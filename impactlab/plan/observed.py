@@ -22,7 +22,8 @@ class Observed:
     window: np.ndarray  # (contact,) half width for the flux that is a contact's rate (m)
     counted: bool  # whether rates are counts of closings, not fluxes through the windows
     jitter: np.ndarray  # (contact,) what noise changes closing velocities by in a step, root mean square (m s-1)
-    rated: bool  # whether the force of a contact depends on its rate: peaks are then read between steps
+    rated: np.ndarray  # (contact,) whether its force depends on its rate: peaks are then read between steps
+    peaked: bool  # whether snapshots hold these peaks
     bodies: int  # how many are summed, from the first on
     contacts: int  # how many of them
     sampled: bool  # whether states are samples of a stationary motion, not all that there are
@@ -32,5 +33,6 @@ class Observed:
         """Return what a tile sums: its own bodies and contacts; snapshots are brought together above."""
         return replace(
             self, records=(), window=self.window[tile.contacts], jitter=self.jitter[tile.contacts],
+            rated=self.rated[tile.contacts],
             bodies=tile.own_bodies, contacts=tile.own_contacts,
         )  # fmt: skip

@@ -260,6 +260,7 @@ def _observed(observed: Sequence[Observed]) -> Observed:
         records=(),
         window=together([item.window for item in observed]),
         jitter=together([item.jitter for item in observed]),
+        rated=together([item.rated for item in observed]),
         bodies=first.bodies * number,
         contacts=first.contacts * number,
     )

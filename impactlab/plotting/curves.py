@@ -100,7 +100,8 @@ def peaks(
 ) -> Axes:
     """Draw contact forces over their return time: from the rate at which they are crossed, and from largest forces.
 
-    A line with a band of two standard errors is one over the rate of crossings. Dots are the largest forces in windows
+    A line with a band of two standard errors is one over the rate of crossings of indentations, at mean forces there;
+    forces with a dashpot are largest before the indentation is. Dots are the largest forces in windows
     of the length T, at ``−T/ln P`` where P is the part of the windows with a smaller one: they lie on the line where
     crossings do not cluster. Marks with bars of two standard errors are the return levels.
 

@@ -13,9 +13,11 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput, warn
 from impactlab.kernels.histogram import count_pairs, count_samples
+from impactlab.linear.given_response import given_ranges
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
+from impactlab.records.reach import reach_of_moved
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
@@ -49,7 +51,8 @@ class Density(Record):
     limits : pair of float, or mapping of str to pair, optional
         Lower and upper limit, for all bodies or by name; by default 5.5 standard
         deviations of the linear law at the highest temperature that contacts bring, around where static
-        forces hold the body, and for what only contacts hold as far as these let it go.
+        forces hold the body and as far as given forces and motions move it, and for what only contacts hold as far as
+        these let it go.
     """
 
     summed: ClassVar[tuple[str, ...]] = ("counts",)
@@ -70,12 +73,16 @@ class Density(Record):
         return type(self).__name__, self.quantity
 
     def resolved(self, model: Model) -> Record:
+        return self.resolved_for(model, 0.0, 0.0)
+
+    def resolved_for(self, model: Model, begin: float, end: float) -> Record:
         known = model.bodies if ALL[self.quantity].dimension == BODY else tuple(model.network.points)
         names = self.oscillators
         if not isinstance(names, tuple | None):
             raise InvalidInput(f"Density: oscillators is a sequence of names such as ({names!r},), not {names!r}.")
         names = names_of(self, "oscillator", names, self.quantity, model)
-        limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known)
+        given = given_ranges(model, begin, end) if model.forced else None
+        limits = _resolved_limits(self, names, self.limits, self.quantity.removeprefix("point_"), model, known, given)
         return _with_limits(self.replace(oscillators=names, limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
@@ -139,11 +146,15 @@ class JointDensity(Record):
         object.__setattr__(self, "limits", _plain_limits(self.limits))
 
     def resolved(self, model: Model) -> Record:
+        return self.resolved_for(model, 0.0, 0.0)
+
+    def resolved_for(self, model: Model, begin: float, end: float) -> Record:
         known = (*model.bodies, *model.network.points)
         names = _known("JointDensity", (self.first, self.second), known)
         if self.first == self.second:
             raise InvalidInput(f"JointDensity takes two different bodies, not {self.first!r} twice.")
-        limits = _resolved_limits(self, names, self.limits, "displacement", model, known)
+        given = given_ranges(model, begin, end) if model.forced else None
+        limits = _resolved_limits(self, names, self.limits, "displacement", model, known, given)
         return _with_limits(self.replace(limits=limits), self.limits)
 
     def stride(self, model: Model, step: float) -> int:
@@ -259,16 +270,20 @@ def _plain_limits(limits: Any) -> Any:
 
 
 def _resolved_limits(
-    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model, known: tuple[str, ...]
-) -> tuple[tuple[str, float, float], ...]:
-    """Return one (name, low, high) per body or point."""
+    record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model, known: tuple[str, ...],
+    moved: np.ndarray | None,
+) -> tuple[tuple[str, float, float], ...]:  # fmt: skip
+    """Return one (name, low, high) per body or point.
+
+    `moved` are the `given_ranges`, if there are given forces or motions.
+    """
     place = type(record).__name__
     if limits and not isinstance(limits[0], tuple):
         return tuple((name, *limits) for name in names)
     given = {name: pair for name, *pair in limits or ()}
     _known(place, tuple(given), known)
     chosen = [name for name in names if name not in given]
-    pairs = _chosen_limits(model, chosen, quantity) if chosen else {}
+    pairs = _chosen_limits(model, chosen, quantity, moved) if chosen else {}
     for name, (low, high) in pairs.items():
         if not -math.inf < low < high < math.inf:
             raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
@@ -276,15 +291,24 @@ def _resolved_limits(
     return tuple((name, float(pairs[name][0]), float(pairs[name][1])) for name in names)
 
 
-def _chosen_limits(model: Model, names: list[str], quantity: str) -> dict[str, Any]:
-    """Return limits by the names of bodies or points; those of points are of bodies that move independently."""
+def _chosen_limits(model: Model, names: list[str], quantity: str, moved: np.ndarray | None) -> dict[str, Any]:
+    """Return limits by the names of bodies or points.
+
+    Those of points are of bodies that noise moves independently, and given forces together.
+    """
     low, high = _reach(model, quantity)
+    together = np.zeros_like(low)
+    if moved is not None:
+        wider = reach_of_moved(model, quantity, (low, high), moved, 0.5 * DEVIATIONS**2)
+        together = 0.5 * np.maximum((wider[1] - wider[0]) - (high - low), 0.0)
+        low, high = wider
     points = dict(model.points)
     pairs = {name: (low[slot], high[slot]) for slot, name in enumerate(model.bodies) if name not in points}
     for name in points.keys() & names:
         slots, weights = (np.array(item) for item in zip(*points[name], strict=True))
         place = 0.5 * float(weights @ (low[slots] + high[slots]))
-        reach = 0.5 * float(np.linalg.norm(weights * (high[slots] - low[slots])))
+        reach = 0.5 * float(np.linalg.norm(weights * (high[slots] - low[slots] - 2.0 * together[slots])))
+        reach += float(np.abs(weights) @ together[slots])
         pairs[name] = place - reach, place + reach
     return {name: pairs[name] for name in names}
 

@@ -12,12 +12,13 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import finite, suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
-from impactlab.kernels.histogram import add_crossings
+from impactlab.kernels.histogram import add_crossings, find_peaks
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, moments
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
+from impactlab.results.snapshot import PEAKS
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 REACH = 20.0
@@ -33,13 +34,19 @@ SURE = 3.0
 """Standard errors by which the largest rate must be above one in a return time, or its level is not known."""
 
 
+PER_OCTAVE, OCTAVES = 64, 8
+"""Bins of the peaks of forces that depend on the rate, to each factor of two, and these factors below the largest."""
+
+
 class PeakForces(Record):
     """Largest contact forces in windows of time, and forces that are exceeded once in a given time.
 
-    Peaks grow with the time of observation: each has that of its window, in which forces are read at the steps. Return
-    levels come from the rate ν at which indentations are crossed on the way in, a flux like the contact rate, so that
-    no short contact is missed. The return level F of a time t has ``ν(F) t = 1``, for forces that grow with the
-    indentation and depend on it alone; it is NaN for those that depend on time.
+    Peaks grow with the time of observation: each has that of its window, in which forces are read at the steps, and
+    between them if they depend on the rate. The return level F of a time t has ``ν(F) t = 1``; ν is the rate of peaks
+    above F. For forces of the indentation alone it is that at which indentations are crossed on the way in, a flux like
+    the contact rate, so that no short contact is missed. Where a dashpot takes part, peaks are counted, each from where
+    the force rises to twice its least to where it falls to half its largest. Levels are NaN for forces that depend on
+    time.
     The largest force in a time t is above any F with a probability of at most ``P(F(0) > F) + ν(F) t``; where
     crossings do not cluster it is below with the probability ``exp(−ν(F) t)``. All steps are taken, without jumps.
 
@@ -78,6 +85,7 @@ class PeakForces(Record):
                 raise InvalidInput(f"PeakForces.return_times must be larger than 0 s, not {time!r}.")
 
     every_step: ClassVar[bool] = True
+    peaks: ClassVar[bool] = True
 
     def resolved(self, model: Model) -> Record:
         known = tuple(model.network.contacts)
@@ -138,8 +146,14 @@ class PeakForces(Record):
         return steps
 
     def bytes_per_realization(self, plan: Plan, interval: float) -> int:
-        bins, windows = 3 * samples_per_realization(plan) * self.bins, plan.clock.steps // self.steps_per_window(plan)
-        return 8 * len(self.limits) * (bins + windows)
+        bins = 3 * self.bins * len(self.limits) + PER_OCTAVE * OCTAVES * len(self._rated(plan))
+        windows = len(self.limits) * (plan.clock.steps // self.steps_per_window(plan))
+        return 8 * (samples_per_realization(plan) * bins + windows)
+
+    def _rated(self, plan: Plan) -> list[int]:
+        """Return which of the contacts have forces that depend on the rate, so that peaks are counted."""
+        slots = [plan.system.contacts.index(name) for name, _ in self.limits]
+        return np.flatnonzero(plan.observed.rated[slots]).tolist() if plan.snapshot.peaked else []
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         count, window = len(plan.system.contacts), self.steps_per_window(plan) * plan.clock.step
@@ -149,6 +163,7 @@ class PeakForces(Record):
             in_subsamples([result[key] for result in results]) for key in ("flux", "inward", "push", "samples")
         )
         peaks = np.concatenate([result["peaks"] for result in results])
+        above = {row: _above(results, number) for number, row in enumerate(self._rated(plan))}
         times = np.array(self.return_times or (window, 10.0 * window, 100.0 * window))
         rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
         factor, everywhere = np.full(count, np.nan), np.full((*peaks.shape[:2], count), np.nan)
@@ -163,8 +178,13 @@ class PeakForces(Record):
             rate[slot], error[slot] = mean / width, np.where(mean > 0.0, scatter / width, np.nan)
             relative = np.divide(scatter, mean, out=np.full(self.bins, np.inf), where=mean > 0.0)
             if plan.realizations.trusted and not plan.forces.timed_contacts[slot]:
-                found = [_return_level(own, samples, rate[slot], relative, force[slot], time) for time in times]
-                levels[:, slot] = np.transpose(found)
+                curve = own, samples, rate[slot], relative, force[slot]
+                if row in above:
+                    own, forces = above[row]
+                    mean, scatter, _ = mean_of_subsamples(own, samples[:, None], trusted, slice(None))
+                    relative = np.divide(scatter, mean, out=np.full(len(mean), np.inf), where=mean > 0.0)
+                    curve = own, samples, mean / plan.clock.step, relative, forces
+                levels[:, slot] = np.transpose([_return_level(*curve, time) for time in times])
             everywhere[:, :, slot] = peaks[:, :, row]
         per_bin, per_time = ("contact", "crossing_bin"), ("contact", "return_time")
         of_rate = "rate of crossings of an indentation on the way in, averaged over bins"
@@ -190,6 +210,7 @@ class _Peaks(Keeper):
         bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
         slots = [plan.system.contacts.index(name) for name, _ in record.limits]
         first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
+        of_peaks = plan.snapshot.place(PEAKS.name).start if plan.snapshot.peaked else first[2]
         self.forces = first[2] + np.array(slots, dtype=np.int64)
         ends = [plan.system.ends.chosen(np.array([slot])) for slot in slots]
         moving = [item.slots < bodies for item in ends]
@@ -201,7 +222,9 @@ class _Peaks(Keeper):
         self.inverse_width = np.array([record.bins / depth for _, depth in record.limits])
         self.flux, self.inward, self.push = np.zeros((3, self.parts, count, lanes, record.bins))
         self.samples = np.zeros((lanes, self.parts))
+        self.largest = of_peaks + np.array(slots, dtype=np.int64)
         self.peaks = np.zeros((lanes, plan.clock.steps // self.window, count))
+        self.counted = [_CountedPeaks(self.largest[row], self.parts, lanes) for row in record._rated(plan)]
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
         begin, self.seen = self.seen, self.seen + len(snapshots)
@@ -213,12 +236,57 @@ class _Peaks(Keeper):
             add_crossings(snapshots, along, self.clearance[row], self.inverse_width[row], *target)
         for window in range(begin // self.window, min((self.seen - 1) // self.window + 1, self.peaks.shape[1])):
             inside = slice(max(window * self.window - begin, 0), (window + 1) * self.window - begin)
-            largest = snapshots[inside, self.forces].max(axis=0).T
+            largest = snapshots[inside, self.largest].max(axis=0).T
             np.maximum(self.peaks[:, window], largest, out=self.peaks[:, window])
+        for item in self.counted:
+            item.add(snapshots, part)
 
     def result(self) -> dict[str, np.ndarray]:
         flux, inward, push = (item.transpose(2, 0, 1, 3) for item in (self.flux, self.inward, self.push))
-        return {"flux": flux, "inward": inward, "push": push, "samples": self.samples, "peaks": self.peaks}
+        return {
+            "flux": flux, "inward": inward, "push": push, "samples": self.samples, "peaks": self.peaks,
+            "counts": np.array([item.counts for item in self.counted]),
+            "highest": np.array([item.highest for item in self.counted]),
+        }  # fmt: skip
+
+
+class _CountedPeaks:
+    """Numbers of peaks of one force by their size, in bins of which the highest is that of the largest peak so far."""
+
+    def __init__(self, row: int, parts: int, lanes: int) -> None:
+        self.row, self.level, self.highest = row, np.zeros(lanes), np.iinfo(np.int64).min // 2
+        self.counts = np.zeros((lanes, parts, PER_OCTAVE * OCTAVES))
+
+    def add(self, snapshots: np.ndarray, part: int) -> None:
+        """Take snapshots of a part."""
+        peaks = np.empty((len(snapshots), len(self.level)))
+        find_peaks(snapshots, self.row, self.level, peaks)
+        samples, lanes = np.nonzero(peaks)
+        if not len(samples):
+            return
+        bins = np.floor(np.log2(peaks[samples, lanes]) * PER_OCTAVE).astype(np.int64)
+        highest = max(self.highest, int(bins.max()))
+        self.counts, self.highest = _raised(self.counts, highest - self.highest), highest
+        place = bins - highest + self.counts.shape[2] - 1
+        np.add.at(self.counts, (lanes[place >= 0], part, place[place >= 0]), 1.0)
+
+
+def _raised(counts: np.ndarray, by: int) -> np.ndarray:
+    """Return numbers in bins, the last axis, that are higher by so many; the lowest are left out."""
+    raised = np.zeros_like(counts)
+    if by < counts.shape[-1]:
+        raised[..., : counts.shape[-1] - by] = counts[..., by:]
+    return raised
+
+
+def _above(results: list[dict[str, np.ndarray]], number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many peaks of a force are above some values in each subsample, and these values (N)."""
+    highest = max(int(result["highest"][number]) for result in results)
+    counts = in_subsamples(
+        [_raised(result["counts"][number], highest - int(result["highest"][number])) for result in results]
+    )
+    exponents = (np.arange(counts.shape[1]) + highest + 1 - counts.shape[1]) / PER_OCTAVE
+    return np.cumsum(counts[:, ::-1], axis=1)[:, ::-1], np.exp2(np.maximum(exponents, -1000.0))
 
 
 def _return_level(

@@ -61,6 +61,9 @@ class Record(Component):
     label: ClassVar[Any] = None
     """``label(plan, results, interval)`` returns variables from the results of all blocks."""
 
+    peaks: ClassVar[bool] = False
+    """Whether snapshots hold the largest contact forces since the last one, where these are read between steps."""
+
     samples: ClassVar[bool] = True
     """Whether it looks at the bodies' states, all at the same times."""
 
@@ -86,6 +89,10 @@ class Record(Component):
     def resolved(self, model: Model) -> Record:
         """Return the record with everything filled in that was left to be chosen."""
         return self
+
+    def resolved_for(self, model: Model, begin: float, end: float) -> Record:
+        """Return the same for a run between two times, the spin-up before t = 0 (s)."""
+        return self.resolved(model)
 
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must."""

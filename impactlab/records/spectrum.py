@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.errors import InvalidInput
+from impactlab.errors import InvalidInput, warn
 from impactlab.linear.laws import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record, names_of
@@ -31,6 +32,9 @@ _POWER = with_points({"displacement": 4, "velocity": 2, "contact_force": 2})
 FOLDED, HIGHEST = 0.1, 0.02
 """Part of what is folded back that is uncertain; part of the frequencies, the highest, from which it is estimated."""
 
+BEYOND = 0.05
+"""Part of the variance beyond the highest frequency from which on there is a warning."""
+
 _UNITS = with_points({"displacement": "m2 s rad-1", "velocity": "m2 s-1 rad-1", "contact_force": "N2 s rad-1"})
 
 
@@ -42,7 +46,8 @@ class Spectrum(Record):
     4π over their length. Standard errors come from subsamples of realizations, as for densities, with a factor for a
     band around the whole curve. Samples contain what is faster than half their rate as well, folded back: it is
     estimated from what there is at that rate, for spectra that fall like powers, and subtracted; a tenth of it is a
-    part of the error.
+    part of the error. Its share of the variance, which the spectrum does not show, is returned as well; where that is
+    more than 5 % there is a warning.
 
     Parameters
     ----------
@@ -134,7 +139,7 @@ class Spectrum(Record):
         scale = interval / (2.0 * math.pi * (window**2).sum())
         of_mean = np.abs(np.fft.rfft(window)) ** 2  # what a constant gives: only at the lowest two frequencies
         density, error = np.full((2, len(known), len(frequencies)), np.nan)
-        factor = np.full(len(known), np.nan)
+        factor, beyond = np.full((2, len(known)), np.nan)
         assert self.labels is not None
         for row, name in enumerate(self.labels):
             slot = known.index(name)
@@ -143,14 +148,28 @@ class Spectrum(Record):
             constant = mean[:, row].sum() / (segments.sum() * count)
             density[slot] = scale * (value - constant**2 * of_mean)
             folded = _folded(density[slot], _POWER[q])
+            total = float(density[slot].sum())
+            beyond[slot] = float(folded.sum()) / total if total > 0.0 else 0.0
             density[slot], error[slot] = density[slot] - folded, np.hypot(scale * scatter, FOLDED * folded)
+        self._warn_of_beyond(known, beyond, float(frequencies[-1]), interval)
         dims = (dimension, f"{q}_frequency")
         text = f"two-sided spectral density of the {ALL[q].long_name} over angular frequency"
         return {
             **with_error(f"spectrum_{q}", dims, density, error, _UNITS[q], text),
             f"spectrum_{q}_band_factor": ((dimension,), factor, OF_BAND),
+            f"spectrum_{q}_beyond": labelled((dimension,), beyond, "1", "part of the variance beyond the frequencies"),
             f"{q}_frequency": labelled((f"{q}_frequency",), frequencies, "rad s-1", "angular frequency"),
         }
+
+    def _warn_of_beyond(self, names: Sequence[str], beyond: np.ndarray, highest: float, interval: float) -> None:
+        """Warn if much of a variance is at higher frequencies than the spectrum shows."""
+        most = int(np.nanargmax(beyond))
+        if beyond[most] > BEYOND:
+            part, name = f"{100.0 * beyond[most]:.2g} % of the variance", ALL[self.quantity].long_name
+            warn(
+                f"{part} of the {name} of {names[most]!r} is at frequencies beyond those of its Spectrum, up to "
+                f"{highest:.3g} rad/s; give interval={interval * BEYOND / beyond[most]:.2g} (s) or less."
+            )
 
 
 def _folded(density: np.ndarray, power: int) -> np.ndarray:

@@ -33,6 +33,9 @@ ALL = QUANTITIES | {quantity.name: quantity for quantity in AT_POINTS.values()}
 STATES = Variable("law_state", "state", "", "state of a law")
 """What else it holds where laws have states, each with units of its own."""
 
+PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
+"""And where a record asks for peaks that are read between steps."""
+
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
 
@@ -68,6 +71,8 @@ class Reader(NamedTuple):
 class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
 
+    Peaks of contact forces come last, if there are any.
+
     With the names of points there are the bodies of which each is a weighted sum, and their weights.
     """
 
@@ -75,11 +80,12 @@ class Snapshot(NamedTuple):
     contacts: tuple[str, ...]
     states: tuple[tuple[str, str], ...] = ()
     points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
+    peaked: bool = False
 
     @property
     def size(self) -> int:
         """Rows of a snapshot."""
-        return 2 * len(self.bodies) + len(self.contacts) + len(self.states)
+        return 2 * len(self.bodies) + len(self.contacts) + len(self.states) + len(self.names(PEAKS.name))
 
     @property
     def quantities(self) -> list[Variable]:
@@ -106,6 +112,8 @@ class Snapshot(NamedTuple):
             return tuple(name for name, _ in self.states)
         if quantity in (item.name for item in AT_POINTS.values()):
             return tuple(name for name, _ in self.points)
+        if quantity == PEAKS.name:
+            return self.contacts if self.peaked else ()
         return self.contacts if QUANTITIES[quantity].dimension == CONTACT else self.bodies
 
     def place(self, quantity: str) -> slice:
@@ -113,8 +121,10 @@ class Snapshot(NamedTuple):
         bodies, first = len(self.bodies), 0
         if quantity != "displacement":
             first = bodies if quantity == "velocity" else 2 * bodies
-        if quantity == STATES.name:
+        if quantity in (STATES.name, PEAKS.name):
             first += len(self.contacts)
+        if quantity == PEAKS.name:
+            first += len(self.states)
         return slice(first, first + len(self.names(quantity)))
 
     def row(self, quantity: str, name: str) -> int:

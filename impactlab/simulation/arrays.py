@@ -117,9 +117,9 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
 
 def _peaks(plan: Plan, parameters: np.ndarray, lanes: int, zeros: Zeros) -> Peaks:
     """Return the arrays with which peaks between steps are read; the function is set later."""
-    contacts = plan.observed.contacts * plan.observed.rated
+    contacts = plan.observed.contacts * bool(plan.observed.rated.any() or plan.observed.peaked)
     row = FLUX + 1 + [statistic.name for statistic in sampled_of(CONTACT)].index("peak_contact_force")
-    return Peaks(0, zeros((PEAK_ROWS, contacts, lanes)), parameters, row)
+    return Peaks(0, zeros((PEAK_ROWS, contacts, lanes)), parameters, row, contacts * plan.observed.peaked)
 
 
 def _turns(plan: Plan, lanes: int, zeros: Zeros) -> Turns:

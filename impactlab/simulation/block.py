@@ -16,6 +16,7 @@ from impactlab.kernels.forces import evaluate, evaluator
 from impactlab.kernels.impacts import ENDLESS
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
+from impactlab.kernels.peaks import OF_BATCH
 from impactlab.kernels.rows import F
 from impactlab.kernels.series import NEAR
 from impactlab.kernels.sums import SLOTS
@@ -68,7 +69,7 @@ class Block:
         self.state, self.history, self.sums, self.normals, self.distinct, self.parameters, events = arrays
         closings = self.sums.closings
         closings.before[:] = closings.peaks.before[:] = np.nan
-        if plan.observed.rated:
+        if plan.observed.rated.any():
             peaks = closings.peaks._replace(function=self.module.peaks[1])
             self.sums = self.sums._replace(closings=closings._replace(peaks=peaks))
         if len(plan.impacts.rigid.contacts):
@@ -377,9 +378,10 @@ class Block:
         return BlockResult(bodies, contacts, products, points, endless, [keeper.result() for keeper in keepers])
 
     def _snapshot(self) -> np.ndarray:
-        """Return where bodies are read, their velocities, contact forces and states of laws, [quantity, lane]."""
+        """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""
         state = self.state
-        return np.concatenate([state.reading[:-1], state.velocity[:-1], state.contact_force, self.states])
+        peaks = state.contact_force if self.plan.snapshot.peaked else state.contact_force[:0]
+        return np.concatenate([state.reading[:-1], state.velocity[:-1], state.contact_force, self.states, peaks])
 
     def begin(self, x: np.ndarray, v: np.ndarray, now: int) -> None:
         """Go on from displacements before a kick, and velocities, of all bodies after some steps."""
@@ -422,7 +424,7 @@ class Block:
         sums = self.sums
         for total in (sums.bodies, sums.contacts, sums.products, sums.samples, sums.points.sums):
             total[:] = 0.0
-        sums.closings.peaks.before[LARGEST_FORCE] = np.nan
+        sums.closings.peaks.before[[LARGEST_FORCE, OF_BATCH]] = np.nan
 
     def _collect_sums(self) -> None:
         """Bring all sums together."""
@@ -432,7 +434,7 @@ class Block:
         """Take the largest forces from between the steps for those contacts whose peaks were read there."""
         sums = self.sums
         peaks = sums.closings.peaks
-        if self.plan.observed.rated:
-            found = peaks.before[LARGEST_FORCE]
+        if self.plan.observed.rated.any():
+            found = np.fmax(peaks.before[LARGEST_FORCE], peaks.before[OF_BATCH])
             largest = sums.contacts[peaks.row]
             np.copyto(largest, found, where=~np.isnan(found))

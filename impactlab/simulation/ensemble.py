@@ -16,7 +16,7 @@ from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Tile
 from impactlab.progress import Report
 from impactlab.results.schema import CONTACT
-from impactlab.results.snapshot import QUANTITIES
+from impactlab.results.snapshot import PEAKS, QUANTITIES
 from impactlab.simulation.block import Block, Tick, compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.live import Live
@@ -147,9 +147,10 @@ class _TiledBlock(Block):
             for name in ("x", "v", "reading", "velocity", "total"):
                 getattr(state, name)[mine] = getattr(part.state, name)[: tile.own_bodies]
             state.contact_force[contacts] = part.state.contact_force[: tile.own_contacts]
-            for name, quantity in QUANTITIES.items():
+            for quantity in (*QUANTITIES.values(), *[PEAKS] * plan.snapshot.peaked):
                 slots = contacts if quantity.dimension == CONTACT else mine
-                snapshots[:, plan.snapshot.place(name)][:, slots] = kept[:, part.plan.snapshot.place(name)]
+                here, there = (item.place(quantity.name) for item in (plan.snapshot, part.plan.snapshot))
+                snapshots[:, here][:, slots] = kept[:, there]
 
     def note_gaps(self, x: np.ndarray, v: np.ndarray) -> None:
         for part, tile in zip(self.parts, self.plan.subdomains.tiles, strict=True):

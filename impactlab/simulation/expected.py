@@ -36,7 +36,7 @@ class Expected:
     def of(cls, model: Model, request: Request) -> Self:
         """Estimate energies and relaxation times; choose the spin-up if none is given."""
         start, linear = start_of(request.initial, model), relaxation_time(damped(model)[1])
-        spin_up, automatic = _usual_spin_up(model, request, start)
+        spin_up, automatic = usual_spin_up(model, request, start)
         if isinstance(start, np.ndarray) and model.prescribed.any():
             start = np.stack([with_given_motions(model, start[0], -spin_up), start[1]])
         energy = energies(model, start, request.duration, spin_up)
@@ -59,7 +59,7 @@ class Expected:
         return isinstance(self.start, str) and (self.start == "stationary" or settles(self.spin_up, self.settling))
 
 
-def _usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> tuple[float, bool]:
+def usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> tuple[float, bool]:
     """Return the given spin-up, or the one that linear motion needs (s), and whether it still is to be chosen."""
     if request.spin_up is not None:
         return request.spin_up, False
@@ -74,5 +74,5 @@ def expect_together(scenes: Sequence[tuple[Model, Request]]) -> None:
     heats = []
     for model, request in scenes:
         start = start_of(request.initial, model)
-        heats.append(energies(model, start, request.duration, _usual_spin_up(model, request, start)[0]))
+        heats.append(energies(model, start, request.duration, usual_spin_up(model, request, start)[0]))
     look_at_all([model for model, _ in scenes], heats)

@@ -33,11 +33,11 @@ from impactlab.plan.observed import WINDOW, Observed
 from impactlab.plan.plan import Plan
 from impactlab.plan.points import Points
 from impactlab.plan.realizations import Realizations, block_shape, most_lanes
-from impactlab.plan.start import Start, filters_of, states_of
+from impactlab.plan.start import Start, filters_of, start_of, states_of
 from impactlab.plan.subdomains import Subdomains
 from impactlab.plan.system import System
 from impactlab.results.schema import CONTACT, STATISTICS, sampled_of
-from impactlab.simulation.expected import Expected
+from impactlab.simulation.expected import Expected, usual_spin_up
 from impactlab.simulation.measured_step import may_measure
 from impactlab.simulation.request import Request
 from impactlab.simulation.steps import Steps
@@ -56,7 +56,7 @@ def make_plan(model: Model, request: Request) -> Plan:
     Where the error of the step is measured before the run, there is a plan for each step that is tried.
     """
     request.integrator.check(model)
-    request = request.resolved(model)
+    request = request.resolved(model, usual_spin_up(model, request, start_of(request.initial, model))[0])
     expected = Expected.of(model, request)
     # tangent stiffnesses and penetrations at the energies that are expected, and relaxation times
     stiffening, relaxed = expected.stiffening, expected.relaxed
@@ -125,7 +125,7 @@ def automatic(model: Model, request: Request) -> Automatic | None:
     None where that is more: contact-free intervals, couplings that flow, or a step to be measured.
     """
     request.integrator.check(model)
-    request = request.resolved(model)
+    request = request.resolved(model, usual_spin_up(model, request, start_of(request.initial, model))[0])
     expected = Expected.of(model, request)
     stiffening = expected.stiffening
     if request.integrator.arrange(model, stiffening.links, stiffening.bodies) is not model:
@@ -153,7 +153,10 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
     every = math.gcd(*strides)
     left_out = _left_out(model, request)
     counted = steps.counted and "contact_rate" not in left_out
-    no_jitter = np.zeros(len(model.ends))
+    peaks = any(record.peaks for record in records)
+    read = peaks or "peak_contact_force" not in left_out
+    rated = model.rated_contacts if read else np.zeros(len(model.ends), dtype=bool)
+    disturbed = counted or (steps.counted and rated.any())  # what noise does within steps counts
     return Observed(
         records=tuple(
             (record, stride // every if every else 1) for record, stride in zip(records, strides, strict=True)
@@ -161,8 +164,9 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
         every=every,
         window=window,
         counted=counted,
-        jitter=jitter(model, steps.step, request.duration) if counted else no_jitter,
-        rated=model.rated and "peak_contact_force" not in left_out,
+        jitter=jitter(model, steps.step, request.duration) if disturbed else np.zeros(len(model.ends)),
+        rated=rated,
+        peaked=bool(peaks and rated.any()),
         bodies=len(model.bodies),
         contacts=len(model.contacts),
         sampled=steps.sampled,

@@ -64,9 +64,10 @@ class Request:
             **({} if self.statistics is None else {"statistics": list(self.statistics)}),
         }  # fmt: skip
 
-    def resolved(self, model: Model) -> Self:
-        """Return the request with records whose settings are all chosen for a model."""
-        return replace(self, records=[record.resolved(model) for record in self.records])
+    def resolved(self, model: Model, spin_up: float) -> Self:
+        """Return the request with records whose settings are all chosen for a model and a spin-up (s)."""
+        records = [record.resolved_for(model, -spin_up, self.duration) for record in self.records]
+        return replace(self, records=records)
 
     def intervals(self) -> list[float]:
         """Return the sampling intervals that records prescribe, checked against each other and the duration (s)."""

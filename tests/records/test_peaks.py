@@ -222,3 +222,48 @@ def test_what_would_not_fit_into_memory_is_refused(monkeypatch):
         il.simulate(base(), 5.0, record=il.PeakForces(bins=10**5), **options)
     with pytest.raises(il.InvalidInput, match="GB of memory"):
         il.simulate(linear(), 5e4, record=il.Spectrum(segment=5e4), **options)
+
+
+def stop(law, realizations, duration, record, **options):
+    body = il.LinearOscillator.from_frequency(2.0, 0.05)
+    network = il.Network({"a": body}, {"c": il.Contact("a", il.WALL, law, clearance=0.1)}, {"a": il.WhiteNoise(0.05)})
+    return il.simulate(network, duration, realizations=realizations, record=record, rng=1, **options)
+
+
+@pytest.mark.parametrize(
+    "law", [il.KelvinVoigtContact(200.0, damping=5.0), il.HuntCrossleyContact(400.0, dissipation=1.0)], ids=["KV", "HC"]
+)
+def test_peaks_of_dashpots_are_read_between_steps(law):
+    """Window by window as those of the whole run, and at other steps the same."""
+    record = [il.PeakForces(window=10.0, return_times=(30.0, 100.0, 300.0)), il.PerRealization()]
+    runs = [stop(law, 512, 100.0, record, step=step) for step in (0.035, 0.009)]
+    for ds in runs:
+        whole = ds.window_peak_force.max("window")
+        assert float((whole <= ds.peak_contact_force_by_realization).mean()) == 1.0
+        assert float((whole == ds.peak_contact_force_by_realization).mean()) > 0.98  # the rest after the last window
+    largest = [ds.window_peak_force.mean(("window", "contact")) for ds in runs]
+    scatter = np.hypot(*(item.std() / np.sqrt(512.0) for item in largest))
+    assert abs(largest[0].mean() - largest[1].mean()) < 3.0 * scatter + 0.003 * largest[1].mean()
+    level, error = ([ds[name].values[0] for ds in runs] for name in ("return_level", "return_level_standard_error"))
+    assert (np.abs(level[0] - level[1]) < 3.0 * np.hypot(*error)).all()
+    assert (np.hypot(*error) < 0.025 * level[1]).all()
+    for ds, levels in zip(runs, level, strict=True):  # as often beyond a level as it says, but for peaks in clusters
+        for time, force in zip((30.0, 100.0, 300.0), levels, strict=True):
+            share, expected = float((ds.window_peak_force > force).mean()), 1.0 - np.exp(-10.0 / time)
+            assert abs(share - expected) < 0.15 * expected + 3.0 * np.sqrt(expected / ds.window_peak_force.size)
+
+
+def test_peaks_of_dashpots_do_not_change_other_numbers():
+    law, names = il.KelvinVoigtContact(200.0, damping=5.0), ("peak_contact_force", "mean_square_velocity")
+    plain, recorded, alone = (
+        stop(law, 64, 20.0, record, step=0.035, **options)
+        for record, options in (
+            (None, {}),
+            (il.PeakForces(window=3.0), {}),
+            (il.PeakForces(window=3.0), {"statistics": ["peak_contact_force"]}),
+        )
+    )
+    for name in names:
+        np.testing.assert_array_equal(recorded[name], plain[name])
+    np.testing.assert_array_equal(alone.peak_contact_force, plain.peak_contact_force)
+    np.testing.assert_array_equal(alone.window_peak_force, recorded.window_peak_force)

@@ -266,3 +266,31 @@ def test_samples_outside_the_limits_are_warned_of():
         il.AccuracyWarning, match=r"100 % of the samples .* 'a' are outside .* Density, 5 to 6; give limits"
     ):
         il.simulate(linear(), 5.0, realizations=64, record=il.Density(limits=(5.0, 6.0)), rng=1)
+
+
+RESONANT, HERTZ = il.LinearOscillator.from_frequency(2.0, 0.05), il.HertzContact(100.0)
+LOAD, HARMONIC = (il.Source(force, on="a") for force in (il.ConstantForce(20.0), il.Harmonic(5.0, frequency=2.0)))
+STOP = {"stop": il.Contact("a", il.WALL, HERTZ, clearance=0.1)}
+MOTION = il.PrescribedMotion(il.Harmonic(0.3, frequency=3.0))
+
+
+@pytest.mark.parametrize(
+    ("bodies", "contacts", "excitations", "fewest"),
+    [
+        ({}, {}, {"load": LOAD}, 80),
+        ({}, STOP, {"load": LOAD}, 3),
+        ({}, {}, {"harmonic": HARMONIC}, 80),
+        ({}, STOP, {"harmonic": HARMONIC}, 10),
+        ({}, {}, {"ground": il.BaseMotion(il.Harmonic(2.0, frequency=2.2))}, 100),
+        ({"b": MOTION}, {"hit": il.Contact("b", "a", HERTZ, clearance=0.1)}, {}, 20),
+    ],
+    ids=["load", "load on a stop", "resonance", "resonance at a stop", "shaken base", "hit by a given motion"],
+)
+def test_limits_hold_what_given_forces_and_motions_move(bodies, contacts, excitations, fewest):
+    network = il.Network({"a": RESONANT, **bodies}, contacts, {"a": il.WhiteNoise(0.01), **excitations})
+    record = [il.Density(), il.Density("velocity")]
+    ds = il.simulate(network, 60.0, spin_up=60.0, realizations=64, rng=1, step=0.02, record=record)
+    for quantity in ("displacement", "velocity"):
+        density, edges = ds[f"density_{quantity}"].values, ds[f"{quantity}_edges"].values
+        assert ((density * np.diff(edges)).sum(axis=1) > 0.999).all()
+        assert ((density > 0.0).sum(axis=1) >= fewest).all()

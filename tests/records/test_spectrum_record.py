@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import base, linear
+from scipy.integrate import quad
 
 import impactlab as il
 from impactlab.assembly.model import Model
@@ -87,3 +88,17 @@ def test_bad_input_is_refused(record, message):
     free = il.Network({"a": il.LinearOscillator(stiffness=1.0)})
     with pytest.raises(il.InvalidInput, match="nothing is damped; give segment="):
         il.simulate(free, 20.0, realizations=64, rng=1, step=0.1, record=il.Spectrum())
+
+
+def test_what_lies_beyond_the_frequencies_is_said():
+    """Of an overdamped body, whose velocity is nearly white: the exact share, and an interval that makes it small."""
+    body = il.LinearOscillator.from_frequency(2.0, 5.0)
+    network, options = il.Network({"a": body}, {}, {"a": il.WhiteNoise(0.05)}), {"realizations": 64, "rng": 1}
+    with pytest.warns(il.AccuracyWarning, match=r"19 % of the variance of the velocity of 'a' .* give interval=0.013"):
+        ds = il.simulate(network, 100.0, record=il.Spectrum("velocity", segment=20.0), **options)
+    highest = float(ds.velocity_frequency[-1])
+    on_axis, _ = quad(lambda w: w**2 / ((4.0 - w**2) ** 2 + (20.0 * w) ** 2), 0.0, highest, limit=200)
+    share = 1.0 - on_axis / (np.pi / 2.0 / 20.0)
+    assert float(ds.spectrum_velocity_beyond[0]) == pytest.approx(share, rel=0.03)
+    ds = il.simulate(network, 20.0, record=il.Spectrum("velocity", segment=10.0, interval=0.0125), **options)
+    assert float(ds.spectrum_velocity_beyond[0]) < 0.05
