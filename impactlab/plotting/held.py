@@ -102,6 +102,12 @@ def configuration(result: xr.Dataset) -> dict[str, Any]:
         return {}
 
 
+def rigid_contacts(result: xr.Dataset) -> set[str]:
+    """Return the names of rigid contacts, whose forces are means over the interval before each sample."""
+    contacts = configuration(result).get("network", {}).get("contacts", {})
+    return {str(name) for name, contact in contacts.items() if contact["law"]["type"] == "RigidContact"}
+
+
 def contact_weights(result: xr.Dataset) -> dict[str, tuple[dict[str, float], float]]:
     """Return the weights w of bodies and points in ``first − second = w·x``, and the clearance, of each contact.
 

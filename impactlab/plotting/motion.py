@@ -13,7 +13,7 @@ from impactlab.components.component import positive, suggestion
 from impactlab.components.sides import Combination
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
-from impactlab.plotting.held import contact_weights, known_dataset, rows, several, variable
+from impactlab.plotting.held import contact_weights, known_dataset, rigid_contacts, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend, number_text, style
 
 Place = str | Combination
@@ -39,7 +39,8 @@ def trajectory(
     """Draw displacements, velocities or contact forces of one realization over time.
 
     Times at which a contact of what is drawn was closed are shaded; contacts shorter than the interval between
-    samples may be missed.
+    samples may be missed, except impacts of rigid contacts: the interval of each is shaded, and their force is drawn as
+    its mean over each interval.
 
     Parameters
     ----------
@@ -72,8 +73,11 @@ def trajectory(
     given = [name for name, _ in rows(data)] if names is None else several(names)
     if quantity != "contact_force":
         _shade(axes, one, given)
+    rigid = rigid_contacts(one) if quantity == "contact_force" else ()
     for index, name in enumerate(given):
-        axes.plot(one["time"].values, series(one, quantity, name), label=side_text(name), ls=dashes(index))
+        look: dict[str, Any] = {"label": side_text(name), "ls": dashes(index)}
+        look["drawstyle"] = "steps-pre" if name in rigid else "default"
+        axes.plot(one["time"].values, series(one, quantity, name), **look)
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
     if len(given) == 1:
@@ -235,11 +239,12 @@ def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
     ]
     if many:
         found = {"a contact": np.any(list(found.values()), axis=0)}
-    times = result["time"].values
+    times, rigid = result["time"].values, rigid_contacts(result)
     half = 0.5 * float(np.diff(times[:2]).sum())
     for (name, closed), look in zip(found.items(), looks, strict=False):
         turns = np.flatnonzero(np.diff(closed, prepend=False, append=False)).reshape(-1, 2)
-        spans = [(times[begin] - half, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
+        early = 2.0 * half if name in rigid else half  # an impact is in the interval before the sample
+        spans = [(times[begin] - early, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=f"{name} closed", **look)
 
 

@@ -45,6 +45,27 @@ class Keeper:
         return {}
 
 
+class IntervalMeans:
+    """Turns rows of snapshots that are means since the snapshot before into means since the last one of a keeper."""
+
+    def __init__(self, rows: np.ndarray, keeper: Keeper) -> None:
+        self.rows, self.ratio, self.seen, self.sum = rows, keeper.ratio, keeper.seen, 0.0
+
+    def __call__(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return the next snapshots, with these means in those that are the keeper's own."""
+        if self.ratio < 2 or not len(self.rows):  # 0 of a keeper that takes none
+            return snapshots
+        own = slice((-self.seen - 1) % self.ratio, None, self.ratio)
+        ends = np.arange(len(snapshots))[own]
+        rows = np.concatenate([snapshots[:, self.rows], np.zeros((1, len(self.rows), snapshots.shape[2]))])
+        sums = np.add.reduceat(rows, [0, *(ends + 1)], axis=0)
+        sums[0] += self.sum
+        self.seen, self.sum = self.seen + len(snapshots), sums[-1]
+        result = snapshots.copy()
+        result[own, self.rows] = sums[:-1] / self.ratio
+        return result
+
+
 class Record(Component):
     """Something to be kept. A subclass says how often to sample, what to keep of a
     block (a `Keeper`), and how to label what the blocks kept."""

@@ -33,6 +33,9 @@ ALL = QUANTITIES | {quantity.name: quantity for quantity in AT_POINTS.values()}
 STATES = Variable("law_state", "state", "", "state of a law")
 """What else it holds where laws have states, each with units of its own."""
 
+OF_RIGID = "Of a rigid contact: its impulse from the sample before (or t = 0) to this one, over the interval."
+"""What samples of the force of a contact are that has impulses."""
+
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
 
@@ -65,13 +68,15 @@ class Reader(NamedTuple):
 class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
 
-    With the names of points there are the bodies of which each is a weighted sum, and their weights.
+    With the names of points there are the bodies of which each is a weighted sum, and their weights. Forces of rigid
+    contacts are means since the snapshot before.
     """
 
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
     states: tuple[tuple[str, str], ...] = ()
     points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
+    rigid: tuple[int, ...] = ()  # which contacts are
 
     @property
     def size(self) -> int:
@@ -93,9 +98,15 @@ class Snapshot(NamedTuple):
     def attributes(self, quantity: Variable) -> dict[str, str]:
         """Return the attributes of a quantity."""
         if quantity is not STATES:
-            return {"units": quantity.units, "long_name": quantity.long_name}
+            comment = {"comment": OF_RIGID} if quantity.name == "contact_force" and self.rigid else {}
+            return {"units": quantity.units, "long_name": quantity.long_name, **comment}
         units = dict.fromkeys(f"{name.rpartition('.')[2]} {units}" for name, units in self.states)
         return {"long_name": quantity.long_name, "comment": f"units: {', '.join(units)}"}
+
+    @property
+    def impulsive(self) -> np.ndarray:
+        """Rows of the forces of rigid contacts."""
+        return self.place("contact_force").start + np.array(self.rigid, dtype=np.int64)
 
     def names(self, quantity: str) -> tuple[str, ...]:
         """Return what a quantity is known of."""
