@@ -14,16 +14,19 @@ from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot
 
 
 class Keeper:
-    """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing."""
+    """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing.
+
+    The first one may come after `early` snapshots, that at t = 0 aside.
+    """
 
     wants_start, wants_end = False, False
 
-    def __init__(self, ratio: int = 1) -> None:
-        self.ratio, self.seen = ratio, 0
+    def __init__(self, ratio: int = 1, early: int = 0) -> None:
+        self.ratio, self.seen = ratio, -early
 
     def first_of(self, snapshots: np.ndarray) -> int:
         """Return the index of its first among the next snapshots."""
-        first = (-self.seen - 1) % self.ratio
+        first = max((-self.seen - 1) % self.ratio, -self.seen - 1)
         self.seen += len(snapshots)
         return first
 
@@ -111,6 +114,11 @@ class Record(Component):
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must."""
         return None
+
+    @property
+    def first_sample(self) -> float:
+        """Time of the first sample (s); others follow after whole intervals."""
+        return 0.0
 
     def stride(self, model: Model, step: float) -> int:
         """Steps between samples; 0 if the record takes none."""

@@ -65,6 +65,30 @@ class Reader(NamedTuple):
         return weighted_sums(snapshots.swapaxes(0, 1), self.sums, 1) if self.sums else snapshots
 
 
+def recorded(dimension: str) -> str:
+    """Return the dimension of some of the names of another dimension."""
+    return f"recorded_{dimension}"
+
+
+def owner_of(name: str) -> str:
+    """Return the name of the member of a network that a coordinate, a point or a state belongs to."""
+    return name.rpartition(".")[0]
+
+
+class Kept(NamedTuple):
+    """A quantity of which trajectories keep all names or some, with a dimension of its own then."""
+
+    quantity: Variable
+    names: tuple[str, ...]
+    dimension: str
+    reader: Reader
+
+    def values(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return the quantity from snapshots [sample, quantity, lane], [sample, name, lane]."""
+        found: np.ndarray = self.reader(snapshots)[:, self.reader.rows]
+        return found
+
+
 class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
 
@@ -106,7 +130,8 @@ class Snapshot(NamedTuple):
     @property
     def impulsive(self) -> np.ndarray:
         """Rows of the forces of rigid contacts."""
-        return self.place("contact_force").start + np.array(self.rigid, dtype=np.int64)
+        first: int = self.place("contact_force").start
+        return first + np.array(self.rigid, dtype=np.int64)
 
     def names(self, quantity: str) -> tuple[str, ...]:
         """Return what a quantity is known of."""
@@ -129,6 +154,17 @@ class Snapshot(NamedTuple):
         """Return the row of a quantity of one body or contact."""
         first: int = self.place(quantity).start
         return first + self.names(quantity).index(name)
+
+    def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:
+        """Return quantities of some names, all by default; ``name`` is also that of all ``name.…``."""
+        result = []
+        for item in self.quantities:
+            known = self.names(item.name)
+            own = known if names is None else tuple(name for name in known if {name, owner_of(name)} & {*names})
+            dimension = item.dimension if names is None else recorded(item.dimension)
+            if own and (quantities is None or item.name in quantities):
+                result.append(Kept(item, own, dimension, self.reader(item.name, own)))
+        return result
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
         """Return what reads a quantity of some names, which may be those of points."""
