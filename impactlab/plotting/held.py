@@ -13,6 +13,7 @@ from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
+from impactlab.results.snapshot import recorded
 
 LABELS = (BODY, CONTACT, POINT)
 """Dimensions whose labels are names of members of a network."""
@@ -43,11 +44,16 @@ def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str
     dataset = known_dataset(result)
     if name not in dataset:
         raise InvalidInput(f"The result holds no {what}; ask for it with simulate(…, record=[{record}]).")
-    found = dataset[name]
+    found = of_names(dataset[name])
     if further := [str(item) for item in found.dims if item not in (*inner, *LABELS)]:
         example = ", ".join(f"{item}=…" for item in further)
         raise InvalidInput(f"The result is one over {', '.join(further)}: select a point of it, result.sel({example}).")
     return found
+
+
+def of_names(data: xr.DataArray) -> xr.DataArray:
+    """Return a variable of some bodies, contacts or points with the dimension that one of all of them has."""
+    return data.rename({recorded(name): name for name in LABELS if recorded(name) in data.coords})
 
 
 def names_of(data: xr.DataArray) -> tuple[str, list[str]]:
