@@ -204,7 +204,7 @@ class RigidContact(ContactLaw):
 
     ``mean_contact_force`` is the sum of the impulses over time. ``contact_rate`` counts impacts and the beginnings of
     rests, ``contact_ratio`` is the time at rest, and there is no ``peak_contact_force``. In trajectories a force is the
-    impulse of a step over its length.
+    impulse since the sample before, over the interval between samples.
 
     Parameters
     ----------

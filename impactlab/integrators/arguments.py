@@ -136,7 +136,7 @@ class Impacts(NamedTuple):
     ends: np.ndarray  # [5, rigid, lane] gaps and rates before and after the flow, and how far paths may reach
     paths: np.ndarray  # (10, rigid) of one lane
     before: np.ndarray  # [body, lane] velocities before the flow
-    seen: np.ndarray  # [5, rigid, lane]
+    seen: np.ndarray  # [6, rigid, lane]
     closings: np.ndarray  # [contact, lane] sums of closings, to which impacts are added
 
 

@@ -19,7 +19,7 @@ from impactlab.integrators.noise_rows import rows_of_source, with_own_noise
 from impactlab.kernels.arrays import address_of, call
 from impactlab.kernels.dry_friction import hold
 from impactlab.kernels.flow import flow, flow_between, push_between
-from impactlab.kernels.impacts import show_impacts
+from impactlab.kernels.impacts import gather_impulses, show_impacts
 from impactlab.kernels.jit import inlined
 from impactlab.kernels.kick import add_response, copy, smooth_velocity
 from impactlab.kernels.sums import SLOTS
@@ -404,6 +404,8 @@ class RigidFlow(ExactFlow):
         kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
         show_impacts(impacts, steps, slot.indentation, slot.contact_force)
         _end_step(tables, state, slot, last_force, steps, index)
+        if steps.every:
+            gather_impulses(impacts, steps, sampled(steps, index), state.contact_force)
 
     def check(self, model: Model) -> None:
         super().check(model)

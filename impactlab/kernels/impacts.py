@@ -27,11 +27,12 @@ contact closes and how fast, the size of its motion, and how often it has closed
 PATHS = RESTS + 1
 """How many rows these are."""
 
-IMPULSE, IMPACTS, RESTING, LARGEST, ENDLESS = range(5)
+IMPULSE, IMPACTS, RESTING, LARGEST, ENDLESS, GATHERED = range(6)
 """Rows of what is seen in a step: the sum of the impulses, the number of impacts, and whether a contact rests; the
-largest size of its motion so far; and the number of the first step, from 1 on, in which its impacts were too many."""
+largest size of its motion so far; the number of the first step, from 1 on, in which its impacts were too many; and the
+sum of the impulses since the last snapshot."""
 
-SEEN = ENDLESS + 1
+SEEN = GATHERED + 1
 """How many rows these are."""
 
 CLEARANCE, RESTITUTION, INERTIA = range(3)
@@ -442,3 +443,17 @@ def show_impacts(impacts, steps, indentation, contact_force):  # type: ignore[no
         if steps.summing:
             for lane in range(contact_force.shape[1]):
                 impacts.closings[contact, lane] += seen[IMPACTS, rigid, lane]
+
+
+@inlined
+def gather_impulses(impacts, steps, sampled, contact_force):  # type: ignore[no-untyped-def]
+    """Add up impulses until there is a snapshot, in which the force of a rigid contact is their mean over time."""
+    seen = impacts.seen
+    for rigid in range(seen.shape[1]):
+        contact = impacts.rigid.contacts[rigid]
+        for lane in range(contact_force.shape[1]):
+            seen[GATHERED, rigid, lane] += seen[IMPULSE, rigid, lane]
+        if sampled:
+            for lane in range(contact_force.shape[1]):
+                contact_force[contact, lane] = seen[GATHERED, rigid, lane] / (steps.every * steps.step)
+                seen[GATHERED, rigid, lane] = 0.0

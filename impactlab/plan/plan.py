@@ -84,7 +84,8 @@ class Plan:
     def snapshot(self) -> Snapshot:
         """What a snapshot of the run holds."""
         bodies, contacts = self.system.bodies[: self.observed.bodies], self.system.contacts[: self.observed.contacts]
-        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked)
+        rigid = tuple(self.impacts.rigid.contacts.tolist())
+        return Snapshot(bodies, contacts, self.forces.labels, self.points.labels, self.observed.peaked, rigid)
 
     def interval(self, ratio: int) -> float:
         """Time between every `ratio`-th snapshot (s)."""

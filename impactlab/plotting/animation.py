@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from impactlab.errors import InvalidInput
-from impactlab.plotting.held import configuration, variable
+from impactlab.plotting.held import configuration, of_names
 from impactlab.plotting.layout import in_a_row
-from impactlab.plotting.motion import one_realization
+from impactlab.plotting.motion import one_realization, trajectories
 from impactlab.plotting.style import COLORS, style
 from impactlab.plotting.symbols import GROUND, INK, PALE
 
@@ -151,22 +151,27 @@ class _Scene:
     """Bodies and points in a row, with their displacements and contacts."""
 
     def __init__(self, result: xr.Dataset) -> None:
-        data = variable(result, "displacement", "trajectories", "il.Trajectory(interval=…)", ["time"])
+        data = trajectories(result, "displacement", ["time"])
         network = configuration(result).get("network", {})
         paths = {str(name): data.sel(oscillator=name).values for name in data["oscillator"].values}
         if "point_displacement" in result:
-            points = {str(name): result["point_displacement"].sel(point=name).values for name in result["point"].values}
+            moved = of_names(result["point_displacement"])
+            points = {str(name): moved.sel(point=name).values for name in moved["point"].values}
             shown = {name.rpartition(".")[0] for name in points}
             structures = {name for name, item in network.get("oscillators", {}).items() if "Structure" in item["type"]}
             paths = {name: path for name, path in paths.items() if name.rpartition(".")[0] not in shown & structures}
             paths |= points
         self.times = result["time"].values
+        forces = dict[str, np.ndarray]()
+        if "contact_force" in result:
+            data = of_names(result["contact_force"])
+            forces = {str(name): data.sel(contact=name).values for name in data["contact"].values}
+        never = np.zeros(len(self.times))  # of a contact that was not recorded
         self.contacts = [
-            _Contact(item, result["contact_force"].sel(contact=name).values != 0.0)
-            for name, item in network.get("contacts", {}).items()
+            _Contact(item, forces.get(name, never) != 0.0) for name, item in network.get("contacts", {}).items()
         ]
         pairs = [(item.first, item.second) for item in self.contacts if _plain(item) == 2]
-        row = in_a_row(pairs, list(paths))[:PLACES]
+        row = in_a_row([pair for pair in pairs if {*pair} <= paths.keys()], list(paths))[:PLACES]
         self.paths = {name: paths[name] for name in row}
         self.frames = np.unique(np.linspace(0, len(self.times) - 1, min(FRAMES, len(self.times))).astype(int))
 

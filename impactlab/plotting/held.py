@@ -14,6 +14,7 @@ from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
 from impactlab.results.stack import DONE, number_of, on_own_axes
+from impactlab.results.snapshot import recorded
 
 LABELS = (BODY, CONTACT, POINT)
 """Dimensions whose labels are names of members of a network."""
@@ -46,12 +47,17 @@ def variable(result: Any, name: str, what: str, record: str, inner: Iterable[str
     dataset = known_dataset(result)
     if name not in dataset:
         raise InvalidInput(f"The result holds no {what}; ask for it with simulate(…, record=[{record}]).")
-    found, inner = dataset[name], list(inner)
+    found, inner = of_names(dataset[name]), list(inner)
     known = {*inner, *map(number_of, inner), *LABELS}
     if further := [str(item) for item in found.dims if item not in known]:
         example = ", ".join(f"{item}=…" for item in further)
         raise InvalidInput(f"The result is one over {', '.join(further)}: select a point of it, result.sel({example}).")
     return found
+
+
+def of_names(data: xr.DataArray) -> xr.DataArray:
+    """Return a variable of some bodies, contacts or points with the dimension that one of all of them has."""
+    return data.rename({recorded(name): name for name in LABELS if recorded(name) in data.coords})
 
 
 def names_of(data: xr.DataArray) -> tuple[str, list[str]]:
@@ -104,6 +110,12 @@ def configuration(result: xr.Dataset) -> dict[str, Any]:
         return configuration_of(result)
     except ImpactLabError:
         return {}
+
+
+def rigid_contacts(result: xr.Dataset) -> set[str]:
+    """Return the names of rigid contacts, whose forces are means over the interval before each sample."""
+    contacts = configuration(result).get("network", {}).get("contacts", {})
+    return {str(name) for name, contact in contacts.items() if contact["law"]["type"] == "RigidContact"}
 
 
 def contact_weights(result: xr.Dataset) -> dict[str, tuple[dict[str, float], float]]:

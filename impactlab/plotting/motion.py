@@ -13,7 +13,7 @@ from impactlab.components.component import positive, suggestion
 from impactlab.components.sides import Combination
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
-from impactlab.plotting.held import contact_weights, known_dataset, rows, several, variable
+from impactlab.plotting.held import contact_weights, known_dataset, of_names, rigid_contacts, rows, several, variable
 from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend, number_text, style
 
 Place = str | Combination
@@ -39,7 +39,8 @@ def trajectory(
     """Draw displacements, velocities or contact forces of one realization over time.
 
     Times at which a contact of what is drawn was closed are shaded; contacts shorter than the interval between
-    samples may be missed.
+    samples may be missed, except impacts of rigid contacts: the interval of each is shaded, and their force is drawn as
+    its mean over each interval.
 
     Parameters
     ----------
@@ -67,13 +68,19 @@ def trajectory(
     if quantity not in _QUANTITIES:
         raise InvalidInput(f"quantity: {suggestion(quantity, _QUANTITIES)}")
     one = one_realization(result, realization)
-    data = variable(one, quantity, "trajectories", "il.Trajectory(interval=…)", ["time"])
+    given: list[Any] = [] if names is None else several(names)
+    if names is None:
+        data = trajectories(one, quantity, ["time"])
+        given = [name for name, _ in rows(data)]
+    lines = [series(one, quantity, name) for name in given]
     axes = axes_of(ax)
-    given = [name for name, _ in rows(data)] if names is None else several(names)
     if quantity != "contact_force":
         _shade(axes, one, given)
-    for index, name in enumerate(given):
-        axes.plot(one["time"].values, series(one, quantity, name), label=side_text(name), ls=dashes(index))
+    rigid = rigid_contacts(one) if quantity == "contact_force" else ()
+    for index, (name, line) in enumerate(zip(given, lines, strict=True)):
+        look: dict[str, Any] = {"label": side_text(name), "ls": dashes(index)}
+        look["drawstyle"] = "steps-pre" if name in rigid else "default"
+        axes.plot(one["time"].values, line, **look)
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
     if len(given) == 1:
@@ -183,12 +190,17 @@ def series(result: xr.Dataset, quantity: str, name: Place) -> np.ndarray:
     """Return a quantity of a body, a point, a contact or a combination, (…, time)."""
     if isinstance(name, Combination):
         return np.asarray(sum(weight * series(result, quantity, part) for part, weight in name.weights))
-    data = variable(result, quantity, "trajectories", "il.Trajectory(interval=…)", ["realization", "time"])
     points = f"point_{quantity}"
-    if points in result and name in result["point"].values:
-        data = result[points]
+    of_point = points in result and name in of_names(result[points])["point"].values
+    data = trajectories(result, points if of_point else quantity, ["realization", "time"])
     ((_, place),) = rows(data, [name])
     return np.asarray(data.sel(place).values)
+
+
+def trajectories(result: xr.Dataset, quantity: str, inner: Iterable[str]) -> xr.DataArray:
+    """Return a quantity over time, with dimensions of names and `inner` ones; see `variable`."""
+    what = "trajectories" + (f" of the {quantity.replace('_', ' ')}" if "time" in known_dataset(result).dims else "")
+    return variable(result, quantity, what, "il.Trajectory(interval=…)", inner)
 
 
 def one_realization(result: Any, realization: int) -> xr.Dataset:
@@ -217,7 +229,7 @@ def _closed(result: xr.Dataset, names: Iterable[Place]) -> dict[str, np.ndarray]
     for name in names:
         own |= dict(name.weights).keys() if isinstance(name, Combination) else {name}
     ends = contact_weights(result)
-    forces = result["contact_force"]
+    forces = of_names(result["contact_force"])
     return {
         contact: forces.sel(place).values != 0.0
         for contact, place in rows(forces)
@@ -235,11 +247,12 @@ def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
     ]
     if many:
         found = {"a contact": np.any(list(found.values()), axis=0)}
-    times = result["time"].values
+    times, rigid = result["time"].values, rigid_contacts(result)
     half = 0.5 * float(np.diff(times[:2]).sum())
     for (name, closed), look in zip(found.items(), looks, strict=False):
         turns = np.flatnonzero(np.diff(closed, prepend=False, append=False)).reshape(-1, 2)
-        spans = [(times[begin] - half, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
+        early = 2.0 * half if name in rigid else half  # an impact is in the interval before the sample
+        spans = [(times[begin] - early, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=f"{name} closed", **look)
 
 

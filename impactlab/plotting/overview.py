@@ -16,7 +16,7 @@ from impactlab.errors import InvalidInput
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.densities import density, joint_density
 from impactlab.plotting.drawing import network
-from impactlab.plotting.held import LABELS, configuration, rows
+from impactlab.plotting.held import LABELS, configuration, of_names, rows
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import trajectory
 from impactlab.plotting.style import style
@@ -106,7 +106,7 @@ def _record(draw: Callable[..., Axes], variable: str, quantity: str, result: xr.
     if draw is joint_density:
         draw(result, ax=ax)
     else:
-        draw(result, [name for name, _ in islice(rows(result[variable]), _NAMED)], **options, ax=ax)
+        draw(result, [name for name, _ in islice(rows(of_names(result[variable])), _NAMED)], **options, ax=ax)
 
 
 def _network_of(result: xr.Dataset) -> impactlab.Network | None:

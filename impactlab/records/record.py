@@ -14,16 +14,19 @@ from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot
 
 
 class Keeper:
-    """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing."""
+    """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing.
+
+    The first one may come after `early` snapshots, that at t = 0 aside.
+    """
 
     wants_start, wants_end = False, False
 
-    def __init__(self, ratio: int = 1) -> None:
-        self.ratio, self.seen = ratio, 0
+    def __init__(self, ratio: int = 1, early: int = 0) -> None:
+        self.ratio, self.seen = ratio, -early
 
     def first_of(self, snapshots: np.ndarray) -> int:
         """Return the index of its first among the next snapshots."""
-        first = (-self.seen - 1) % self.ratio
+        first = max((-self.seen - 1) % self.ratio, -self.seen - 1)
         self.seen += len(snapshots)
         return first
 
@@ -43,6 +46,27 @@ class Keeper:
     def result(self) -> dict[str, np.ndarray]:
         """Return the arrays that were collected."""
         return {}
+
+
+class IntervalMeans:
+    """Turns rows of snapshots that are means since the snapshot before into means since the last one of a keeper."""
+
+    def __init__(self, rows: np.ndarray, keeper: Keeper) -> None:
+        self.rows, self.ratio, self.seen, self.sum = rows, keeper.ratio, keeper.seen, 0.0
+
+    def __call__(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return the next snapshots, with these means in those that are the keeper's own."""
+        if self.ratio < 2 or not len(self.rows):  # 0 of a keeper that takes none
+            return snapshots
+        own = slice((-self.seen - 1) % self.ratio, None, self.ratio)
+        ends = np.arange(len(snapshots))[own]
+        rows = np.concatenate([snapshots[:, self.rows], np.zeros((1, len(self.rows), snapshots.shape[2]))])
+        sums = np.add.reduceat(rows, [0, *(ends + 1)], axis=0)
+        sums[0] += self.sum
+        self.seen, self.sum = self.seen + len(snapshots), sums[-1]
+        result = snapshots.copy()
+        result[own, self.rows] = sums[:-1] / self.ratio
+        return result
 
 
 class Record(Component):
@@ -97,6 +121,11 @@ class Record(Component):
     def exact_interval(self) -> float | None:
         """Time between samples that the record must have (s), if it must."""
         return None
+
+    @property
+    def first_sample(self) -> float:
+        """Time of the first sample (s); others follow after whole intervals."""
+        return 0.0
 
     def stride(self, model: Model, step: float) -> int:
         """Steps between samples; 0 if the record takes none."""

@@ -15,11 +15,11 @@ from impactlab.errors import Interrupted, InvalidInput
 from impactlab.machine import tuning
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper
-from impactlab.records.trajectory import Trajectory, sample_count, trajectory_size
+from impactlab.records.trajectory import Sampler, Trajectory, sample_count, trajectory_of, trajectory_size
 from impactlab.results.dataset import LOCK, told
 from impactlab.results.labels import Variables
 from impactlab.results.schema import CONTACT
-from impactlab.results.snapshot import REALIZATION, TIME
+from impactlab.results.snapshot import REALIZATION
 
 
 @contextlib.contextmanager
@@ -29,12 +29,14 @@ def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
     A run for which the disk has not enough space is refused.
     """
     size, free = trajectory_size(plan), shutil.disk_usage(folder).free
+    found = trajectory_of(plan)
+    assert found is not None
     if size > free:
         raise InvalidInput(
             f"The trajectories would take up to {size / 1e9:.3g} GB, but only {free / 1e9:.3g} GB are free in "
             f"{folder}: use a longer interval or fewer realizations."
         )
-    file = _File(plan, path)
+    file = _File(found[0], plan, path)
     try:
         records = tuple(
             (_Streamed(file) if isinstance(item, Trajectory) else item, ratio) for item, ratio in plan.observed.records
@@ -47,32 +49,34 @@ def written(plan: Plan, path: Path, folder: Path) -> Iterator[Plan]:
 class _File:
     """The file and its variables. What goes wrong while it is written is said in the words of impactlab."""
 
-    def __init__(self, plan: Plan, path: Path) -> None:
+    def __init__(self, record: Trajectory, plan: Plan, path: Path) -> None:
         import netCDF4
 
-        self.plan, self.path, self.closed = plan, path, False
-        interval, samples = sample_count(plan)
-        chunk = tuning().chunk_bytes
-        self.length = max(1, min(samples, chunk // (8 * plan.realizations.lanes * plan.snapshot.size)))
+        self.record, self.plan, self.path, self.closed = record, plan, path, False
+        self.kept = record.kept(plan.snapshot)
+        _, samples = sample_count(plan)
+        chunk, numbers = tuning().chunk_bytes, sum(len(item.names) for item in self.kept)
+        self.length = max(1, min(samples, chunk // (8 * plan.realizations.lanes * numbers)))
         with LOCK, self.said():
             self.data = netCDF4.Dataset(os.fspath(path), "w", format="NETCDF4")
             self.data.set_fill_off()  # everything is written
             sizes = {"realization": plan.realizations.number, "time": samples}
-            sizes |= {item.dimension: len(plan.snapshot.names(item.name)) for item in plan.snapshot.quantities}
+            sizes |= {item.dimension: len(item.names) for item in self.kept}
             for name, count in sizes.items():
                 self.data.createDimension(name, count)
-            for item in plan.snapshot.quantities:
-                count = sizes[item.dimension]
+            for item in self.kept:
+                count = len(item.names)
                 lanes = max(1, min(plan.realizations.lanes, chunk // (8 * self.length * count)))
                 variable = self.data.createVariable(
-                    item.name, "f8", ("realization", "time", item.dimension), fletcher32=True,
+                    item.quantity.name, "f8", ("realization", "time", item.dimension), fletcher32=True,
                     chunksizes=(lanes, self.length, count), complevel=1,
-                    compression="zlib" if item.dimension == CONTACT else None,
+                    compression="zlib" if item.quantity.dimension == CONTACT else None,
                 )  # fmt: skip
-                variable.setncatts(plan.snapshot.attributes(item))
+                variable.setncatts(plan.snapshot.attributes(item.quantity))
             time = self.data.createVariable("time", "f8", ("time",), fletcher32=True)
-            time.setncatts(TIME)
-            time[:] = interval * np.arange(samples)
+            _, times, attributes = self.record.times(samples)
+            time.setncatts(attributes)
+            time[:] = times
             self.data.createVariable("realization", "i8", ("realization",), fletcher32=True)
             self.data["realization"].setncatts(REALIZATION)
             self.data["realization"][:] = np.arange(plan.realizations.number)
@@ -81,14 +85,14 @@ class _File:
         """Say in words what goes wrong."""
         return told("The file of the trajectories, of which nothing is left,", self.path)
 
-    def write(self, realizations: np.ndarray, begin: int, values: np.ndarray) -> None:
-        """Write samples [sample, quantity, lane] of some realizations, from the sample `begin` on."""
-        rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, begin + len(values))
+    def write(self, realizations: np.ndarray, begin: int, end: int, values: list[np.ndarray]) -> None:
+        """Write samples [lane, sample, name] of what is kept of some realizations."""
+        rows, times = slice(realizations[0], realizations[-1] + 1), slice(begin, end)
         with LOCK, self.said():
             if self.closed:
                 raise Interrupted("The simulation was stopped.")
-            for item in self.plan.snapshot.quantities:
-                self.data[item.name][rows, times] = self.plan.snapshot.values(item, values.transpose(2, 0, 1))
+            for item, own in zip(self.kept, values, strict=True):
+                self.data[item.quantity.name][rows, times] = own
 
     def close(self) -> None:
         """Write what the library has kept, and close the file."""
@@ -106,39 +110,34 @@ class _Streamed:
         self.file = file
 
     def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Writer(self.file, realizations, ratio)
+        return _Writer(self.file, plan, realizations, ratio)
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        return plan.snapshot.coordinates  # the others are in the file
+        return self.file.record.labels(plan.snapshot)  # the others are in the file
 
 
-class _Writer(Keeper):
+class _Writer(Sampler):
     """Collects samples of one block until there are enough to be written."""
 
-    wants_start = True
-
-    def __init__(self, file: _File, realizations: np.ndarray, ratio: int) -> None:
-        super().__init__(ratio)
-        self.waiting = np.empty((file.length, file.plan.snapshot.size, len(realizations)))
+    def __init__(self, file: _File, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
+        super().__init__(file.record, plan, ratio)
+        shape = len(realizations), file.length
+        self.waiting = [np.empty((*shape, len(item.names))) for item in self.kept]
         self.file, self.realizations, self.begin, self.count = file, realizations, 0, 0
 
-    def start(self, values: np.ndarray) -> None:
-        self._take(values[None])
-
-    def add(self, snapshots: np.ndarray, batch: int) -> None:
-        self._take(self.own(snapshots))
-
-    def _take(self, samples: np.ndarray) -> None:
+    def take(self, samples: np.ndarray) -> None:
         while len(samples):
-            some = samples[: len(self.waiting) - self.count]
-            self.waiting[self.count : self.count + len(some)] = some
-            self.count += len(some)
-            samples = samples[len(some) :]
-            if self.count == len(self.waiting):
+            some = samples[: self.file.length - self.count]
+            end = self.count + len(some)
+            for item, waiting in zip(self.kept, self.waiting, strict=True):
+                waiting[:, self.count : end] = item.values(some).transpose(2, 0, 1)
+            self.count, samples = end, samples[len(some) :]
+            if self.count == self.file.length:
                 self._write()
 
     def _write(self) -> None:
-        self.file.write(self.realizations, self.begin, self.waiting[: self.count])
+        values = [waiting[:, : self.count] for waiting in self.waiting]
+        self.file.write(self.realizations, self.begin, self.begin + self.count, values)
         self.begin, self.count = self.begin + self.count, 0
 
     def result(self) -> dict[str, np.ndarray]:

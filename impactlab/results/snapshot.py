@@ -35,6 +35,8 @@ STATES = Variable("law_state", "state", "", "state of a law")
 
 PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
 """And where a record asks for peaks that are read between steps."""
+OF_RIGID = "Of a rigid contact: its impulse from the sample before (or t = 0) to this one, over the interval."
+"""What samples of the force of a contact are that has impulses."""
 
 TIME = {"units": "s", "long_name": "time"}
 """Attributes of the times of snapshots."""
@@ -68,19 +70,45 @@ class Reader(NamedTuple):
         return weighted_sums(snapshots.swapaxes(0, 1), self.sums, 1) if self.sums else snapshots
 
 
+def recorded(dimension: str) -> str:
+    """Return the dimension of some of the names of another dimension."""
+    return f"recorded_{dimension}"
+
+
+def owner_of(name: str) -> str:
+    """Return the name of the member of a network that a coordinate, a point or a state belongs to."""
+    return name.rpartition(".")[0]
+
+
+class Kept(NamedTuple):
+    """A quantity of which trajectories keep all names or some, with a dimension of its own then."""
+
+    quantity: Variable
+    names: tuple[str, ...]
+    dimension: str
+    reader: Reader
+
+    def values(self, snapshots: np.ndarray) -> np.ndarray:
+        """Return the quantity from snapshots [sample, quantity, lane], [sample, name, lane]."""
+        found: np.ndarray = self.reader(snapshots)[:, self.reader.rows]
+        return found
+
+
 class Snapshot(NamedTuple):
     """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
 
     Peaks of contact forces come last, if there are any.
 
-    With the names of points there are the bodies of which each is a weighted sum, and their weights.
+    With the names of points there are the bodies of which each is a weighted sum, and their weights. Forces of rigid
+    contacts are means since the snapshot before.
     """
 
     bodies: tuple[str, ...]
     contacts: tuple[str, ...]
     states: tuple[tuple[str, str], ...] = ()
     points: tuple[tuple[str, tuple[tuple[int, float], ...]], ...] = ()
-    peaked: bool = False
+    peaked: bool = False  # whether peaks of contact forces come last
+    rigid: tuple[int, ...] = ()  # which contacts have impulses
 
     @property
     def size(self) -> int:
@@ -102,9 +130,16 @@ class Snapshot(NamedTuple):
     def attributes(self, quantity: Variable) -> dict[str, str]:
         """Return the attributes of a quantity."""
         if quantity is not STATES:
-            return {"units": quantity.units, "long_name": quantity.long_name}
+            comment = {"comment": OF_RIGID} if quantity.name == "contact_force" and self.rigid else {}
+            return {"units": quantity.units, "long_name": quantity.long_name, **comment}
         units = dict.fromkeys(f"{name.rpartition('.')[2]} {units}" for name, units in self.states)
         return {"long_name": quantity.long_name, "comment": f"units: {', '.join(units)}"}
+
+    @property
+    def impulsive(self) -> np.ndarray:
+        """Rows of the forces of rigid contacts."""
+        first: int = self.place("contact_force").start
+        return first + np.array(self.rigid, dtype=np.int64)
 
     def names(self, quantity: str) -> tuple[str, ...]:
         """Return what a quantity is known of."""
@@ -131,6 +166,17 @@ class Snapshot(NamedTuple):
         """Return the row of a quantity of one body or contact."""
         first: int = self.place(quantity).start
         return first + self.names(quantity).index(name)
+
+    def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:
+        """Return quantities of some names, all by default; ``name`` is also that of all ``name.…``."""
+        result = []
+        for item in self.quantities:
+            known = self.names(item.name)
+            own = known if names is None else tuple(name for name in known if {name, owner_of(name)} & {*names})
+            dimension = item.dimension if names is None else recorded(item.dimension)
+            if own and (quantities is None or item.name in quantities):
+                result.append(Kept(item, own, dimension, self.reader(item.name, own)))
+        return result
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
         """Return what reads a quantity of some names, which may be those of points."""

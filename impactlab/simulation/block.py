@@ -24,6 +24,7 @@ from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.driving import GivenMotion
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
+from impactlab.records.record import IntervalMeans
 from impactlab.simulation.arrays import allocate
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.filter_states import filter_states
@@ -344,8 +345,10 @@ class Block:
                 self.state.reading[:] = self.state.x
                 self._evaluate(self.state.reading, self.state.velocity)
             first = self._snapshot()
+            first[plan.snapshot.impulsive] = 0.0
             for keeper in keepers:
                 keeper.start(first)
+        means = [IntervalMeans(plan.snapshot.impulsive, keeper) for keeper in keepers]
         if plan.method.integrator.kicks:  # others sample the beginning of each step
             place = self.state.reading if plan.clock.spin_up_steps or plan.start.given else self.state.x
             self.note_gaps(place, self.state.velocity)
@@ -355,8 +358,8 @@ class Block:
             self._clear_sums()
 
             def sample(snapshots: np.ndarray, batch: int = batch) -> None:
-                for keeper in keepers:
-                    keeper.add(snapshots, batch)
+                for keeper, mean in zip(keepers, means, strict=True):
+                    keeper.add(mean(snapshots), batch)
 
             self.advance(end - begin, sample)
             self._collect_sums()

@@ -150,7 +150,7 @@ def _observed(model: Model, request: Request, steps: Steps, window: np.ndarray) 
     records, longest = request.records, steps.longest
     # rounded up to whole intervals, in a short run to one sample at its end; 0 for a record without samples
     strides = [min(-(-record.stride(model, steps.step) // longest) * longest, steps.number) for record in records]
-    every = math.gcd(*strides)
+    every = math.gcd(*strides, *(round(record.first_sample / steps.step) for record in records))
     left_out = _left_out(model, request)
     counted = steps.counted and "contact_rate" not in left_out
     peaks = any(record.peaks for record in records)

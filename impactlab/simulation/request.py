@@ -79,7 +79,22 @@ class Request:
                     "repeat the run with the other and the same rng."
                 )
             seen.add(record.identity)
-        intervals = [interval for record in self.records if (interval := record.exact_interval()) is not None]
+        intervals = []
+        for record in self.records:
+            if (interval := record.exact_interval()) is not None:
+                first = record.first_sample
+                if first > self.duration * (1.0 + 1e-9):
+                    raise InvalidInput(
+                        f"{type(record).__name__}: start={first:g} s is after the end of the run at "
+                        f"{self.duration:g} s; change one of them."
+                    )
+                if self.step and abs(math.remainder(first, self.step)) > 1e-6 * self.step:
+                    raise InvalidInput(
+                        f"{type(record).__name__}: start={first:g} s is not a whole number of steps of {self.step:g} "
+                        "s; change one of them."
+                    )
+                early = abs(math.remainder(first, interval)) > 1e-9 * max(first, interval)
+                intervals += [first % interval, interval] if early else [interval]
         if intervals and max(intervals) > self.duration * (1.0 + 1e-9):
             raise InvalidInput(
                 f"A record asks for an interval of {max(intervals):g} s, longer than the duration of "

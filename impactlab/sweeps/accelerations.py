@@ -55,6 +55,12 @@ def absolute_acceleration(source: xr.Dataset | str | os.PathLike[str]) -> xr.Dat
     if not isinstance(dataset, xr.Dataset) or "displacement" not in dataset or "velocity" not in dataset:
         raise InvalidInput("There are no trajectories; repeat the run with record=il.Trajectory(interval).")
     dataset, model = on_own_axes(dataset), Model.of(network)
+    whole = all(BODY in dataset[name].dims for name in ("displacement", "velocity"))
+    if not whole or (model.states and STATES.name not in dataset):
+        raise InvalidInput(
+            "Accelerations need the trajectories of all bodies and states of laws; repeat the run with "
+            "record=il.Trajectory(interval) without names= and quantities=."
+        )
     _refuse_unknown(network, model)
     if "realization" not in dataset.dims:  # one that was selected
         dataset = dataset.expand_dims("realization")

@@ -78,6 +78,57 @@ def test_path_between_impacts_is_of_third_order():
     assert errors[1] < 1e-4
 
 
+@pytest.mark.parametrize("steps", [1, 3, 10, 40])
+@pytest.mark.parametrize("other", [None, 1, 4])
+def test_samples_of_forces_hold_all_impulses(steps, other):
+    """Whatever the interval: of impacts in the first step and between samples, of a rest, beside another record."""
+    interval, further = steps * 0.01, [il.PhaseMeans(period=0.01 * other, phases=1)] if other else []
+    options = {"duration": 1.2, "step": 0.01, "integrator": PLAIN}
+    begin = {"displacement": {"ball": 1e-3}, "velocity": {"ball": -2.0}}  # rests after 0.4 s
+    whole = il.simulate(ball(0.5), initial=begin, record=[il.Trajectory(interval), *further], **options)
+    impulses = interval * whole.contact_force.values[0, :, 0]
+    assert impulses[0] == 0.0
+    assert impulses.sum() == pytest.approx(1.2 * float(whole.mean_contact_force[0]), rel=1e-13)
+    every = 0.01 * path(ball(0.5), begin["displacement"], begin["velocity"], 1.2, 0.01).contact_force.values[0, 1:, 0]
+    assert np.count_nonzero(every[:39]) < 10  # the steps between the impacts are free
+    np.testing.assert_allclose(impulses[1:], every.reshape(-1, steps).sum(axis=1), atol=1e-13)
+    assert "over the interval" in whole.contact_force.attrs["comment"]
+
+
+def test_samples_of_forces_in_two_parts_and_in_a_file(tmp_path):
+    """At the cut the ball bounces, or rests."""
+    for height in (0.05, 1.0):
+        begin = {"displacement": {"ball": height}}
+        record, options = [il.Trajectory(0.05), il.FinalState()], {"step": 0.01, "integrator": PLAIN}
+        whole = il.simulate(ball(0.5), 1.2, initial=begin, record=record, out=tmp_path / f"{height}.nc", **options)
+        first = il.simulate(ball(0.5), 0.6, initial=begin, record=record, **options)
+        second = il.simulate(ball(0.5), 0.6, initial=first, record=record, **options)
+        both = np.concatenate([first.contact_force.values, second.contact_force.values[:, 1:]], axis=1)
+        np.testing.assert_allclose(both, whole.contact_force.values, atol=1e-12)
+        assert whole.contact_force.attrs == first.contact_force.attrs
+        whole.close()
+
+
+@pytest.mark.campaign
+def test_samples_of_forces_of_an_ensemble_hold_all_impulses():
+    """After a spin-up, in several blocks and batches, with a contact that is not rigid beside."""
+    soft = {"soft": il.Contact(il.WALL, "a", il.LinearContact(100.0), clearance=0.5)}
+    network = wall(0.8, 0.3)
+    network = network.replace(contacts={**network.contacts, **soft})
+    options = {"realizations": 700, "step": 0.02, "integrator": PLAIN, "rng": 1}
+    runs = {
+        steps: il.simulate(network, 24.0, record=[il.Trajectory(0.02 * steps), il.PerRealization()], **options)
+        for steps in (1, 5, 60)
+    }
+    for steps, run in runs.items():
+        np.testing.assert_array_equal(run.mean_contact_force, runs[1].mean_contact_force)
+        impulses = 0.02 * steps * run.contact_force.sel(contact="c").sum("time")
+        expected = 24.0 * run.mean_contact_force_by_realization.sel(contact="c")
+        np.testing.assert_allclose(impulses, expected, rtol=1e-12)
+        soft = runs[1].contact_force.sel(contact="soft")[:, ::steps]
+        np.testing.assert_array_equal(run.contact_force.sel(contact="soft"), soft)
+
+
 def test_balls_in_a_row_pass_an_impact_on():
     """Simultaneous impacts follow each other: the last ball leaves with the velocity of the first."""
     names = [f"ball {k}" for k in range(5)]

@@ -185,6 +185,35 @@ def test_lines_can_be_told_apart_without_colours(result):
         assert one.get_color() != two.get_color()
 
 
+def test_forces_of_rigid_contacts_are_drawn_over_the_intervals_that_they_are_means_of(ax):
+    """One impact, at 1.05 s."""
+    body = il.LinearOscillator(damping=0.0, stiffness=0.0)
+    network = il.Network({"a": body}, {"stop": il.Contact("a", il.WALL, il.RigidContact(0.5), clearance=1.05)})
+    begin = {"velocity": {"a": 1.0}}
+    plain = il.ExactFlow(measured=False)
+    run = il.simulate(network, 2.0, step=0.1, initial=begin, record=il.Trajectory(0.5), integrator=plain)
+    (line,) = il.plot.trajectory(run, quantity="contact_force", ax=ax).lines
+    assert line.get_drawstyle() == "steps-pre"
+    np.testing.assert_allclose(line.get_ydata(), [0.0, 0.0, 0.0, 3.0, 0.0], atol=1e-12)  # 1.5 N s in 0.5 s
+    shaded = il.plot.trajectory(run, ax=Figure().subplots()).collections[0].get_paths()[0].vertices[:, 0]
+    assert (shaded.min(), shaded.max()) == pytest.approx((1.0, 1.5))
+
+
+@pytest.mark.filterwarnings("ignore:Too few independent samples")
+def test_trajectories_of_some_names_are_drawn(ax):
+    record = il.Trajectory(0.01, names=["two", "gap"], start=0.5)
+    run = il.simulate(NETWORK, 2.0, initial={"velocity": {"two": 3.0}}, record=record, rng=1)
+    il.plot.trajectory(run, ax=ax)
+    np.testing.assert_array_equal(line(ax, "two"), [run.time, run.displacement[0, :, 0]])
+    il.plot.phase_portrait(run, "two", ax=Figure().subplots())
+    assert list(il.animate(run).scene.paths) == ["two"]
+    with pytest.raises(il.InvalidInput, match="'one' is not in the result"):
+        il.plot.trajectory(run, "one")
+    run = run.drop_vars("displacement")
+    with pytest.raises(il.InvalidInput, match="no trajectories of the displacement"):
+        il.plot.phase_portrait(run, "two")
+
+
 def test_trajectory_of_combinations_and_contacts(result, ax):
     il.plot.trajectory(result, il.Combination({"one": 1.0, "two": -0.5}), "velocity", ax=ax)
     velocity = result.velocity.sel(realization=0)

@@ -4,10 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from scenes import base, linear
+from scenes import base, linear, plan_of
 from scipy.special import ndtr
 
 import impactlab as il
+from impactlab.records.trajectory import trajectory_size
 
 RUN = {"duration": 100.0, "realizations": 512, "rng": 1}
 
@@ -119,6 +120,97 @@ def test_trajectories_have_their_times_and_agree_with_one_another():
     for name in ("displacement", "velocity", "contact_force"):
         np.testing.assert_array_equal(coarse[name], fine[name][:, ::6])
     assert np.isfinite(fine.contact_force).all()
+
+
+SHORT = {"step": 0.005, "rng": 1, "realizations": 3}
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+@pytest.mark.parametrize("start", [0.0, 0.06, 1.02, 0.01])
+def test_a_trajectory_of_some_names_from_a_time_on_is_a_part_of_the_whole(start, tmp_path):
+    """In memory and in a file; at 0.01 s the samples lie between those of a record from t = 0 on."""
+    whole = il.simulate(base(), 2.0, record=il.Trajectory(0.005), **SHORT)
+    record = il.Trajectory(0.02, names=["gap", "two"], quantities=["velocity", "contact_force"], start=start)
+    kept = il.simulate(base(), 2.0, record=record, **SHORT)
+    file = il.simulate(base(), 2.0, record=record, out=tmp_path / "run.nc", **SHORT)
+    begin = round(start / 0.005)
+    for some in (kept, file):
+        assert "displacement" not in some
+        assert list(some.recorded_oscillator.values) == ["two"]
+        np.testing.assert_array_equal(some.velocity[..., 0], whole.velocity.sel(oscillator="two")[:, begin::4])
+        np.testing.assert_array_equal(some.contact_force[..., 0], whole.contact_force[:, begin::4, 0])
+        np.testing.assert_allclose(some.time, whole.time[begin::4], rtol=1e-14)
+    file.close()
+    np.testing.assert_array_equal(il.rerun(kept).velocity, kept.velocity)
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_times_from_a_start_on_are_those_of_the_whole():
+    """To the last bit, so that xarray aligns them."""
+    whole = il.simulate(base(), 2.0, record=il.Trajectory(0.02), **SHORT)
+    part = il.simulate(base(), 2.0, record=il.Trajectory(0.02, start=1.0), **SHORT)
+    np.testing.assert_array_equal(part.time, whole.time[50:])
+    assert part.sizes["time"] == 51
+    np.testing.assert_array_equal(part.displacement, whole.displacement[:, 50:])
+
+
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_trajectories_of_some_names_in_a_sweep():
+    record = il.Trajectory(0.02, names=["two"], start=1.0)
+    options = {"record": record, "step": 0.005, "realizations": 3, "rng": 1}
+    contact = base().contacts["gap"]
+    points = {gap: base().replace(contacts={"gap": contact.replace(clearance=gap)}) for gap in (0.04, 0.05)}
+    both = il.sweep(lambda gap: points[gap], {"gap": list(points)}, duration=2.0, **options)
+    assert both.displacement.dims == ("gap", "realization", "time", "recorded_oscillator")
+    assert both.displacement.shape == (2, 3, 51, 1)
+    assert np.isfinite(both.displacement).all()
+    assert "contact_force" not in both
+
+
+def test_a_name_of_a_structure_is_that_of_its_coordinates_and_points():
+    beam = il.ModalStructure([3.0, 7.0], 0.1, points={"tip": [1.0, -1.0], "foot": [0.5, 0.2]})
+    network = il.Network({"a": il.LinearOscillator(), "beam": beam})
+    begin = {"displacement": {"a": 1.0, "beam.1": 1.0}, "velocity": {"beam.2": 0.5}}
+    options = {"duration": 1.0, "step": 0.01, "initial": begin}
+    whole = il.simulate(network, record=il.Trajectory(0.1), **options)
+    for names, own, points in (
+        (["beam"], ["beam.1", "beam.2"], ["beam.tip", "beam.foot"]),
+        (["beam.foot"], [], ["beam.foot"]),
+        (["a"], ["a"], []),
+    ):
+        some = il.simulate(network, record=il.Trajectory(0.1, names=names), **options)
+        for quantity in ("displacement", "velocity"):
+            if own:
+                np.testing.assert_array_equal(some[quantity], whole[quantity].sel(oscillator=own))
+            if points:
+                np.testing.assert_array_equal(some[f"point_{quantity}"], whole[f"point_{quantity}"].sel(point=points))
+        assert ("displacement" in some, "point_displacement" in some) == (bool(own), bool(points))
+
+
+def test_the_memory_of_a_trajectory_is_that_of_what_is_kept():
+    some = {"names": ["two"], "quantities": ["velocity"], "start": 1.0}
+    for options, expected in (({}, 8 * 3 * 101 * 5), (some, 8 * 3 * 51)):
+        plan = plan_of(base(), duration=2.0, step=0.005, realizations=3, records=[il.Trajectory(0.02, **options)])
+        assert trajectory_size(plan) == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"names": ["tow"]}, r"no oscillator, contact, point or state 'tow'; did you mean 'two'\?"),
+        ({"names": "two"}, "names is a sequence of at least one name, not 'two'"),
+        ({"names": []}, "names is a sequence of at least one name"),
+        ({"quantities": ["velocty"]}, r"Trajectory.quantities: did you mean 'velocity'\?"),
+        ({"names": ["two"], "quantities": ["contact_force"]}, "keeps nothing"),
+        ({"quantities": ["law_state"]}, "keeps nothing"),
+        ({"start": 3.0}, "start=3 s is after the end of the run at 2 s"),
+        ({"start": 0.0033}, "start=0.0033 s is not a whole number of steps of 0.005 s"),
+        ({"start": -1.0}, "Trajectory.start must be at least 0 s"),
+    ],
+)
+def test_trajectories_of_what_is_not_there_are_refused(options, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.simulate(base(), 2.0, record=il.Trajectory(0.02, **options), **SHORT)
 
 
 @pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
