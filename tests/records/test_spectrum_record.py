@@ -6,7 +6,7 @@ from scenes import base, linear
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.records.spectrum import _POWER, _folded
 
 
