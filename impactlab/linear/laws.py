@@ -1,4 +1,4 @@
-"""Linear laws of a network without contacts: its linear systems, responses, variances and relaxation time."""
+"""Linear laws of a network without contacts: its linear systems, responses and variances."""
 
 from __future__ import annotations
 
@@ -144,23 +144,6 @@ def impulse_energies(model: Model) -> np.ndarray:
     large = np.array([impulses_of(item).large * item.largest_modulation for item in sources.excitations], dtype=float)
     np.maximum.at(result, body, (weight * large[number]) ** 2 / model.mass[body])
     return result
-
-
-@kept
-def relaxation_time(model: Model) -> float:
-    """Return the relaxation time of the slowest damped motion, or filter of noise (s); 0 if nothing is damped."""
-    systems = coupled_systems(model)
-    damped = model.damping > 0.0
-    for slots, _ in systems:
-        damped[slots] = False
-    c, k, m = (values[damped] for values in (model.damping, model.stiffness, model.mass))
-    root = np.sqrt(np.maximum(c**2 - 4.0 * k * m, 0.0))
-    slow = np.where(k > 0.0, 2.0 * k / (c + root), c / m)  # overdamped: the smaller root
-    filters = [filter_of(excitation).rates for excitation in model.sources["filter"].excitations]
-    rates = np.concatenate(
-        [np.where(c**2 < 4.0 * k * m, 0.5 * c / m, slow), *(item.rates for _, item in systems), *filters]
-    )
-    return float(1.0 / rates[rates > 0.0].min()) if rates.any() else 0.0
 
 
 def hottest(model: Model, heat: np.ndarray, labels: np.ndarray | None = None) -> np.ndarray:

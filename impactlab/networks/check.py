@@ -17,10 +17,12 @@ from impactlab.integrators.base import Integrator, check_integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.integrators.intervals import every_step_for, in_one_piece
 from impactlab.linear.damping import damped
-from impactlab.linear.laws import hottest, linear_variances, relaxation_time
+from impactlab.linear.decay import relaxation_time
+from impactlab.linear.laws import hottest, linear_variances
 from impactlab.machine import tuning
 from impactlab.networks.linearized import LinearizedNetwork
 from impactlab.nonlinear.force_checks import stiffening_of
+from impactlab.nonlinear.relaxation import growth_of
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.plan.clock import RELAXATION_TIMES
 from impactlab.step_size.automatic import choose_step
@@ -240,6 +242,8 @@ def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step:
     result = []
     if model.timed.any():
         result.append("Laws depend on time: statistics are means over the time of a run, which begins at 0.")
+    if growth := growth_of(model):
+        result.append(f"{growth}.")
     if model.prescribed.any():
         result.append("Motions are given: statistics are means over the time of a run, which begins at 0.")
     if not isinstance(integrator, ExactFlow) or not model.nonlinear_bodies.any():

@@ -14,7 +14,8 @@ from impactlab.components.evaluation import call_each
 from impactlab.components.oscillator import Oscillator
 from impactlab.errors import warn
 from impactlab.linear.damping import damped
-from impactlab.linear.laws import coupled_systems, flexibility, hottest, linear_variances, relaxation_time
+from impactlab.linear.decay import periodic, relaxation_time
+from impactlab.linear.laws import coupled_systems, flexibility, hottest, linear_variances
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 LEAST_BARRIER = 2.0
@@ -48,7 +49,8 @@ class Relaxation:
     slowest: float  # the longest of all (s): samples further apart are independent
     settling: float
     """The longest of what the start does not know (s): energies of bodies that only collisions heat, where temperatures
-    differ or the start is at rest, and the share of wells of different depth. 0 if there is none.
+    differ or the start is at rest, the share of wells of different depth, and energies near parametric instability
+    that other forces may limit. 0 if there is none.
     """
     reason: str  # what takes the longest of these, as a message says it
     temperature: np.ndarray  # (body,) of those that nothing but contacts and couplings heats (J), NaN for others
@@ -66,7 +68,15 @@ class Relaxation:
         if uneven and hop > settling:
             settling = hop
             reason = f"{model.bodies[trapped]!r} changes between wells of different depth every {hop:.2g} s or so"
-        return cls(linear, max(linear, _rounded(exchange), _rounded(hop)), _rounded(settling), reason, temperature)
+        slow = max(periodic(model), key=lambda motion: motion.relaxation, default=None)
+        pumped = 0.0 if slow is None else slow.relaxation
+        if slow is not None and 0.5 * pumped > settling and not slow.alone:  # energies relax twice as fast as motions
+            settling = 0.5 * pumped
+            reason = (
+                f"{model.bodies[slow.slots[0]]!r} is near parametric instability and relaxes in about {pumped:.2g} s"
+            )
+        slowest = max(linear, _rounded(exchange), _rounded(hop), pumped)
+        return cls(linear, slowest, _rounded(settling), reason, temperature)
 
 
 def spin_up_of(relaxation: Relaxation, usual: float, duration: float) -> float:
@@ -84,6 +94,18 @@ def spin_up_of(relaxation: Relaxation, usual: float, duration: float) -> float:
         f"Give spin_up={needed:.2g} or more."
     )
     return usual
+
+
+def growth_of(model: Model) -> str:
+    """Say which motion grows without end, since its springs vary and nothing that is not linear limits it; or ""."""
+    growing = [motion for motion in periodic(model) if motion.alone and motion.unstable]
+    if not growing:
+        return ""
+    motion = max(growing, key=lambda item: item.multiplier)
+    return (
+        f"The motion of {model.bodies[motion.slots[0]]!r} grows without end: its varying stiffness multiplies it by "
+        f"{motion.multiplier:.6g} in each period of {motion.period:.4g} s"
+    )
 
 
 def warn_of_unknown_damping(model: Model, spin_up: float) -> None:

@@ -13,7 +13,7 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
 from impactlab.errors import InvalidInput, warn
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error

@@ -162,7 +162,7 @@ class Sampler(Keeper):
 class _Path(Sampler):
     def __init__(self, record: Trajectory, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(record, plan, ratio)
-        shape = len(realizations), sample_count(plan)[1]
+        shape = len(realizations), sample_count(plan)
         self.paths, self.taken = [np.empty((*shape, len(item.names))) for item in self.kept], 0
 
     def take(self, samples: np.ndarray) -> None:
@@ -180,18 +180,18 @@ def trajectory_of(plan: Plan) -> tuple[Trajectory, int] | None:
     return next(((item, ratio) for item, ratio in plan.observed.records if isinstance(item, Trajectory)), None)
 
 
-def sample_count(plan: Plan) -> tuple[float, int]:
-    """Return the time between samples of the trajectories of a plan (s), and their number; 0 without any."""
+def sample_count(plan: Plan) -> int:
+    """Return the number of samples of the trajectories of a plan; 0 without any."""
     found = trajectory_of(plan)
     if found is None:
-        return 0.0, 0
+        return 0
     record, ratio = found
     steps = plan.clock.steps - round(record.start / plan.clock.step)
-    return record.interval, steps // (ratio * plan.observed.every) + 1
+    return steps // (ratio * plan.observed.every) + 1
 
 
 def trajectory_size(plan: Plan) -> int:
     """Return the bytes that the trajectories of a plan take."""
     found = trajectory_of(plan)
     numbers = sum(len(item.names) for item in found[0].kept(plan.snapshot)) if found else 0
-    return 8 * plan.realizations.number * sample_count(plan)[1] * numbers
+    return 8 * plan.realizations.number * sample_count(plan) * numbers

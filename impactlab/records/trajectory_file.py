@@ -54,7 +54,7 @@ class _File:
 
         self.record, self.plan, self.path, self.closed = record, plan, path, False
         self.kept = record.kept(plan.snapshot)
-        _, samples = sample_count(plan)
+        samples = sample_count(plan)
         chunk, numbers = tuning().chunk_bytes, sum(len(item.names) for item in self.kept)
         self.length = max(1, min(samples, chunk // (8 * plan.realizations.lanes * numbers)))
         with LOCK, self.said():

@@ -17,6 +17,7 @@ from impactlab.reference.potential import NODES, Gap, Potential, gauss_legendre
 
 _END = 60.0  # energy (in units of T) at which the panels end
 _MOST_PANELS = 5000
+_RESOLVED = 1e-9  # of a displacement, within which the density must not vanish
 _REACH = 10.0  # standard deviations after which a Gaussian is 0
 
 
@@ -200,7 +201,14 @@ class GibbsLaw:
     def _trimmed(self, edges: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """Drop the panels beyond which the density has vanished, on both sides."""
         energy = self.potential.energy(edges)
+        place = edges[energy.argmin()]
         object.__setattr__(self, "ground", float(energy.min()))
+        nearby = self.potential.energy(place * np.array([1.0 - _RESOLVED, 1.0 + _RESOLVED]))
+        if place and nearby.min() > self.ground + 1.0:
+            raise NoExactReference(
+                f"{self.potential.names}: the motion about {place:.6g} m is smaller than {_RESOLVED * abs(place):.1g} m, "
+                "not resolved beside this displacement; give more noise."
+            )
         left, right = energy[edges <= corners[0]], energy[edges >= corners[-1]][::-1]
         outside = [int(np.argmax(side <= side.min() + _END)) for side in (left, right)]
         if 0 in outside:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from impactlab.errors import NoExactReference
-from impactlab.reference.potential import OCTAVES, Potential
+from impactlab.reference.potential import Potential
 
 VANISHED = 100.0
 """Energy above the least one, in units of T, beyond which nothing counts."""
@@ -207,6 +207,7 @@ def _not_found(own: Sequence[Potential]) -> NoExactReference:
 def _length(item: Potential) -> float:
     """Return the least distance from a corner that changes a potential by T, in octaves; infinite if none does."""
     corners = item.corners[:, None]
-    change = np.abs(item.energy(corners + OCTAVES) - item.energy(corners))
-    change = np.maximum(change, np.abs(item.energy(corners - OCTAVES) - item.energy(corners))).max(axis=0)
-    return float(OCTAVES[np.argmax(change > 1.0)]) if (change > 1.0).any() else math.inf
+    octaves = item.octaves
+    change = np.abs(item.energy(corners + octaves) - item.energy(corners))
+    change = np.maximum(change, np.abs(item.energy(corners - octaves) - item.energy(corners))).max(axis=0)
+    return float(octaves[np.argmax(change > 1.0)]) if (change > 1.0).any() else math.inf

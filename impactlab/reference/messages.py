@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from impactlab.errors import NoExactReference
 from impactlab.reference.ground import START, Link, about_ground, around, outwards, spans
 from impactlab.reference.piecewise import Fineness, Piecewise, fine_integrals, resolve, resolve_with, shifted_integrals
-from impactlab.reference.potential import NODES, Potential
+from impactlab.reference.potential import NODES, OCTAVES, USUAL, Potential
 
 TOLERANCE = 1e-12  # of a function on a panel, relative to its size there
 _NOISE = 1e-9  # of the same, that is taken for rounding where it does not shrink
@@ -29,6 +30,12 @@ class Messages:
 
     def __init__(self, bodies: tuple[str, ...], own: Sequence[Potential], links: Sequence[Link]) -> None:
         self.bodies, self.temperature = bodies, own[0].temperature
+        for item in own:
+            if item.octaves[0] < 2.0**-OCTAVES:
+                raise NoExactReference(
+                    f"{item.names}: the motion on its spring is smaller than {2.0**-USUAL:.1g} m, which the law "
+                    "of several bodies does not resolve; give more noise, or other units."
+                )
         self._places = {name: place for place, name in enumerate(bodies)}
         self.own, self.links = about_ground(own, links)
         self.spans, self._reaches = spans(self.own, self.links)

@@ -18,7 +18,9 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 LARGEST = 1e300
 """What an infinite energy counts as in a difference, in units of T."""
 
-OCTAVES = 2.0 ** np.arange(-100, 101)  # distances (m) at which the potential is looked at
+OCTAVES, USUAL = 100, 50
+"""Octaves from a metre to the shortest and the longest distance at which a potential is looked at; and by how many a
+standard deviation may differ from a metre. Beyond that the distances reach as far from it as well."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +95,20 @@ class Potential:
         places = np.unique([0.0, *(gap.corner for gap in self.gaps)])
         return places[self.energy(places) < math.inf]
 
+    @property
+    def octaves(self) -> np.ndarray:
+        """Distances at which the potential is looked at (m)."""
+        size = math.frexp(math.sqrt(self.temperature / self.stiffness))[1] if self.stiffness else 0
+        size = 0 if abs(size) < USUAL else size
+        return 2.0 ** np.arange(min(size, 0) - OCTAVES, max(size, 0) + OCTAVES + 1)
+
     def energy(self, coordinate: np.ndarray, offset: np.ndarray | float = 0.0) -> np.ndarray:
         """Return Φ/T, less the line, at ``coordinate + offset``; infinite where too large for a number, never NaN."""
         place = coordinate + offset
+        with np.errstate(over="ignore"):
+            return self._energy(coordinate, offset, place)
+
+    def _energy(self, coordinate: np.ndarray, offset: np.ndarray | float, place: np.ndarray) -> np.ndarray:
         total = 0.5 * self.stiffness * place**2
         for spring in self.springs:
             total = total + spring.energy(place)
@@ -121,15 +134,15 @@ class Potential:
 
         They begin where Φ/T has changed by `start`.
         """
-        corners = self.corners
-        points = np.unique(np.add.outer(corners, [*-OCTAVES, 0.0, *OCTAVES]))
+        corners, octaves = self.corners, self.octaves
+        points = np.unique(np.add.outer(corners, [*-octaves, 0.0, *octaves]))
         energy = self.energy(points)
         left, here, right = energy[:-2], energy[1:-1], energy[2:]
         is_well = (here < left) & (here <= right) & (here + 1e-3 < np.maximum(left, right))
         wells = [self._bottom(points[i], points[i + 2]) for i in np.flatnonzero(is_well)]
         edges = [corners, np.array(wells)]
         for place in (*corners, *wells):
-            for distances in (-OCTAVES, OCTAVES):
+            for distances in (-octaves, octaves):
                 # where it is infinite there is no density
                 change = np.minimum(self.energy(place + distances), LARGEST) - self.energy(np.array([place]))
                 change = np.abs(change) > start

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import reprlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -25,6 +26,12 @@ _NUMBERS = r"NPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.E+-]+)", r"(\d+)\s+([\d.E+-]+)
 _NUMBER = re.compile(r"\s*[+-]?(\.?\d|(nan|inf|infinity)\b)", re.IGNORECASE)
 """How a line of numbers begins; those before the first one are headings."""
 
+_WORDS = re.compile(r"[^\W\d_eE]|^\s*[#%!]")
+"""What a heading has, if it has digits: letters other than those of exponents, or the sign of a comment."""
+
+_PLAIN = str.maketrans("−", "-", "\"'")
+"""Turns a typographic minus sign into that of computers, and leaves out quotes."""
+
 
 def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     """Read a measured time series from a file, for `SampledForce.from_dataarray`.
@@ -34,13 +41,13 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
     path : str or path
         An accelerogram of the PEER ground motion database, ``.AT2``; a netCDF file, ``.nc``, with one variable over
         one dimension, whose coordinate are the times; or any other text of two columns, times (s) and values, with
-        commas, semicolons or spaces between them and headings, if any, above.
+        commas, semicolons or spaces between them, quoted or not, and headings, if any, above.
 
     Returns
     -------
     (time,) DataArray
         Its coordinate ``time`` is in seconds. Accelerations of ``.AT2`` files are in m s-2, 9.80665 times what these
-        hold; other values are what the file holds.
+        hold; other values are what the file holds. The attribute ``heading`` has the lines above columns.
 
     Raises
     ------
@@ -48,12 +55,18 @@ def read_time_series(path: str | os.PathLike[str]) -> xr.DataArray:
         If the file does not exist, does not hold one series of two samples or more, a number is not finite, or times do
         not increase; the message names the file and the line.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidInput(f"Give the path of a file, not {path!r}.")
     path = Path(path)
-    if not path.is_file():
+    try:
+        found = path.is_file()
+    except OSError:  # the name is too long
+        found = False
+    if not found:
         raise InvalidInput(f"There is no file {path}.")
     if path.suffix.lower() == ".nc":
         return _netcdf(path)
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()  # spreadsheets mark the byte order
     return _at2(path, lines) if path.suffix.lower() == ".at2" else _columns(path, lines)
 
 
@@ -95,7 +108,8 @@ def _netcdf(path: Path) -> xr.DataArray:
         raise InvalidInput(
             f"{path} holds {len(found)} variables of one dimension with a coordinate, not one; choose one with xarray."
         )
-    result = xr.DataArray(found[0].rename({found[0].dims[0]: "time"}))
+    times = found[0].dims[0]
+    result = xr.DataArray(found[0].drop_vars(set(found[0].coords) - {times}).rename({times: "time"}))
     if result.dtype.kind in "fiu" and result.time.dtype.kind in "fiu":  # times of a calendar are not for us to judge
         _check(path, [f"sample {number} (from 0)" for number in range(len(result))], result.time.values, result.values)
     return result
@@ -109,11 +123,17 @@ def _at2(path: Path, lines: list[str]) -> xr.DataArray:
             f"{path} does not begin as PEER's files of accelerations do: the third of four lines says "
             '"ACCELERATION TIME SERIES IN UNITS OF G", the fourth "NPTS= …, DT= … SEC".'
         )
-    count, interval = int(numbers[0][1]), float(numbers[0][2])
+    try:
+        count, interval = int(numbers[0][1]), float(numbers[0][2])
+    except ValueError:
+        given = " and ".join(map(reprlib.repr, numbers[0].groups()))
+        raise InvalidInput(
+            f"{path}, line {_HEADING}: NPTS must be a whole number and DT a number (s), not {given}."
+        ) from None
     samples = [(f"line {line}", value) for line, row in _rows(path, lines, _HEADING) for value in row]
     places, values = zip(*samples, strict=True) if samples else ((), ())
     if len(values) != count:
-        raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {count}.")
+        raise InvalidInput(f"{path} holds {len(values)} values, but its heading announces {reprlib.repr(count)}.")
     if interval <= 0.0:
         raise InvalidInput(f"{path}, line {_HEADING}: the time between values must be above 0 s, not {interval:g} s.")
     attributes = {"units": "m s-2", "long_name": f"acceleration, {lines[1].strip()}"}
@@ -121,13 +141,21 @@ def _at2(path: Path, lines: list[str]) -> xr.DataArray:
 
 
 def _columns(path: Path, lines: list[str]) -> xr.DataArray:
-    heading = next((place for place, line in enumerate(lines) if _NUMBER.match(line)), len(lines))
-    rows = list(_rows(path, lines, heading))
+    plain = [line.translate(_PLAIN) for line in lines]
+    heading = next((place for place, line in enumerate(plain) if _NUMBER.match(line)), len(lines))
+    for place, line in enumerate(lines[:heading], 1):
+        if re.search(r"\d", line) and not _WORDS.search(line):
+            raise InvalidInput(
+                f"{path}, line {place}: {line.strip()!r} has digits and no words, but is no row of numbers either; "
+                "begin a heading with #, or mend the row."
+            )
+    rows = list(_rows(path, plain, heading))
     for place, row in rows:
         if len(row) != 2:
             raise InvalidInput(f"{path}, line {place}: a time and a value are needed, not {len(row)} numbers.")
     times, values = np.array([row for _, row in rows]).reshape(-1, 2).T
-    return _series(path, [f"line {place}" for place, _ in rows], times, values, {})
+    above = "\n".join(line.strip() for line in lines[:heading] if line.strip())
+    return _series(path, [f"line {place}" for place, _ in rows], times, values, {"heading": above} if above else {})
 
 
 def _rows(path: Path, lines: list[str], heading: int) -> Iterator[tuple[int, list[float]]]:

@@ -9,11 +9,12 @@ from typing import Self
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.errors import InvalidInput
 from impactlab.linear.damping import damped
+from impactlab.linear.decay import relaxation_time
 from impactlab.linear.given_functions import with_given_motions
-from impactlab.linear.laws import relaxation_time
 from impactlab.nonlinear.force_checks import look_at_all, stiffening_of
-from impactlab.nonlinear.relaxation import Relaxation, spin_up_of, warn_of_unknown_damping
+from impactlab.nonlinear.relaxation import Relaxation, growth_of, spin_up_of, warn_of_unknown_damping
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, measured_energies
 from impactlab.plan.clock import RELAXATION_TIMES, settles
 from impactlab.plan.start import start_of
@@ -37,6 +38,11 @@ class Expected:
         """Estimate energies and relaxation times; choose the spin-up if none is given."""
         start, linear = start_of(request.initial, model), relaxation_time(damped(model)[1])
         spin_up, automatic = usual_spin_up(model, request, start)
+        if automatic and (growth := growth_of(model)):
+            raise InvalidInput(
+                f"{growth}, so that no spin-up makes it stationary. Give another depth, frequency or damping of the "
+                "stiffness; to see it grow, give initial= or spin_up=0.0."
+            )
         if isinstance(start, np.ndarray) and model.prescribed.any():
             start = np.stack([with_given_motions(model, start[0], -spin_up), start[1]])
         energy = energies(model, start, request.duration, spin_up)
@@ -63,9 +69,9 @@ def usual_spin_up(model: Model, request: Request, start: str | np.ndarray) -> tu
     """Return the given spin-up, or the one that linear motion needs (s), and whether it still is to be chosen."""
     if request.spin_up is not None:
         return request.spin_up, False
-    # a free motion, or one from a given state, is a transient: all of it counts
+    # a free motion, or one from rest or a given state that was asked for, is a transient: all of it counts
     led = model.timed.any() or model.prescribed.any()
-    automatic = isinstance(start, str) and bool(model.network.excitations or led)
+    automatic = not request.from_rest and isinstance(start, str) and bool(model.network.excitations or led)
     return RELAXATION_TIMES * relaxation_time(damped(model)[1]) if automatic else 0.0, automatic
 
 

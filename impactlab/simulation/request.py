@@ -55,11 +55,17 @@ class Request:
         if self.step is not None:
             object.__setattr__(self, "step", positive("step", self.step))
 
+    @property
+    def from_rest(self) -> bool:
+        """Whether rest is asked for as the state at the start."""
+        return isinstance(self.initial, str) and self.initial == "rest"
+
     def options(self) -> dict[str, Any]:
         """Return the options that reproduce the run, as stored with its result; none can name a file to write."""
+        spin_up = 0.0 if self.from_rest and self.spin_up is None else self.spin_up
         return {
             "duration": self.duration, "realizations": self.realizations, "step": self.step,
-            "integrator": self.integrator.to_dict(), "spin_up": self.spin_up, "initial": self.initial,
+            "integrator": self.integrator.to_dict(), "spin_up": spin_up, "initial": self.initial,
             "record": [item.to_dict() for item in self.records], "seed": list(self.seed),
             **({} if self.statistics is None else {"statistics": list(self.statistics)}),
         }  # fmt: skip

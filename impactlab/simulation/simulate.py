@@ -25,7 +25,7 @@ from impactlab.errors import Diverged, InvalidInput, unheard, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.machine import shares_memory, workers_of
 from impactlab.networks.network import Network
 from impactlab.nonlinear.force_checks import explanation
@@ -106,11 +106,11 @@ def simulate(
         Method; `ExactFlow` by default.
     spin_up : float, optional
         Time before the statistics begin (s). By default twelve relaxation times of the slowest body, or as long as
-        collisions and changes between wells take, if that is not much longer than the run; 0 if the initial state
-        is given.
+        collisions and changes between wells take, if that is not much longer than the run; 0 if `initial` is "rest"
+        or given.
     initial : str, mapping, Dataset or path, optional
         "stationary" (default: the law without contacts, drawn again while a contact is
-        closed; "rest" where there is none), "rest", or ``{"displacement": {name: value},
+        closed; where there is none, rest before the spin-up), "rest", or ``{"displacement": {name: value},
         "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named; a value is a number, or one for each
         realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
         goes on from the end of its own, at t = 0 and with new noise.
@@ -454,14 +454,19 @@ def _estimated(
         warn(message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
-    # means are those of the whole transient, as from any state that is given
-    transient = from_rest and request.initial == "rest" and request.spin_up == 0.0
+    transient = (request.from_rest or plan.start.given) and not plan.clock.spin_up_steps
     if estimates.values.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
         warn(estimates.values.unbalanced)
     if drifting and not transient:
         warn(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=."
+        )
+    paths = any(isinstance(record, Trajectory) for record in request.records)
+    if transient and request.spin_up is None and not paths and plan.forgetting and estimates.drift > DRIFT:
+        warn(
+            f"Means contain the transient from the start: the two halves of the run differ by {estimates.drift:.1f} "
+            "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted."
         )
     usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""

@@ -46,9 +46,9 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
     InvalidInput
         If no simulation is stored, or a component's kernel has changed since.
     """
-    configuration = configuration_of(source)
+    dataset = load(source) if isinstance(source, str | os.PathLike) else source
+    configuration = configuration_of(dataset)
     if "sweep" in configuration:
-        dataset = source if isinstance(source, xr.Dataset) else load(source)
         if not isinstance(dataset, xr.Dataset):
             raise InvalidInput("A sweep is stored as one dataset, but this file has groups.")
         sweep = configuration["sweep"]
@@ -58,7 +58,8 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
         name = study.get("name") if isinstance(study, Mapping) else None
         advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
         raise InvalidInput(f"The stored configuration describes no simulation.{advice}")
-    return _repeat(configuration, executor)
+    spin_up = dataset["spin_up"].item() if "spin_up" in dataset else dataset.attrs.get("spin_up")
+    return _repeat(configuration, executor, recorded=spin_up)
 
 
 def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:
@@ -85,8 +86,13 @@ def _repeat(
     configuration: Mapping[str, Any],
     executor: Executor | None,
     progress: bool | Callable[[float], None] | None = None,
+    *,
+    recorded: float | None,
 ) -> xr.Dataset:
-    """Simulate again what a configuration of `simulate` describes, unless a component's kernel has changed since."""
+    """Simulate again what a configuration of `simulate` describes, unless a component's kernel has changed since.
+
+    `recorded` is the spin-up of the result (s), which older versions chose after rest and did not store as an option.
+    """
     options = configuration.get("simulate")
     if not isinstance(options, Mapping) or set(options) - {"statistics"} != _REPEATED:
         names = sorted(options) if isinstance(options, Mapping) else options
@@ -101,12 +107,13 @@ def _repeat(
         raise InvalidInput(f"The stored records must be a list, not {records!r}.")
     if isinstance(options["initial"], str) and options["initial"] not in WORDS:
         raise InvalidInput(f"The stored initial must not name a file, as {options['initial']!r} does.")
+    spin_up = recorded if options["initial"] == "rest" and options["spin_up"] is None else options["spin_up"]
     network = impactlab.Network.from_dict(configuration.get("network", {}))
     if digest(generate(Model.of(network))) != configuration.get("text"):
         raise InvalidInput("The kernel of a component, or impactlab, has changed since this result was made.")
     return impactlab.simulate(
         network, options["duration"], realizations=options["realizations"], step=options["step"],
-        integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=options["spin_up"],
+        integrator=impactlab.Integrator.from_dict(options["integrator"]), spin_up=spin_up,
         initial=options["initial"], record=[impactlab.Record.from_dict(item) for item in records], rng=Seed(*seed),
         executor=executor, progress=progress, statistics=options.get("statistics"),
     )  # fmt: skip
@@ -128,7 +135,8 @@ def _rerun_sweep(dataset: xr.Dataset, reference: bool, executor: Executor | None
         point = Point(", ".join(f"{name}={label!r}" for name, label in labels.items()), network, {}, status)
         if status == DONE:
             point = point._replace(refusal="")
-            jobs[point.key] = partial(_repeat, configuration)
+            recorded = dataset["spin_up"].values[place].item() if "spin_up" in dataset else None
+            jobs[point.key] = partial(_repeat, configuration, recorded=recorded)
         points.append(point)
     coordinates = {str(name): dataset[name].variable for name in stored.dims}
     return Sweep(coordinates, tuple(points), reference).dataset(run_points(jobs, executor, reporter(None)))

@@ -15,7 +15,8 @@ from trio import DAMPER, STIFFNESS, law_by_hand, spring, trio
 import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import coupling_rate, frequencies
-from impactlab.linear.laws import coupled_systems, flexibility, linear_variances, relaxation_time, spread
+from impactlab.linear.decay import relaxation_time
+from impactlab.linear.laws import coupled_systems, flexibility, linear_variances, spread
 from impactlab.networks.linearized import LinearizedNetwork
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 from impactlab.results.schema import balances

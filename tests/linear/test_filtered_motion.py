@@ -6,7 +6,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.laws import coupled_systems, filtered_motions, relaxation_time
+from impactlab.linear.decay import relaxation_time
+from impactlab.linear.laws import coupled_systems, filtered_motions
 
 CLOUGH = il.CloughPenzien(1.0, 15.0, 0.6, 1.5, 0.5)
 TWO = {

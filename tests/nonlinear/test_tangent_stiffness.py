@@ -11,7 +11,8 @@ import impactlab as il
 from impactlab.assembly.model import Model
 from impactlab.integrators.base import frequencies
 from impactlab.linear.cosines import regular_lines
-from impactlab.linear.laws import linear_variances, lines_of, relaxation_time, spread
+from impactlab.linear.decay import relaxation_time
+from impactlab.linear.laws import linear_variances, lines_of, spread
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies
 
 

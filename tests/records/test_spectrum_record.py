@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.records.spectrum import _POWER, _folded
 
 

@@ -583,6 +583,34 @@ FREE = il.LinearOscillator(damping=1.0)
 COLD = il.LinearOscillator(stiffness=1.0)
 
 
+def stopped(density, clearance, bodies="a"):
+    body = il.LinearOscillator(mass=1.0, damping=1.0, stiffness=10.0)
+    stop = {"stop": il.Contact("a", "b" if "b" in bodies else il.WALL, il.LinearContact(1e4), clearance=clearance)}
+    links = {"next": il.Contact("b", "c", il.LinearContact(1e4), clearance=0.1)} if "c" in bodies else {}
+    return il.Network(dict.fromkeys(bodies, body), {**stop, **links}, dict.fromkeys(bodies, il.WhiteNoise(density)))
+
+
+@pytest.mark.parametrize("density", [1e-300, 1e-200, 1e-100, 1e-30, 1e30, 1e100, 1e200, 1e300])
+def test_very_quiet_and_very_loud_noise(density):
+    """Forces are linear on either side of the place at rest, so that all lengths grow with the root of the noise."""
+    usual, found = (exact(stopped(size, 0.0)).statistics() for size in (1.0, density))
+    for name, power in (("mean_square_displacement", 1.0), ("mean_displacement", 0.5), ("contact_ratio", 0.0),
+                        ("contact_rate", 0.0), ("mean_contact_force", 0.5)):  # fmt: skip
+        np.testing.assert_allclose(found[name], density**power * usual[name], rtol=1e-9, err_msg=name)
+    pair = exact(stopped(density, 0.2, "ab")).statistics()
+    if density < 1.0:
+        np.testing.assert_allclose(pair.mean_square_displacement, np.pi * density / 10.0, rtol=1e-9)
+        assert pair.contact_ratio == 0.0
+    assert all(np.isfinite(item).all() for item in pair.data_vars.values())
+
+
+def test_motion_that_numbers_do_not_resolve_is_refused():
+    with pytest.raises(il.NoExactReference, match=r"'a': the motion about -0\.0999001 m is smaller than 1e-10 m"):
+        exact(stopped(1e-30, -0.1))
+    with pytest.raises(il.NoExactReference, match=r"smaller than 9e-16 m, which the law of several bodies does not"):
+        exact(stopped(1e-30, 0.1, "abc"))
+
+
 def refused(oscillators, contacts=None, excitations=None):
     with pytest.raises(il.NoExactReference) as caught:
         exact(il.Network(oscillators, contacts, excitations))

@@ -36,11 +36,28 @@ def test_two_columns(tmp_path, text):
     assert record.time.attrs["units"] == "s"
 
 
+@pytest.mark.parametrize(
+    ("text", "times", "values", "heading"),
+    [
+        ("\ufeff0,1\n1,2\n2,3\n", [0.0, 1.0, 2.0], [1.0, 2.0, 3.0], None),  # as spreadsheets write it
+        ('"0","9"\n1,2\n\'2\',"3"\n', [0.0, 1.0, 2.0], [9.0, 2.0, 3.0], None),
+        ("−1,5\n0,−1\n1,2\n", [-1.0, 0.0, 1.0], [5.0, -1.0, 2.0], None),
+        ("\ufeffit's t,a\n# 2001-05-01\n\n'−1','5'\n'0','1'\n", [-1.0, 0.0], [5.0, 1.0], "it's t,a\n# 2001-05-01"),
+    ],
+)
+def test_no_sample_is_taken_for_a_heading(tmp_path, text, times, values, heading):
+    record = il.read_time_series(written(tmp_path, "record.csv", text))
+    assert (record.time.values.tolist(), record.values.tolist()) == (times, values)
+    assert record.attrs.get("heading") == heading
+
+
 def test_netcdf(tmp_path):
     record = xr.DataArray([1.0, 2.0, 4.0], {"t": [0.0, 1.0, 3.0]}, "t", "push", {"units": "N"})
     il.save(record.to_dataset(), tmp_path / "one.nc")
     read = il.read_time_series(tmp_path / "one.nc")
     assert (read.dims, read.attrs["units"], read.values.tolist()) == (("time",), "N", [1.0, 2.0, 4.0])
+    il.save(record.assign_coords(time=("t", [5.0, 6.0, 7.0])).to_dataset(), tmp_path / "named.nc")
+    assert il.read_time_series(tmp_path / "named.nc").time.values.tolist() == [0.0, 1.0, 3.0]
     il.save(xr.Dataset({"a": record, "b": record}), tmp_path / "two.nc")
     with pytest.raises(il.InvalidInput, match=r"two.nc holds 2 variables of one dimension with a coordinate, not one"):
         il.read_time_series(tmp_path / "two.nc")
@@ -62,6 +79,19 @@ def test_netcdf(tmp_path):
         ("a.csv", "time (s), a\n", r"a.csv holds 0 samples; a time series has two at least"),
         ("a.csv", "", r"a.csv holds 0 samples; a time series has two at least"),
         ("a.csv", "time, a\n0, 1\n", r"a.csv holds 1 sample; a time series has two at least"),
+        ("a.csv", ";0,1\n1,2\n2,3\n", r"a.csv, line 1: ';0,1' has digits and no words, but is no row of numbers"),
+        ("a.csv", "t\n\u200b0,1\n1,2\n2,3\n", r"a.csv, line 2: .* begin a heading with #, or mend the row"),
+        ("a.at2", HEADING + "NPTS= 5, DT= 1.2.3 SEC\n" + ROWS, r"a.at2, line 4: NPTS must be .* not '5' and '1.2.3'"),
+        (
+            "a.at2",
+            HEADING + "NPTS= 5, DT= - SEC\n" + ROWS,
+            r"a.at2, line 4: NPTS must be .* DT a number \(s\), not '5'",
+        ),
+        (
+            "a.at2",
+            HEADING + f"NPTS= {'5' * 5000}, DT= 1 SEC\n" + ROWS,
+            r"a.at2, line 4: NPTS .* not '555.*555' and '1'",
+        ),
         ("a.at2", HEADING + "NPTS= 0, DT= .005 SEC\n", r"a.at2 holds 0 samples; a time series has two at least"),
         ("a.at2", HEADING + "NPTS= 5, DT= 0.0 SEC\n" + ROWS, r"a.at2, line 4: the time between .* above 0 s, not 0 s"),
         ("a.at2", HEADING + "NPTS= 5, DT= .005 SEC\n" + ROWS.replace("0.0", "NaN"), r"a.at2, line 6: the value is nan"),
@@ -72,6 +102,13 @@ def test_bad_file(tmp_path, name, text, message):
         il.read_time_series(written(tmp_path, name, text))
     with pytest.raises(il.InvalidInput, match=r"There is no file .*other\.csv"):
         il.read_time_series(tmp_path / "other.csv")
+
+
+def test_no_path():
+    with pytest.raises(il.InvalidInput, match=r"There is no file aaa"):
+        il.read_time_series("a" * 5000)
+    with pytest.raises(il.InvalidInput, match=r"Give the path of a file, not 5"):
+        il.read_time_series(5)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from scenes import base, linear
 
 import impactlab as il
 from impactlab.machine import tuned
+from impactlab.results.dataset import CONFIGURATION
 from impactlab.simulation import first_states
 
 RECORDS = (il.Density(bins=20), il.Trajectory(0.05), il.PerRealization())
@@ -166,6 +167,16 @@ def test_rerun_gives_the_same_numbers(rng, tmp_path):
     again = il.rerun(tmp_path / "result.nc")
     assert_same(ds, again)
     assert again.attrs["impactlab_configuration"] == ds.attrs["impactlab_configuration"]
+
+
+def test_rerun_of_a_start_at_rest_that_an_older_version_let_spin_up():
+    """Its spin-up is stored with the result, but not among the options."""
+    ds = run(initial="rest", spin_up=0.1)
+    stored = json.loads(ds.attrs[CONFIGURATION])
+    now = run(initial="rest", spin_up=None)
+    assert json.loads(now.attrs[CONFIGURATION])["simulate"]["spin_up"] == now.spin_up == 0.0
+    stored["simulate"]["spin_up"] = None
+    assert_same(ds, il.rerun(ds.assign_attrs({CONFIGURATION: json.dumps(stored)})))
 
 
 @pytest.mark.parametrize(

@@ -90,9 +90,8 @@ def test_the_identity_of_variance_and_mean_square(result):
     ],
 )
 def test_a_given_start_is_where_it_starts(initial, x, v):
-    ds = il.simulate(
-        base(), 0.1, realizations=3, rng=1, initial=initial, spin_up=0.0, step=5e-3, record=il.Trajectory(5e-3)
-    )
+    ds = il.simulate(base(), 0.1, realizations=3, rng=1, initial=initial, step=5e-3, record=il.Trajectory(5e-3))
+    assert ds.spin_up == 0.0
     np.testing.assert_array_equal(ds.displacement[:, 0], np.tile(x, (3, 1)))
     np.testing.assert_array_equal(ds.velocity[:, 0], np.tile(v, (3, 1)))
 

@@ -117,7 +117,7 @@ class AccuracyStudy(FolderStudy):
         enough for ``0.5/sqrt(n)`` after n relaxation times: values that were found on such networks.
         """
         from impactlab.assembly.model import Model
-        from impactlab.linear.laws import relaxation_time
+        from impactlab.linear.decay import relaxation_time
         from impactlab_numerics.accuracy.random_networks import closing_rates
 
         rarest = min(closing_rates(network).values())

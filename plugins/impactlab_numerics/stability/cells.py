@@ -11,7 +11,7 @@ import numpy as np
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.results.schema import CONTACT, STATISTICS
 from impactlab_numerics.scenes import TEMPERATURE
 

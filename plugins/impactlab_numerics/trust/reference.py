@@ -10,7 +10,7 @@ import numpy as np
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.linear.laws import relaxation_time
+from impactlab.linear.decay import relaxation_time
 from impactlab.results.schema import CONTACT, STATISTICS, stationary
 from impactlab.simulation.step_error import USUAL_BIAS
 from impactlab_numerics.trust.drawing import RELAXATIONS, Scene
