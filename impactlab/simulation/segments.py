@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.errors import Diverged, heard_by
+from impactlab.errors import Diverged, unheard
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Subdomains
@@ -51,7 +51,7 @@ def step_error(
         )  # fmt: skip
         return plan_of(request)
 
-    with heard_by(lambda message, category: None):
+    with unheard():
         coarse, fine = part(step, True), part(step / finer, False)
     fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
     coarse, fine = (replace(item, subdomains=Subdomains(0, ())) for item in (coarse, fine))  # no tiles

@@ -21,7 +21,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.stored import stored
-from impactlab.errors import Diverged, InvalidInput, unheard, warn
+from impactlab.errors import Diverged, ImpactLabWarning, InvalidInput, noted, unheard, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
@@ -39,6 +39,7 @@ from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.results.stack import Findings
+from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.block import compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import continued, endless_chatter, merged, run, run_block
@@ -188,8 +189,9 @@ def simulate(
         one = replace(request, realizations=number, step=chosen, coarse=coarse)
         return Ensemble(model, one, Execution(executor, growing=True), compared=True)
 
-    with announced(progress):
+    with announced(progress), noted() as given:
         result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
+    result = with_warnings(Findings.of(result), by_kind(given)).dataset() if given else result
     result = result if wanted is None else result.drop_vars(unwanted(wanted), errors="ignore")
     return result if asked else without_realizations(result)
 
@@ -219,10 +221,10 @@ def _simulate(network: Network, request: Request, execution: Execution) -> xr.Da
     """Return the dataset of a request."""
     out, progress = execution.out, reporter(execution.progress)
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(execution.progress), files as temporary:
+    with announced(execution.progress), files as temporary, noted() as given:
         ensemble = Ensemble(Model.of(network), request, execution)
         ensemble.grow(ensemble.number, progress, temporary)
-        dataset = ensemble.dataset()
+        dataset = with_warnings(ensemble.findings(), by_kind(given)).dataset()
         if out is None or temporary is None:
             return dataset
         streamed = any(isinstance(item, Trajectory) for item in request.records)
@@ -402,7 +404,7 @@ class Part:
         dataset = found.dataset()
         sampled = self.plan.random and not self.plan.realizations.trusted
         if message := self.error.doubt(dataset, sampled, self.plan.steady):
-            warn(message)
+            warn("unknown_step_bias", message)
         return Findings.of(self.error.added_to(dataset, self.plan.clock.automatic))
 
     @contextlib.contextmanager
@@ -431,7 +433,7 @@ def _run(
             "tolerance=, a shorter duration= or spin_up=, or fewer realizations."
         )
     if foreseen > LONG and not execution.growing:  # then the time is limited
-        warn(f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.")
+        warn("long_run", f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.", ImpactLabWarning)
     size = trajectory_size(plan)
     check_memory(plan, execution.workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
@@ -451,26 +453,27 @@ def _estimated(
     """Return what the dataset of a finished run holds, and warn of what it leaves open."""
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
-        warn(message)
+        warn("chatter", message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     # means are those of the whole transient, as from any state that is given
     transient = from_rest and request.initial == "rest" and request.spin_up == 0.0
     if estimates.values.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
-        warn(estimates.values.unbalanced)
+        warn("balance", estimates.values.unbalanced)
     if drifting and not transient:
         warn(
+            "drift",
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
-            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=."
+            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
     usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
-        warn(message)
+        warn("several_motions", message)
     if not plan.noise.coarse and not drifting:
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:
-            warn(message)
+            warn("heating", message)
     return findings_of(plan, estimates, results, configuration)
 
 

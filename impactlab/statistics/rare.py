@@ -121,9 +121,10 @@ def warn_of_still(plan: Plan, events: Events) -> None:
     if moved.size:
         stillest = int(np.argmin(number))
         warn(
+            "rare_pushes",
             f"{len(moved)} oscillator(s) that only contacts or couplings move were moved fewer than {CLOSINGS} times "
             f"in all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
-            f"{number[stillest]:.2g} times. Run for longer, or use more realizations."
+            f"{number[stillest]:.2g} times. Run for longer, or use more realizations.",
         )
 
 
@@ -134,7 +135,8 @@ def warn_of_rare(plan: Plan, closings: np.ndarray) -> None:
         rarest = rare[np.argmin(closings[rare])]
         needed = plan.clock.step * plan.clock.steps * CLOSINGS / closings[rarest]
         warn(
+            "rare_contacts",
             f"{len(rare)} contact(s) closed fewer than {CLOSINGS} times in all, too seldom for standard errors: "
             f"{plan.system.contacts[rarest]!r} about {closings[rarest]:.2g} times. Run for {needed:.2g} s, or use more "
-            "realizations."
+            "realizations.",
         )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MakeNetwork = Callable[..., "Network | tuple[Network, Mapping[str, Any]]"]
 
-_TAKEN = {"oscillator", "contact", "realization", "time", "status", "reference_status"}
+_TAKEN = {"oscillator", "contact", "realization", "time", "status", "reference_status", "warning", "warnings"}
 _OPTIONS = [
     name
     for name in inspect.signature(impactlab.simulate).parameters
