@@ -398,14 +398,15 @@ class Part:
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return what the dataset of all realizations holds."""
-        found = _estimated(self.plan, self.request, self.results, self.rows, configuration)
+        wandering = "" if self.error is None else self.error.wandering
+        found = _estimated(self.plan, self.request, self.results, self.rows, configuration, wandering)
         if self.error is None:
             return found
         dataset = found.dataset()
         sampled = self.plan.random and not self.plan.realizations.trusted
         if message := self.error.doubt(dataset, sampled, self.plan.steady):
             warn("unknown_step_bias", message)
-        return Findings.of(self.error.added_to(dataset, self.plan.clock.automatic))
+        return Findings.of(self.error.told().added_to(dataset, self.plan.clock.automatic))
 
     @contextlib.contextmanager
     def _explained(self, plan: Plan) -> Iterator[None]:
@@ -448,9 +449,17 @@ def _run(
 
 
 def _estimated(
-    plan: Plan, request: Request, results: list[BlockResult], rows: Rows | None, configuration: dict[str, Any]
+    plan: Plan,
+    request: Request,
+    results: list[BlockResult],
+    rows: Rows | None,
+    configuration: dict[str, Any],
+    wandering: str,
 ) -> Findings:
-    """Return what the dataset of a finished run holds, and warn of what it leaves open."""
+    """Return what the dataset of a finished run holds, and warn of what it leaves open.
+
+    A text that says that small errors change the path is given in place of runs that begin elsewhere.
+    """
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
         warn("chatter", message)
@@ -466,7 +475,9 @@ def _estimated(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
-    usual = request.initial is None and not plan.noise.coarse
+    if wandering:
+        warn("chaotic_path", wandering)
+    usual = request.initial is None and not plan.noise.coarse and not wandering
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
         warn("several_motions", message)
