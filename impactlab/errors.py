@@ -31,14 +31,52 @@ class Interrupted(ImpactLabError):
 
 
 class ImpactLabWarning(UserWarning):
-    """Base of all warnings given by impactlab."""
+    """Base of all warnings given by impactlab.
+
+    Parameters
+    ----------
+    message : str
+    kind : str
+        Its cause, one of `KINDS`, whatever the names and numbers in the message are.
+    """
+
+    def __init__(self, message: str, kind: str = "") -> None:
+        super().__init__(message)
+        self.kind = kind
 
 
 class AccuracyWarning(ImpactLabWarning):
     """A result is complete, but less is known of its accuracy than was asked for."""
 
 
-Listener = Callable[[str, type[Warning]], None]
+KINDS = {
+    "few_samples": "too few independent samples for standard errors",
+    "rare_contacts": "contacts that closed too seldom for standard errors",
+    "rare_pushes": "bodies that contacts or couplings moved too seldom for standard errors",
+    "short_spin_up": "a spin-up that may be too short",
+    "drift": "two halves of a run that differ",
+    "transient": "means that contain the transient from the start",
+    "several_motions": "a motion that depends on how it begins",
+    "chaotic_path": "averages along a path that small errors change, as they change chaotic paths",
+    "balance": "a balance that does not close",
+    "heating": "energy that the step adds or removes",
+    "step_bias": "a step that makes a statistic too large or too small",
+    "unknown_step_bias": "a bias of the step that its measurement does not tell",
+    "kinks": "energy that wanders, since contacts open and close within steps",
+    "jumping_force": "forces that jump in time within steps",
+    "small_impacts": "a rate of impacts that is that of the step",
+    "chatter": "impacts without end in a step",
+    "noise_band": "a noise whose band misses a natural frequency",
+    "outside_limits": "samples outside the limits of a density",
+    "beyond_spectrum": "variance at frequencies beyond a spectrum",
+    "tolerance": "a tolerance that was not reached",
+    "long_run": "a run that takes long",
+    "lost_points": "points of a sweep that were lost with its executor",
+    "cache": "a cache of compiled code that cannot be used",
+}
+"""Causes of warnings, by kind."""
+
+Listener = Callable[[ImpactLabWarning], None]
 
 _listener: contextvars.ContextVar[Listener | None] = contextvars.ContextVar("impactlab_listener", default=None)
 
@@ -55,16 +93,36 @@ def heard_by(listener: Listener) -> Iterator[None]:
 
 def unheard() -> contextlib.AbstractContextManager[None]:
     """Keep warnings to oneself that were given before."""
-    return heard_by(lambda message, category: None)
+    return heard_by(lambda warning: None)
 
 
-def warn(message: str, category: type[Warning] = AccuracyWarning) -> None:
-    """Give a warning at the line outside of impactlab that led to it."""
-    listener = _listener.get()
-    if listener is not None:
-        listener(message, category)
-        return
+@contextlib.contextmanager
+def noted() -> Iterator[list[ImpactLabWarning]]:
+    """Note the warnings that are given in here, by this thread, and give them all the same."""
+    given: list[ImpactLabWarning] = []
+    outer = _listener.get() or _show
+
+    def note(warning: ImpactLabWarning) -> None:
+        given.append(warning)
+        outer(warning)
+
+    with heard_by(note):
+        yield given
+
+
+def warn(kind: str, message: str, category: type[ImpactLabWarning] = AccuracyWarning) -> None:
+    """Give a warning of one of `KINDS` at the line outside of impactlab that led to it."""
+    assert kind in KINDS, kind
+    give(category(message, kind))
+
+
+def give(warning: ImpactLabWarning) -> None:
+    """Give a warning that was made, or heard, before."""
+    (_listener.get() or _show)(warning)
+
+
+def _show(warning: ImpactLabWarning) -> None:
     level = 2
-    while sys._getframe(level - 1).f_globals.get("__name__", "").startswith("impactlab."):
+    while f"{sys._getframe(level - 1).f_globals.get('__name__')}.".startswith(("impactlab.", "contextlib.")):
         level += 1
-    warnings.warn(message, category, stacklevel=level)
+    warnings.warn(warning, stacklevel=level)

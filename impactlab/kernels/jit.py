@@ -184,6 +184,7 @@ def cache_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not _is_ours(folder):
             warn(
+                "cache",
                 f"The cache {folder} is a link, belongs to somebody else or can be written to by others (mode "
                 f"{stat.filemode(folder.lstat().st_mode)}), so it is not used, and everything is compiled again. "
                 "Remove it, or set IMPACTLAB_CACHE to another folder.",

@@ -90,8 +90,9 @@ def spin_up_of(relaxation: Relaxation, usual: float, duration: float) -> float:
     if needed <= MOST_SPIN_UP * (usual + duration):
         return needed
     warn(
+        "short_spin_up",
         f"The automatic spin-up of {usual:.3g} s may be too short, since {relaxation.reason}. "
-        f"Give spin_up={needed:.2g} or more."
+        f"Give spin_up={needed:.2g} or more.",
     )
     return usual
 
@@ -113,8 +114,9 @@ def warn_of_unknown_damping(model: Model, spin_up: float) -> None:
     unknown = np.flatnonzero(damped_by_laws_alone(model))
     if unknown.size:
         warn(
+            "short_spin_up",
             f"{model.bodies[unknown[0]]!r} is excited and damped by contacts or couplings only, at an unknown "
-            f"rate: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up= (s)."
+            f"rate: the automatic spin-up of {spin_up:.3g} s may be too short. Give spin_up= (s).",
         )
 
 

@@ -305,7 +305,8 @@ def warn_of_bands(model: Model) -> None:
             if natural > 0.0 and not item.frequencies.min() <= natural <= item.frequencies.max():
                 whose = "its natural frequency" if item.name in model.bodies else f"that of {model.bodies[body]!r},"
                 warn(
+                    "noise_band",
                     f"The band of the excitation of {item.name!r} ({item.frequencies.min() / (2 * math.pi):g} to "
                     f"{item.frequencies.max() / (2 * math.pi):g} Hz) does not contain {whose} "
-                    f"{natural / (2 * math.pi):g} Hz."
+                    f"{natural / (2 * math.pi):g} Hz.",
                 )

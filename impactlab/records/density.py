@@ -351,6 +351,7 @@ def _warn_of_outside(record: Any, name: str, outside: float, quantity: str) -> N
     if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
         low, high = next(tuple(pair) for item, *pair in record.limits if item == name)
         warn(
+            "outside_limits",
             f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "
-            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give limits={{{name!r}: (low, high)}}."
+            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give limits={{{name!r}: (low, high)}}.",
         )

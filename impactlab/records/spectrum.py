@@ -167,8 +167,9 @@ class Spectrum(Record):
         if beyond[most] > BEYOND:
             part, name = f"{100.0 * beyond[most]:.2g} % of the variance", ALL[self.quantity].long_name
             warn(
+                "beyond_spectrum",
                 f"{part} of the {name} of {names[most]!r} is at frequencies beyond those of its Spectrum, up to "
-                f"{highest:.3g} rad/s; give interval={interval * BEYOND / beyond[most]:.2g} (s) or less."
+                f"{highest:.3g} rad/s; give interval={interval * BEYOND / beyond[most]:.2g} (s) or less.",
             )
 
 

@@ -56,6 +56,8 @@ class Effort:
     looks : tuple of int
         Numbers of segments after which biases are looked at: early, all that are planned, and more where much is
         unclear.
+    whole : bool
+        Whether the only segment is the whole path, which no noise moves.
     """
 
     realizations: int
@@ -64,13 +66,14 @@ class Effort:
     begins: tuple[int, ...]
     run_up: int
     looks: tuple[int, ...]
+    whole: bool = False
 
     @classmethod
     def of(cls, plan: Plan, model: Model) -> Self:
         """Choose what a share of the work of a plan buys."""
         clock, lane = plan.clock, lane_seconds(len(model.mass), len(model.links), len(model.members.states))
         if not plan.random and (1 + FINEST) * clock.all_steps * (STEP_SECONDS + lane) < MOST_SECONDS:
-            return cls(plan.realizations.number, clock.spin_up_steps, clock.steps, (0,), 0, (1,))
+            return cls(plan.realizations.number, clock.spin_up_steps, clock.steps, (0,), 0, (1,), whole=True)
         apart, settling = _apart(plan), math.ceil(SPIN_UP * clock.relaxation / clock.step)
         seconds = min(max(UNCLEAR_SECONDS if apart else LEAST_SECONDS, SHARE * plan.work), MOST_SECONDS)
         wanted = SEGMENTS * (settling + 3 * SEGMENT) if apart else 3 * FEWEST * SEGMENT

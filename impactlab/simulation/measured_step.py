@@ -66,12 +66,14 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
     if math.isinf(error.certain):
         return first, error  # the run will say where it diverges, or that this is unknown
-    if error.certain > WORTH_SAYING:
-        name, label, bias, scatter = error.worst
+    told = error.told()
+    if told.certain > WORTH_SAYING:
+        name, label, bias, scatter = told.worst
         warn(
+            "step_bias",
             f"At the step of {plan.clock.step:.3g} s {STATISTICS[name].long_name} of {label!r} is about "
             f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
-            f"as measured on this network; try step={error.better:.2g}."
+            f"as measured on this network; try step={error.better:.2g}.",
         )
     return plan, error
 

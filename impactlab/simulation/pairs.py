@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.components.composition import Composition
-from impactlab.errors import InvalidInput, heard_by, unheard, warn
+from impactlab.errors import ImpactLabWarning, InvalidInput, give, heard_by, unheard
 from impactlab.integrators.exact_flow import ExactFlow, FineFlow, WholeFlow
 from impactlab.plan.plan import Plan
 from impactlab.results.dataset import configuration_of
@@ -156,7 +156,7 @@ class Trial:
         self.has = self.each = Numbers(0, 0)
         self.of_pairs: xr.Dataset | None = None  # statistics at twice the step
         self.biases: dict[str, xr.DataArray] = {}
-        self.heard: list[tuple[str, type[Warning]]] = []
+        self.heard: list[ImpactLabWarning] = []
 
     @property
     def ensembles(self) -> list[Realizations]:
@@ -229,7 +229,7 @@ class Trial:
     def _datasets(self) -> tuple[xr.Dataset, xr.Dataset]:
         """Return those at the step and at twice the step, the same where it has no bias."""
         self.heard.clear()
-        with heard_by(lambda message, category: self.heard.append((message, category))):
+        with heard_by(self.heard.append):
             self.dataset = self.fine.dataset()
         if self.coarse is None:
             return self.dataset, self.dataset
@@ -240,8 +240,8 @@ class Trial:
 
     def repeat_warnings(self) -> None:
         """Give the warnings of the last judgement."""
-        for message, category in self.heard:
-            warn(message, category)
+        for warning in self.heard:
+            give(warning)
 
 
 class _Bias:

@@ -248,12 +248,14 @@ def _warn(
         warn_of_kinks(model, expected.stiffening, steps.step, request.duration + expected.spin_up)
     for name in jumping_laws(model, -expected.spin_up, request.duration, steps.step) if model.timed.any() else ():
         warn(
+            "jumping_force",
             f"The force of {name} jumps in time, each time up to half a step too early or too late, which may add up "
-            "and is not measured; compare with a smaller step=."
+            "and is not measured; compare with a smaller step=.",
         )
     for contact in impacts.rigid.contacts[impacts.unresolved][:1]:
         name, order = model.contacts[contact], float(impacts.orders.min())
         warn(
+            "small_impacts",
             f"contact_rate of {name!r} counts the impacts that the step of {steps.step:.3g} s resolves: noise and loss "
-            f"make small ones so many that those it misses fall only with the step to the power of {order:.2g}."
+            f"make small ones so many that those it misses fall only with the step to the power of {order:.2g}.",
         )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,9 @@ from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, STATISTICS
-from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, StepError, limit_of, size_of
+from impactlab.simulation.effort import FINEST
+from impactlab.simulation.separation import error_of_means
+from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, STILL, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
 TOGETHER = 8
@@ -24,6 +28,14 @@ UNITS = 32
 ORDER, OF_STATES = 2.0, 1.5
 """Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
 of a step in which noise turns the motion back is as large as h^(3/2)."""
+
+ONE_MORE = 1.0 / math.sqrt(6.0)
+"""Standard deviation of the number of closings, or of steps in contact in a closing, between two paths that differ by
+when they close and open: of the difference of two numbers between 0 and 1."""
+
+SEPARATED = 0.1
+"""Part of the kinetic energy by which two paths without noise differ at the end of segments, from which on they tell no
+more of the rest of the run than independent ones."""
 
 _POWER, _LOAD, _BALANCE = "power of kicks", "load", "balance of the mean square velocity"
 """Names of what is known of units beside statistics."""
@@ -51,6 +63,7 @@ class Coverage(NamedTuple):
     begins: tuple[int, ...]
     steps: int  # of each
     run: int
+    follow: bool = False  # whether those of the fine path follow each other
 
     @property
     def left_out(self) -> float:
@@ -98,6 +111,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
+    apart = coarse.random or (segments > 1 and _separated(coarse, of_coarse["mean_square_velocity"], labels, energy))
     mean = of_fine["mean_displacement"].mean(axis=-1)
     of_coarse, of_fine = _with_variance(of_coarse, mean), _with_variance(of_fine, mean)
     mass, damping, _ = coarse.system.linear
@@ -112,11 +126,19 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
 
     def scatter(values: np.ndarray, fitted: int) -> np.ndarray:
         values = values.reshape(-1, segments, lanes)
+        if coverage.follow:
+            return error_of_means(values, partial(_widened, limit=limit))
         if coarse.random and not coarse.steady and lanes > 1:  # times differ by more than chance
             return _error_in_time(values, coverage.left_out, limit)
-        return _error(values, 1.0 if coarse.random else coverage.left_out, limit, fitted)
+        return _error(values, 1.0 if apart else coverage.left_out, limit, fitted)
 
     still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
+    of_rest = np.zeros((2, len(labels)), dtype=bool)
+    if not coarse.random:
+        of_rest = _at_rest(coarse, (of_coarse, of_fine), labels)
+        gained[np.bincount(labels, ~of_rest[0]) == 0.0] = 0.0
+    slow, at_zero = of_rest
+    resting = {BODY: slow, CONTACT: model.ends.all(slow)}
     bias, error, measured = {}, {}, {}
     for name in names:
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
@@ -137,7 +159,9 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         bias[name] = relative.mean(axis=-1)
         error[name] = scatter(relative, fitted)
         error[name][unseen] = np.inf
-        bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
+        dimension = STATISTICS[name].dimension
+        rests = at_zero if name in ("mean_displacement", "mean_square_displacement") else resting[dimension]
+        bias[name][still[dimension] | rests] = error[name][still[dimension] | rests] = 0.0
         if name == "contact_ratio":  # a rest is known to a step, and has no duration where noise ends it
             bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
@@ -146,13 +170,69 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
-    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached)
+    unsure = {} if coarse.random else _unsure(coarse, model, bias, measured)
+    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure)
 
 
 def _of_impacts(plan: Plan, finer: int, seen: float) -> np.ndarray:
     """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them."""
     of_order = seen / (1.0 - finer ** -plan.impacts.orders[:, None])
     return np.where(plan.impacts.unresolved[:, None], 0.0, of_order)
+
+
+def _separated(plan: Plan, v2: np.ndarray, labels: np.ndarray, energy: np.ndarray) -> bool:
+    """Whether paths of a connected part differ much in energy at the ends of segments, (segment, part, lane) (J)."""
+    kinetic = np.bincount(labels, 0.5 * plan.system.linear[0] * v2.mean(axis=-1))
+    return bool((np.sqrt((energy**2).mean(axis=(0, 2))) > SEPARATED * kinetic).any())
+
+
+def _at_rest(plan: Plan, units: tuple[dict[str, np.ndarray], ...], labels: np.ndarray) -> np.ndarray:
+    """Whether bodies are at rest on a path, where nothing is random: which of their statistics mean nothing, (2, body).
+
+    Their velocities, and their displacements, are rounding, or what has decayed of a motion, beside those of the bodies
+    around them, those at the start, and those of a step under the forces of their contacts alone.
+    """
+    mass, _, stiffness = plan.system.linear
+    v2, x2 = (
+        np.min([item[name].mean(axis=-1) for item in units], axis=0)
+        for name in ("mean_square_velocity", "mean_square_displacement")
+    )
+    start = plan.start.state if isinstance(plan.start.state, np.ndarray) else np.zeros((2, len(mass), 1))
+    first_x2, first_v2 = (start**2).mean(axis=-1)
+    largest = np.zeros((2, labels.max() + 1))
+    np.maximum.at(largest[0], labels, mass * np.maximum(v2, first_v2) + stiffness * np.maximum(x2, first_x2))
+    np.maximum.at(largest[1], labels, np.maximum(x2, first_x2))
+    energy, square = largest[:, labels]
+    force, ends = np.zeros(len(mass) + 1), plan.system.ends
+    if "mean_contact_force" in units[0]:
+        np.add.at(force, ends.slots, np.abs(ends.weights) * units[0]["mean_contact_force"].mean(axis=-1)[ends.rows])
+    slow = v2 < STILL * np.maximum(energy / mass, (force[:-1] * plan.clock.step / mass) ** 2)
+    return np.array([slow, slow & (x2 < STILL * square)])
+
+
+def _unsure(
+    plan: Plan, model: Model, bias: dict[str, np.ndarray], measured: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return what a path without noise leaves unsure of biases, as standard errors: see `ONE_MORE` and `ORDER`."""
+    result = {name: np.abs(item) * float(FINEST) ** -ORDER for name, item in bias.items()}
+    rate, time = measured.get("contact_rate"), plan.clock.duration
+    if rate is None:
+        return result
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = np.nan_to_num(ONE_MORE / (time * rate), posinf=0.0)
+        step = np.nan_to_num(ONE_MORE * plan.clock.step * rate / measured["contact_ratio"], posinf=0.0)
+    more = {
+        "contact_rate": one,
+        "contact_ratio": np.hypot(step, one) * ~model.rigid,  # a rest is known to a step, and is not told
+        "mean_contact_force": one * model.rigid,
+    }
+    return {name: np.hypot(item, more.get(name, 0.0)) for name, item in result.items()}
+
+
+def rows_of(model: Model, parts: np.ndarray, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Return what is known of connected parts for the bodies or contacts of some statistics, by name."""
+    labels = model.connected()
+    return {name: parts[labels[_first_bodies(model, name)]] for name in names}
 
 
 def _gained(

@@ -16,14 +16,15 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.errors import Diverged, heard_by
+from impactlab.errors import Diverged, unheard
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Subdomains
 from impactlab.simulation.block import Block
 from impactlab.simulation.effort import FINER, FINEST, Effort
 from impactlab.simulation.request import Request
-from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, together
+from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, rows_of, together
+from impactlab.simulation.separation import SHIFT, in_pieces, separate
 from impactlab.simulation.smooth_path import Laws, SmoothPath
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
 
@@ -49,12 +50,11 @@ def step_error(
             spin_up=effort.spin_up * step, integrator=ExactFlow(jumps=False), initial=initial, records=[], seed=SEED,
             workers=1, coarse=coarse, mean_square_velocity=velocity,
         )  # fmt: skip
-        return plan_of(request)
+        with unheard():
+            return replace(plan_of(request), subdomains=Subdomains(0, ()))  # no tiles
 
-    with heard_by(lambda message, category: None):
-        coarse, fine = part(step, True), part(step / finer, False)
+    coarse, fine = part(step, True), part(step / finer, False)
     fine = replace(fine, clock=replace(fine.clock, spin_up_steps=finer * coarse.clock.spin_up_steps))
-    coarse, fine = (replace(item, subdomains=Subdomains(0, ())) for item in (coarse, fine))  # no tiles
     time = plan.realizations.number * plan.clock.duration
     planned = effort.looks[min(1, len(effort.looks) - 1)]
     try:
@@ -69,9 +69,42 @@ def step_error(
                 break
             if number >= planned and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
                 break
+        if effort.whole and MOST_BIAS < error.certain < np.inf:
+            return _along_paths(error, coarse, fine, model)
         return error
     except Diverged:
         return StepError.infinite(step, model.bodies, model.contacts)
+
+
+def _along_paths(error: StepError, coarse: Plan, fine: Plan, model: Model) -> StepError:
+    """Return the error of a step on whole paths, with errors of averages where small changes grow; see `separation`."""
+    begins, steps = in_pieces(coarse.clock.steps)
+    if not begins:
+        return error
+    one = _speeds(coarse, steps, len(begins), np.zeros(len(model.bodies)))
+    other = _speeds(coarse, steps, len(begins), SHIFT * np.sqrt((one**2).mean(axis=(0, 2))))
+    parts = separate(model, one, other)
+    if not parts.any():
+        return error
+    pairs = (_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks))
+    found = [pair.run(begins, steps, 0, follow=True) for pair in pairs]
+    scatter = bias_of(coarse, fine, model, Coverage(begins, steps, coarse.clock.steps, follow=True), found).error
+    return error.scattered(scatter, rows_of(model, parts, scatter))
+
+
+def _speeds(plan: Plan, steps: int, number: int, shift: np.ndarray) -> np.ndarray:
+    """Return velocities after some times so many steps, (moment, body, realization), if they are shifted at first."""
+    found = []
+    for index in range(plan.realizations.blocks):
+        block = Block(plan, index, lambda steps: None)
+        block.advance(plan.clock.spin_up_steps, None)
+        block.state.v[:-1] += shift[:, None]
+        speeds = []
+        for _ in range(number):
+            block.advance(steps, None)
+            speeds.append(block.state.v[:-1].copy())
+        found.append(np.array(speeds))
+    return np.concatenate(found, axis=-1)
 
 
 class _Pair:
@@ -89,8 +122,11 @@ class _Pair:
         self.coarse.advance(steps, None)
         self.coarse.note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
 
-    def run(self, begins: tuple[int, ...], steps: int, run_up: int) -> Segments:
-        """Let the coarse block make segments, and the fine one each of them from where the coarse one began it."""
+    def run(self, begins: tuple[int, ...], steps: int, run_up: int, follow: bool = False) -> Segments:
+        """Let the coarse block make segments, and the fine one each of them from where the coarse one began it.
+
+        If it is to `follow`, the fine one begins the first of them only there, and goes on by itself.
+        """
         plan = self.coarse.plan
         finer = round(plan.clock.step / self.fine.plan.clock.step)
         starts, ends, coarse, fine = [], [], [], []
@@ -109,12 +145,13 @@ class _Pair:
         for begin, place, speed, states in zip(
             begins, *self.fine_path.begin(start_x, start_v, start_laws), start_laws.states, strict=True
         ):
-            self.fine.states[:] = states
-            self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
+            if not (follow and fine):
+                self.fine.states[:] = states
+                self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_State.of(self.fine))
         energy = self._energy(x, v, *self.fine_path.at(*_joined(ends)), laws)
-        return Segments(coarse, fine, together(energy))
+        return Segments(coarse, fine, together(energy * (not follow)))  # then nothing is kept that is not seen
 
     def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: Laws) -> np.ndarray:
         """Return the energy of states less that of others, by connected part: conservative forces do the work."""

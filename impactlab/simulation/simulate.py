@@ -21,7 +21,7 @@ from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.stored import stored
-from impactlab.errors import Diverged, InvalidInput, unheard, warn
+from impactlab.errors import Diverged, ImpactLabWarning, InvalidInput, noted, unheard, warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.linear.damping import damped
@@ -39,6 +39,7 @@ from impactlab.results.dataset import opened, path_of, replacing, told, write
 from impactlab.results.schema import unwanted, wanted_names
 from impactlab.results.snapshot import AT_POINTS, QUANTITIES, STATES
 from impactlab.results.stack import Findings
+from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.block import compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import continued, endless_chatter, merged, run, run_block
@@ -188,8 +189,9 @@ def simulate(
         one = replace(request, realizations=number, step=chosen, coarse=coarse)
         return Ensemble(model, one, Execution(executor, growing=True), compared=True)
 
-    with announced(progress):
+    with announced(progress), noted() as given:
         result = reach(ensemble, tolerances, SECONDS if allowed is None else allowed, request, reporter(progress))
+    result = with_warnings(Findings.of(result), by_kind(given)).dataset() if given else result
     result = result if wanted is None else result.drop_vars(unwanted(wanted), errors="ignore")
     return result if asked else without_realizations(result)
 
@@ -219,10 +221,10 @@ def _simulate(network: Network, request: Request, execution: Execution) -> xr.Da
     """Return the dataset of a request."""
     out, progress = execution.out, reporter(execution.progress)
     files = contextlib.nullcontext() if out is None else replacing(path_of(out))
-    with announced(execution.progress), files as temporary:
+    with announced(execution.progress), files as temporary, noted() as given:
         ensemble = Ensemble(Model.of(network), request, execution)
         ensemble.grow(ensemble.number, progress, temporary)
-        dataset = ensemble.dataset()
+        dataset = with_warnings(ensemble.findings(), by_kind(given)).dataset()
         if out is None or temporary is None:
             return dataset
         streamed = any(isinstance(item, Trajectory) for item in request.records)
@@ -396,14 +398,15 @@ class Part:
 
     def findings(self, configuration: dict[str, Any]) -> Findings:
         """Return what the dataset of all realizations holds."""
-        found = _estimated(self.plan, self.request, self.results, self.rows, configuration)
+        wandering = "" if self.error is None else self.error.wandering
+        found = _estimated(self.plan, self.request, self.results, self.rows, configuration, wandering)
         if self.error is None:
             return found
         dataset = found.dataset()
         sampled = self.plan.random and not self.plan.realizations.trusted
         if message := self.error.doubt(dataset, sampled, self.plan.steady):
-            warn(message)
-        return Findings.of(self.error.added_to(dataset, self.plan.clock.automatic))
+            warn("unknown_step_bias", message)
+        return Findings.of(self.error.told().added_to(dataset, self.plan.clock.automatic))
 
     @contextlib.contextmanager
     def _explained(self, plan: Plan) -> Iterator[None]:
@@ -431,7 +434,7 @@ def _run(
             "tolerance=, a shorter duration= or spin_up=, or fewer realizations."
         )
     if foreseen > LONG and not execution.growing:  # then the time is limited
-        warn(f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.")
+        warn("long_run", f"{plan.announced(foreseen)}. Give max_seconds= to refuse such runs.", ImpactLabWarning)
     size = trajectory_size(plan)
     check_memory(plan, execution.workers, size if file is None else 0)
     with contextlib.ExitStack() as stack:
@@ -446,36 +449,48 @@ def _run(
 
 
 def _estimated(
-    plan: Plan, request: Request, results: list[BlockResult], rows: Rows | None, configuration: dict[str, Any]
+    plan: Plan,
+    request: Request,
+    results: list[BlockResult],
+    rows: Rows | None,
+    configuration: dict[str, Any],
+    wandering: str,
 ) -> Findings:
-    """Return what the dataset of a finished run holds, and warn of what it leaves open."""
+    """Return what the dataset of a finished run holds, and warn of what it leaves open.
+
+    A text that says that small errors change the path is given in place of runs that begin elsewhere.
+    """
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
-        warn(message)
+        warn("chatter", message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     transient = (request.from_rest or plan.start.given) and not plan.clock.spin_up_steps
     if estimates.values.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
-        warn(estimates.values.unbalanced)
+        warn("balance", estimates.values.unbalanced)
     if drifting and not transient:
         warn(
+            "drift",
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
-            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=."
+            f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
     paths = any(isinstance(record, Trajectory) for record in request.records)
     if transient and request.spin_up is None and not paths and plan.forgetting and estimates.drift > DRIFT:
         warn(
+            "transient",
             f"Means contain the transient from the start: the two halves of the run differ by {estimates.drift:.1f} "
-            "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted."
+            "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted.",
         )
-    usual = request.initial is None and not plan.noise.coarse
+    if wandering:
+        warn("chaotic_path", wandering)
+    usual = request.initial is None and not plan.noise.coarse and not wandering
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
-        warn(message)
+        warn("several_motions", message)
     if not plan.noise.coarse and not drifting:
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:
-            warn(message)
+            warn("heating", message)
     return findings_of(plan, estimates, results, configuration)
 
 

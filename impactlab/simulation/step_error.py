@@ -43,6 +43,9 @@ REACHED = 0.95
 KNOWN = 0.1
 """Three standard errors, as a part of a statistic, up to which it counts what is not known of its bias."""
 
+WANDERING = 2.0 * WORTH_SAYING
+"""Standard error of an average along a path that small errors change, as a part of it, from which on it is said."""
+
 FEWEST = 8
 """Fewest segments that tell how long energies are correlated."""
 
@@ -83,6 +86,11 @@ class StepError:
         Standard error of the measured mean square velocity.
     reached : float
         Share of the run that is over where the measurement ends.
+    unsure : dict of str to (body or contact,) ndarray
+        Standard errors of the biases beside `error`, of what the compared paths cannot tell. They do not count where a
+        step is chosen.
+    apart : dict of str to (body or contact,) ndarray of bool
+        Whether the compared paths do not come together at smaller steps; errors are then those of averages along them.
     """
 
     step: float
@@ -92,6 +100,8 @@ class StepError:
     measured: dict[str, np.ndarray] = field(default_factory=dict)
     scatter: np.ndarray | float = 0.0
     reached: float = 1.0
+    unsure: dict[str, np.ndarray] = field(default_factory=dict)
+    apart: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def infinite(cls, step: float, bodies: tuple[str, ...], contacts: tuple[str, ...]) -> Self:
@@ -147,6 +157,36 @@ class StepError:
         """A step that makes the bias small enough, if it falls with the square of the step (s)."""
         bias = abs(self.worst[2])
         return self.step * max(0.25, 0.8 * math.sqrt(MOST_BIAS / bias)) if bias > MOST_BIAS else self.step
+
+    def scattered(self, error: dict[str, np.ndarray], apart: dict[str, np.ndarray]) -> StepError:
+        """Return these biases with other errors where paths are apart."""
+        return replace(
+            self, error={name: np.where(apart[name], error[name], own) for name, own in self.error.items()}, apart=apart
+        )
+
+    def told(self) -> StepError:
+        """Return these biases with all that is unsure of them in their standard errors."""
+        error = {name: np.hypot(own, self.unsure.get(name, 0.0)) for name, own in self.error.items()}
+        return replace(self, error=error, unsure={})
+
+    @property
+    def wandering(self) -> str:
+        """Say how well averages along paths are known that are apart; nothing where no path is, or they are known."""
+        known = {
+            name: np.where(self.apart[name] & np.isfinite(error), error, 0.0) / math.sqrt(2.0)
+            for name, error in self.error.items()
+            if name in self.apart
+        }
+        name = max(known, key=lambda name: known[name].max(initial=0.0), default="")
+        if not name or known[name].max(initial=0.0) <= WANDERING:
+            return ""
+        place = int(known[name].argmax())
+        label = self.labels[STATISTICS[name].dimension][place]
+        return (
+            f"Averages along this path are known to ± {100.0 * known[name][place]:.2g} % only "
+            f"({STATISTICS[name].long_name} of {label!r}): small errors change it as they change chaotic paths, at any "
+            "step. Run for longer, or use realizations with different initial= values."
+        )
 
     def at(self, step: float) -> StepError:
         """Return what is known of the bias of a smaller step (s): it falls with the first to second power of the step.
@@ -230,13 +270,14 @@ class StepError:
             return ""
         if self.reached < REACHED:
             return f"The bias of the step was measured in the first {100.0 * self.reached:.2g} % of the run only{again}"
+        no = np.zeros((), dtype=bool)
         for name, bias in self.bias.items():
             value, error = ran(name)
             size = size_of(name, lambda item: dataset[item].values)
             with np.errstate(divide="ignore", invalid="ignore"):
                 may_be = np.abs(bias) + self.limit * self.error[name]
                 unknown = may_be > UNSURE + 3.0 * error / size
-                unknown &= np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name]
+                unknown &= (np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name]) & ~self.apart.get(name, no)
             for place in np.flatnonzero(unknown & (value != 0.0) & (3.0 * error < KNOWN * size))[:1]:
                 label, known = self.labels[STATISTICS[name].dimension][place], self.error[name][place]
                 how = f"known to ± {100.0 * known:.2g} % only" if known < math.inf else "unknown: it was not seen"

@@ -149,7 +149,7 @@ def reach(
     report(1.0)
     trial.repeat_warnings()
     if errors.worst > 1.0:
-        warn(_missed(trial, errors, time.monotonic() - begin))
+        warn("tolerance", _missed(trial, errors, time.monotonic() - begin))
     attributes = {"error_over_tolerance": errors.worst, "attempts": rounds, "seconds_spent": time.monotonic() - begin}
     return _labelled(trial, tolerance, attributes)
 

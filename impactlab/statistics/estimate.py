@@ -231,4 +231,4 @@ def _warn_of_few(plan: Plan) -> None:
         advice = f"run for at least {needed:.3g} s, or use {BATCHES} realizations"
     else:
         advice = f"use at least {BATCHES} realizations"
-    warn(f"Too few independent samples for standard errors, which are NaN: {advice}.")
+    warn("few_samples", f"Too few independent samples for standard errors, which are NaN: {advice}.")

@@ -29,9 +29,10 @@ class Events:
     """How often something independent happened, in all units together."""
 
     closings: np.ndarray  # (contact,) to each contact
-    pushes: np.ndarray  # (body,) to each body, by kicks; infinite where the method does not kick
+    pushes: np.ndarray
+    """(body,) to each body, by kicks or impacts; infinite under dry friction, and where the method does not kick."""
     moved: np.ndarray
-    """(body,) of int: slots of bodies that nothing but kicks moves, and too seldom for standard errors."""
+    """(body,) of int: slots of bodies that only kicks and impacts move, and too seldom for standard errors."""
 
     @classmethod
     def of(cls, plan: Plan, closed: np.ndarray, squares: np.ndarray) -> Events:
@@ -40,6 +41,9 @@ class Events:
         if not plan.method.integrator.kicks:
             return cls(closings, np.full(len(plan.system.bodies), np.inf), cold[:0])
         pushes = _seen((squares > 0.0) & (squares >= ACTED * squares.mean(axis=-1, keepdims=True)))
+        rigid = plan.impacts.rigid
+        np.maximum.at(pushes, rigid.bodies, np.repeat(closings[rigid.contacts], np.diff(rigid.begin)))
+        pushes[plan.friction.links.bodies] = np.inf  # it acts all the time
         return cls(closings, pushes, cold[pushes[cold] < CLOSINGS])
 
     def of_network(self, place: int, number: int) -> Events:
@@ -117,9 +121,10 @@ def warn_of_still(plan: Plan, events: Events) -> None:
     if moved.size:
         stillest = int(np.argmin(number))
         warn(
+            "rare_pushes",
             f"{len(moved)} oscillator(s) that only contacts or couplings move were moved fewer than {CLOSINGS} times "
             f"in all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
-            f"{number[stillest]:.2g} times. Run for longer, or use more realizations."
+            f"{number[stillest]:.2g} times. Run for longer, or use more realizations.",
         )
 
 
@@ -130,7 +135,8 @@ def warn_of_rare(plan: Plan, closings: np.ndarray) -> None:
         rarest = rare[np.argmin(closings[rare])]
         needed = plan.clock.step * plan.clock.steps * CLOSINGS / closings[rarest]
         warn(
+            "rare_contacts",
             f"{len(rare)} contact(s) closed fewer than {CLOSINGS} times in all, too seldom for standard errors: "
             f"{plan.system.contacts[rarest]!r} about {closings[rarest]:.2g} times. Run for {needed:.2g} s, or use more "
-            "realizations."
+            "realizations.",
         )

@@ -260,7 +260,8 @@ def warn_of_kinks(model: Model, stiffening: Stiffening, step: float, duration: f
     largest = _kink_step(model, stiffening, np.where(free[slots], WANDERING**2 / (KINK_HEATING * duration), 0.0))
     if step > largest:
         warn(
+            "kinks",
             f"Without friction the energy may change by more than {100.0 * WANDERING:g} % in {duration:g} s at the "
             f"automatic step of {step:.3g} s, since contacts open and close within steps; give step={largest:.2g} or "
-            "less."
+            "less.",
         )

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 MakeNetwork = Callable[..., "Network | tuple[Network, Mapping[str, Any]]"]
 
-_TAKEN = {"oscillator", "contact", "realization", "time", "sample", "status", "reference_status"}
+_TAKEN = {
+    "oscillator", "contact", "realization", "time", "sample", "status", "reference_status", "warning", "warnings"
+}  # fmt: skip
 _OPTIONS = [
     name
     for name in inspect.signature(impactlab.simulate).parameters

@@ -16,6 +16,7 @@ from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.plan.seed import seed_of
 from impactlab.results.dataset import CONFIGURATION, provenance
 from impactlab.results.stack import DONE, Findings, gathered
+from impactlab.results.warned import with_all_kinds
 from impactlab.sweeps.points import MakeNetwork, Point, labels_of, make_points, reason_of, values_of
 
 Outcome: TypeAlias = xr.Dataset | Findings | ImpactLabError
@@ -42,7 +43,7 @@ class Sweep:
             raise kind(f"No point of the sweep could be simulated; at {key}: {reason}")
         names = {"names": list(self.coordinates), "reference": self.reference}
         title = f"Statistics of networks of oscillators with contacts over {', '.join(self.coordinates)}"
-        results = [_found(outcomes.get(point.key)) for point in self.points]
+        results = with_all_kinds([_found(outcomes.get(point.key)) for point in self.points])
         made = [json.loads(found.attributes[CONFIGURATION]) for found in results if found.attributes]
         of_all = provenance(title, json.dumps({"sweep": names}), in_one_line(entries(made)))
         further = []

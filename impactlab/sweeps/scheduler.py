@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from typing import Any
 
-from impactlab.errors import ImpactLabError, ImpactLabWarning, Interrupted, Listener, heard_by, warn
+from impactlab.errors import KINDS, ImpactLabError, ImpactLabWarning, Interrupted, Listener, give, heard_by, warn
 from impactlab.machine import SharedThreads, begin, cores
 from impactlab.sweeps.points import reason_of
 
@@ -18,23 +18,41 @@ Job = Callable[[Executor, Callable[[float], None]], Any]
 """Simulates something on an executor, calls back with the part that is done, and returns its outcome."""
 
 
+MOST_SAID = 3
+"""Warnings that a set of jobs gives at most."""
+
+
 class Heard:
-    """Warnings, and the keys of the jobs that gave them."""
+    """Warnings by category and kind, and by the keys of the jobs that gave them."""
 
     def __init__(self) -> None:
-        self.keys: dict[tuple[type[Warning], str], set[str]] = {}
+        self.given: dict[tuple[type[ImpactLabWarning], str], dict[str, ImpactLabWarning]] = {}
 
     def of(self, key: str) -> Listener:
-        """Return what hears those of a job."""
-        return lambda message, category: self.keys.setdefault((category, message), set()).add(key)
+        """Return what hears those of a job; of several of a kind the first counts."""
+        return lambda warning: self.given.setdefault((type(warning), warning.kind), {}).setdefault(key, warning)
 
-    def say(self, kind: str, order: Iterable[str]) -> None:
-        """Give each of them once, with the first of the jobs that it concerns."""
+    def of_job(self, key: str) -> list[ImpactLabWarning]:
+        """Return those of a job."""
+        return [warnings[key] for warnings in self.given.values() if key in warnings]
+
+    def say(self, what: str, order: Iterable[str]) -> None:
+        """Give one warning of each kind, that of the first job that it concerns, and the number of jobs.
+
+        Where there are more than `MOST_SAID` kinds, the last warning lists those that concern the fewest jobs.
+        """
         order = list(order)
-        for (category, message), concerned in self.keys.items():
-            first = next(key for key in order if key in concerned)
-            others = f" and {len(concerned) - 1} more" if len(concerned) > 1 else ""
-            warn(f"{kind} {first!r}{others}: {message}", category)
+        kinds = sorted(self.given.items(), key=lambda item: -len(item[1]))
+        said = kinds if len(kinds) <= MOST_SAID else kinds[: MOST_SAID - 1]
+        for (category, kind), warnings in said:
+            first = next(key for key in order if key in warnings)
+            number = f"In {len(warnings)} of {len(order)} {what.lower()}s, first"
+            give(category(f"{number if len(warnings) > 1 else what} {first!r}: {warnings[first]}", kind))
+        if rest := kinds[len(said) :]:
+            causes = "; ".join(f"{KINDS[kind]} (in {len(warnings)})" for (_, kind), warnings in rest)
+            (category, kind), _ = rest[0]
+            text = f"Also in some of {len(order)} {what.lower()}s: {causes}. See `warnings` in the result."
+            give(category(text, kind))
 
 
 def run_in_turn(jobs: Mapping[str, Callable[[], Any]], heard: Heard) -> dict[str, Any]:
@@ -144,6 +162,7 @@ def run_points(
     lost = [outcome for outcome in outcomes.values() if _lost_its_executor(outcome)]
     if 0 < len(lost) < len(outcomes):  # not run again on threads: what ended a worker would end this process, too
         warn(
+            "lost_points",
             f"{len(lost)} of {len(outcomes)} points were lost with the executor, and are NaN: {reason_of(lost[0])} "
             "The variable status says which; sweep over their values on a new executor.",
             ImpactLabWarning,

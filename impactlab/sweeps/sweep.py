@@ -25,6 +25,7 @@ from impactlab.machine import begin, uncollected
 from impactlab.plan.side_by_side import Planned
 from impactlab.progress import reporter
 from impactlab.results.stack import Findings
+from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.expected import expect_together
 from impactlab.simulation.joint_runs import SIZE, Found, JointRun, grouped, joins, run_all
 from impactlab.simulation.planning import Automatic, automatic
@@ -161,7 +162,11 @@ def run_side_by_side(
     runs = runs_of(ready) if executor is None else []
     share = 0.99 * sum(map(len, runs)) / max(len(points), 1)  # the end is shown by others
     results = run_fused(ready, runs, lambda part: show(share * part))
-    outcomes |= run_in_turn({key: partial(_labelled, ready[key], found_of) for key, found_of in results.items()}, heard)
+    labelled = run_in_turn({key: partial(_labelled, ready[key], found_of) for key, found_of in results.items()}, heard)
+    outcomes |= {
+        key: with_warnings(item, by_kind(heard.of_job(key))) if isinstance(item, Findings) else item
+        for key, item in labelled.items()
+    }
     return outcomes, [item.point for key, item in ready.items() if key not in outcomes]
 
 

@@ -370,11 +370,11 @@ def test_a_warning_names_the_items_once(monkeypatch):
     simulate = il.simulate
 
     def warning(network, **options):
-        warn("little is known")
+        warn("drift", "little is known")
         return simulate(network, **options)
 
     monkeypatch.setattr(il, "simulate", warning)
-    with pytest.warns(il.AccuracyWarning, match=r"Item 'clearance/0\.5' and 1 more: little is known") as caught:
+    with pytest.warns(il.AccuracyWarning, match=r"In 2 of 2 items, first 'clearance/0\.5': little is known") as caught:
         il.run_study("example", settings=SHORT)
     assert len(caught) == 1
 

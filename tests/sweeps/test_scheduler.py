@@ -166,19 +166,19 @@ def test_two_at_a_time_leave_the_warnings_of_others_alone():
 
     def first(pool, note):
         meet.wait()
-        warn("of the first")
+        warn("drift", "of the first")
         outer.wait(60.0)
         return xr.Dataset()
 
     def second(pool, note):
         meet.wait()
-        warn("of the second")
+        warn("drift", "of the second")
         return xr.Dataset()
 
     heard = {}
 
     def run(name, job, done):
-        with heard_by(lambda message, category: heard.setdefault(name, []).append((message, category))):
+        with heard_by(lambda warning: heard.setdefault(name, []).append((str(warning), type(warning)))):
             run_together({name: job}, lambda *_: None, kind="Job", workers=1)
         done.set()
 

@@ -276,7 +276,9 @@ def test_an_interrupt_stops_every_point():
 
 @pytest.mark.filterwarnings("default::impactlab.AccuracyWarning")
 def test_a_warning_is_given_once_and_names_the_points():
-    with pytest.warns(il.AccuracyWarning, match=r"Point 'ratio=8\.0, clearance=0\.02' and 5 more: Too few") as caught:
+    with pytest.warns(
+        il.AccuracyWarning, match=r"In 6 of 6 points, first 'ratio=8\.0, clearance=0\.02': Too few"
+    ) as caught:
         il.sweep(base, RATIOS, **SHORT)
     assert len(caught) == 1
     assert caught[0].filename == __file__

@@ -12,7 +12,7 @@ import numpy as np
 
 from impactlab.components.component import positive, suggestion
 from impactlab.components.composition import Composition
-from impactlab.errors import InvalidInput, NoExactReference, warn
+from impactlab.errors import ImpactLabWarning, InvalidInput, NoExactReference, warn
 from impactlab.machine import cores
 from impactlab.progress import say
 from impactlab.reference.fokker_planck.convergence import RELATIVE_BALANCES, Convergence
@@ -159,7 +159,7 @@ class _Solver:
                 poor = errors.insufficient(self.tolerance, free)
                 if not poor:
                     if errors.insufficient(self.tolerance, Basis._fields):
-                        warn(f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
+                        warn("tolerance", f"With the given basis errors exceed {self.tolerance:g}: {errors.summary()}.")
                     return reached
                 last, basis = fine, fine.basis
                 for name, excess in poor.items():
@@ -211,7 +211,8 @@ class _Solver:
         foreseen = self.budget.foreseen(self.pair, basis, accuracy)
         say(None, f"fokker_planck: {announced(self.pair, basis, foreseen)}")
         if foreseen > _LONG and math.isinf(self.budget.allowed):
-            warn(f"The grid has {announced(self.pair, basis, foreseen)}. Give max_seconds= for a coarser one.")
+            text = f"The grid has {announced(self.pair, basis, foreseen)}. Give max_seconds= for a coarser one."
+            warn("long_run", text, ImpactLabWarning)
 
     def _in_spite(
         self, reached: FokkerPlanckReference | None, fine: Propagator | None, accuracy: float
@@ -222,8 +223,9 @@ class _Solver:
             raise NoExactReference(f"No density became stationary {spent}. Give a larger max_seconds= or tolerance=.")
         foreseen = self.budget.foreseen(self.pair, fine.basis, accuracy)
         warn(
+            "tolerance",
             f"The tolerance of {self.tolerance:g} was not reached {spent}: {reached.errors.summary()}. The next grid "
-            f"takes {announced(self.pair, fine.basis, foreseen)}; give a larger max_seconds= or tolerance=."
+            f"takes {announced(self.pair, fine.basis, foreseen)}; give a larger max_seconds= or tolerance=.",
         )
         return reached
 
