@@ -13,8 +13,8 @@ from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
-from impactlab.results.stack import DONE, number_of, on_own_axes
 from impactlab.results.snapshot import recorded
+from impactlab.results.stack import DONE, number_of, on_own_axes
 
 LABELS = (BODY, CONTACT, POINT)
 """Dimensions whose labels are names of members of a network."""
