@@ -59,9 +59,17 @@ _STYLE: dict[Any, Any] = {
 
 @contextlib.contextmanager
 def style() -> Iterator[None]:
-    """Draw in the style of impactlab's figures while this context is active."""
-    with matplotlib.rc_context(_STYLE):
+    """Draw in the style of impactlab's figures while this context is active.
+
+    Nothing else is put back at its end, as `matplotlib.rc_context` does: the first figure of pyplot in a notebook
+    switches pictures on by a parameter, ``interactive``.
+    """
+    before = {name: matplotlib.rcParams[name] for name in _STYLE}
+    matplotlib.rcParams.update(_STYLE)
+    try:
         yield
+    finally:
+        matplotlib.rcParams.update(before)
 
 
 def svg(figure: Figure) -> bytes:

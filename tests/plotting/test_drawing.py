@@ -225,6 +225,18 @@ def test_the_style_ends_with_its_context():
     assert dict(matplotlib.rcParams) == before
 
 
+def test_the_style_keeps_what_is_none_of_its_own():
+    """A backend that pyplot switches on meanwhile changes ``interactive``."""
+    with matplotlib.rc_context({"interactive": False, "font.size": 13.0}):
+        with style():
+            pyplot.ion()
+        assert matplotlib.is_interactive()
+        axes = il.plot.network(il.Network({"a": BODY}))
+        assert matplotlib.is_interactive()
+        assert matplotlib.rcParams["font.size"] == 13.0
+        pyplot.close(axes.figure)
+
+
 @pytest.mark.parametrize(
     ("units", "text"),
     [
