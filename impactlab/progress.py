@@ -106,7 +106,8 @@ class _Bar:
     def _as_html(self, part: float, told: str) -> None:
         from IPython.display import HTML, display
 
-        bar = HTML(f'<progress value="{part:.3f}" max="1"></progress> {html.escape(told)}')  # type: ignore[no-untyped-call]
+        text = f'<progress value="{part:.3f}" max="1"></progress> {html.escape(told)}'
+        bar = HTML(text)  # type: ignore[no-untyped-call]
         if self.display is None:
             self.display = display(bar, display_id=True)  # type: ignore[no-untyped-call]
         else:

@@ -19,9 +19,9 @@ from matplotlib.patches import Circle, Rectangle
 from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.sides import WALL, is_difference, named_by, weights_of
 from impactlab.errors import InvalidInput
-from impactlab.plotting.held import contacts_of, structures_of, variable
+from impactlab.plotting.held import contacts_of, rows, structures_of, variable
 from impactlab.plotting.layout import in_a_row
-from impactlab.plotting.motion import one_realization, series, when_closed
+from impactlab.plotting.motion import TRAJECTORIES, one_realization, series, when_closed
 from impactlab.plotting.style import COLORS, name_text, style
 from impactlab.plotting.symbols import GROUND, INK, PALE
 
@@ -160,16 +160,17 @@ class _Scene:
     """Bodies and points in a row, and in planes, with their displacements and contacts."""
 
     def __init__(self, result: xr.Dataset) -> None:
-        data = variable(result, "displacement", "trajectories", "il.Trajectory(interval=…)", ["time"])
-        paths = {str(name): data.sel(oscillator=name).values for name in data["oscillator"].values}
+        data = variable(result, "displacement", *TRAJECTORIES, ["time"])
+        paths = {name: data.sel(place).values for name, place in rows(data)}
         if "point_displacement" in result:
-            points = {str(name): result["point_displacement"].sel(point=name).values for name in result["point"].values}
+            at_points = result["point_displacement"]
+            points = {name: at_points.sel(place).values for name, place in rows(at_points)}
             hidden = {name.rpartition(".")[0] for name in points} & structures_of(result)
             paths = {name: path for name, path in paths.items() if name.rpartition(".")[0] not in hidden}
             paths |= points
-        self.times, self.closed = result["time"].values, when_closed(result)
+        self.times, contacts = result["time"].values, contacts_of(result)
         self.frames = np.unique(np.linspace(0, len(self.times) - 1, min(FRAMES, len(self.times))).astype(int))
-        contacts = {name: item for name, item in contacts_of(result).items() if name in self.closed}
+        self.closed = dict.fromkeys(contacts, np.zeros(len(self.times), dtype=bool)) | when_closed(result)
         self.contacts = {name: item for name, item in contacts.items() if isinstance(item, Contact)}
         self.planes = [
             _Plane(name, item, result, self.closed[name])
@@ -179,8 +180,8 @@ class _Scene:
         in_planes = {name for plane in self.planes for name in named_by(plane.contact)}
         in_row = {name for item in self.contacts.values() for name in named_by(item)}
         pairs = [(str(item.first), str(item.second)) for item in self.contacts.values() if _plain(item) == 2]
-        row = in_a_row(pairs, [name for name in paths if name in in_row or name not in in_planes])[:PLACES]
-        self.paths = {name: paths[name] for name in row}
+        row = in_a_row(pairs, [name for name in paths if name in in_row or name not in in_planes])
+        self.paths = {name: paths[name] for name in [name for name in row if name in paths][:PLACES]}
 
     @cached_property
     def range(self) -> float:

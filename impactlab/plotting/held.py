@@ -132,4 +132,4 @@ def contacts_of(result: xr.Dataset) -> dict[str, Contact | RoundContact]:
 @reading_stored()
 def structures_of(result: xr.Dataset) -> set[str]:
     """Return the names of the structures of the network of a result: bodies of other names stand for each."""
-    return set(configuration(result).get("network", {}).get("oscillators", {})) - set(result[BODY].values.tolist())
+    return set(configuration(result).get("network", {}).get("oscillators", {})) - set(names_of(result[BODY])[1])

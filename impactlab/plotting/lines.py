@@ -135,7 +135,7 @@ def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Ax
         axes.set_xlabel(f"number of the {dimension}")
     else:
         points(axes, x, data.values, error, label="simulated")
-        beside: dict[str, Any] = {"xytext": (6.0, 0.0), "textcoords": "offset points", "va": "center", "fontsize": 8.0}
+        beside: dict[str, Any] = {"xytext": (9.0, 0.0), "textcoords": "offset points", "va": "center", "fontsize": 8.0}
         for place, value, spread in zip(x, data.values, error, strict=True) if data.size <= FEW else ():
             axes.annotate(measured_text(value, spread), (place, value), **beside)
         if data.size == 1 and data.values[0] > 0.0:

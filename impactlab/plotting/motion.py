@@ -20,6 +20,9 @@ from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend
 Place = str | Combination
 """What moves: a body, a point of a structure, or a weighted sum of these."""
 
+TRAJECTORIES = "trajectories", "il.Trajectory(interval=…)"
+"""What is missing where there are none, and the record that keeps them."""
+
 _QUANTITIES = {"displacement": "m", "velocity": "m s-1", "contact_force": "N"}
 _CLOSED: dict[str, Any] = {"facecolor": "0.5", "alpha": 0.3, "linewidth": 0.0}
 _MOST = 4
@@ -74,7 +77,7 @@ def trajectory(
     if quantity not in _QUANTITIES:
         raise InvalidInput(f"quantity: {suggestion(quantity, _QUANTITIES)}")
     one = one_realization(result, realization)
-    data = variable(one, quantity, "trajectories", "il.Trajectory(interval=…)", ["time"])
+    data = variable(one, quantity, *TRAJECTORIES, ["time"])
     axes = axes_of(ax)
     given = [name for name, _ in rows(data)] if names is None else several(names)
     if quantity != "contact_force":
@@ -193,7 +196,7 @@ def series(result: xr.Dataset, quantity: str, name: Place) -> np.ndarray:
     """Return a quantity of a body, a point, a contact or a combination, (…, time)."""
     if isinstance(name, Combination):
         return np.asarray(sum(weight * series(result, quantity, part) for part, weight in name.weights))
-    data = variable(result, quantity, "trajectories", "il.Trajectory(interval=…)", ["realization", "time"])
+    data = variable(result, quantity, *TRAJECTORIES, ["realization", "time"])
     points = f"point_{quantity}"
     if points in result and name in result["point"].values:
         data = result[points]

@@ -98,9 +98,9 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
     if "window_peak_force" in result:
         yield partial(_record, peaks, "window_peak_force", "")
     if "displacement" in result:
-        for name, contact in islice(contacts_of(result).items(), _NAMED):
-            if isinstance(contact, RoundContact):
-                yield partial(_orbit, name)
+        in_planes = [name for name, contact in contacts_of(result).items() if isinstance(contact, RoundContact)]
+        for name in in_planes[:_NAMED]:
+            yield partial(_orbit, name)
     for quantity in ("displacement", "contact_force"):
         if quantity in result:
             yield partial(_record, trajectory, quantity, quantity)

@@ -1,4 +1,4 @@
-"""Motion in a plane: orbits of bodies, and the rims of round clearances."""
+"""Plots of motion in a plane: orbits in round clearances."""
 
 from __future__ import annotations
 
@@ -11,8 +11,17 @@ from impactlab.components.component import suggestion
 from impactlab.components.contact import RoundContact
 from impactlab.components.sides import WALL, Combination, weights_of
 from impactlab.errors import InvalidInput
-from impactlab.plotting.held import contacts_of, several
-from impactlab.plotting.motion import Place, axis_label, draw_path, draw_rim, one_realization, series, when_closed
+from impactlab.plotting.held import contacts_of, several, variable
+from impactlab.plotting.motion import (
+    TRAJECTORIES,
+    Place,
+    axis_label,
+    draw_path,
+    draw_rim,
+    one_realization,
+    series,
+    when_closed,
+)
 from impactlab.plotting.style import axes_of, dashes, legend_above, name_text, style
 
 
@@ -49,6 +58,7 @@ def orbit(
         If the result holds no trajectories, a name is unknown, or no round contact is there where none is named.
     """
     one = one_realization(result, realization)
+    variable(one, "displacement", *TRAJECTORIES, ["time"])
     contacts = {key: item for key, item in contacts_of(one).items() if isinstance(item, RoundContact)}
     if not isinstance(name, str | None):
         coordinates: Sequence[Place] = tuple(several(name))

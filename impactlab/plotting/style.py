@@ -148,7 +148,9 @@ def legend_above(axes: Axes, least: int = 1, most: int = 8) -> Axes:
         root = axes.get_figure(root=True)
         assert root is not None
         room, widths = axes.get_window_extent().width / root.dpi, [_HANDLE + _LETTER * len(label) for label in labels]
-        columns = len(labels) if sum(widths) < room else max(1, int(room / max(widths)))
+        columns = len(labels)
+        while columns > 1 and sum(map(max, np.array_split(widths, columns))) > room:
+            columns -= 1
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
     return axes
 
