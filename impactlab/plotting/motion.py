@@ -187,8 +187,8 @@ def _wide(whole: np.ndarray, some: np.ndarray) -> tuple[float, float]:
     """Return limits around some of the points of a motion; if they are at one place, not only its rounding is seen."""
     middle, half = 0.5 * float(some.max() + some.min()), 0.55 * float(np.ptp(some))
     half = max(half, SMALLEST * float(np.ptp(whole)))
-    if half < ROUNDING * abs(middle):
-        half = SMALLEST * abs(middle)
+    if half <= ROUNDING * abs(middle):
+        half = SMALLEST * abs(middle) or 1.0
     return middle - half, middle + half
 
 

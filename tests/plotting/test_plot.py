@@ -232,6 +232,8 @@ def test_a_settled_motion_is_one_point_not_its_rounding(ax):
     assert ax.get_title() == "once in each period of 1 s"
     seldom = il.plot.stroboscopic(settled.isel(time=slice(1, None, 4)), "a", 1.0, ax=Figure().subplots())
     assert np.ptp(seldom.get_xlim()) == pytest.approx(0.2)  # of a displacement of 1
+    resting = il.plot.stroboscopic(0.0 * settled, "a", 1.0, ax=Figure().subplots())
+    assert resting.get_xlim() == (-1.0, 1.0)
 
 
 def test_legends_of_motion_are_above_it(result, ax):
