@@ -9,12 +9,14 @@ from impactlab.plotting.description import network_html
 from impactlab.plotting.drawing import network
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import phase_portrait, stroboscopic, trajectory
+from impactlab.plotting.planes import orbit
 
 __all__ = [
     "density",
     "joint_density",
     "network",
     "network_html",
+    "orbit",
     "peaks",
     "phase_portrait",
     "profile",

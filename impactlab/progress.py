@@ -106,8 +106,9 @@ class _Bar:
     def _as_html(self, part: float, told: str) -> None:
         from IPython.display import HTML, display
 
-        bar = HTML(f'<progress value="{part:.3f}" max="1"></progress> {html.escape(told)}')
+        text = f'<progress value="{part:.3f}" max="1"></progress> {html.escape(told)}'
+        bar = HTML(text)  # type: ignore[no-untyped-call]
         if self.display is None:
-            self.display = display(bar, display_id=True)
+            self.display = display(bar, display_id=True)  # type: ignore[no-untyped-call]
         else:
             self.display.update(bar)

@@ -36,22 +36,31 @@ def add_commands(command: Command) -> None:
     simulate.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE",
                           help="module, or .py file, with classes of your own; it is executed")  # fmt: skip
     simulate.add_argument("-q", "--quiet", action="store_true", help="print no statistics and no progress")
-    plot = command("plot", _plot, "draw what a result holds")
-    plot.add_argument("result", metavar="RESULT.nc", help="file of a simulation or a sweep")
+    plot = command("plot", _plot, "draw what a result holds, or a network that a TOML file describes")
+    plot.add_argument("file", metavar="RESULT.nc", help="file of a simulation or a sweep; or NETWORK.toml")
     plot.add_argument("-o", "--out", metavar="FIGURE.svg", help="file for the figure (default: RESULT.svg)")
 
 
 def _plot(options: argparse.Namespace) -> int:
     import xarray as xr
 
-    from impactlab.plotting.overview import draw_file
+    from impactlab.networks.network_file import NetworkFile
+    from impactlab.plotting.drawing import draw_network
+    from impactlab.plotting.overview import overview
+    from impactlab.plotting.style import save_figure
     from impactlab.results.dataset import load
 
-    result = load(options.result)
-    if not isinstance(result, xr.Dataset):
-        raise InvalidInput(f"{options.result} is the result of a study, whose figures lie beside it.")
-    out = options.out or str(Path(options.result).with_suffix(".svg"))
-    draw_file(result, out)
+    file = Path(options.file)
+    out = options.out or str(file.with_suffix(".svg"))
+    if file.suffix.lower() == ".toml":
+        figure = draw_network(NetworkFile.read(file).network(impactlab.Network))
+        say(f"{file} describes a network, which is drawn")
+    else:
+        result = load(file)
+        if not isinstance(result, xr.Dataset):
+            raise InvalidInput(f"{file} is the result of a study, whose figures lie beside it.")
+        figure = overview(result)
+    save_figure(figure, out)
     say(f"the figure is {out}")
     return DONE
 

@@ -12,7 +12,7 @@ from impactlab.components.component import Component
 from impactlab.components.excitation import Excitation
 from impactlab.components.sides import WALL, Combination, Side
 from impactlab.components.structure import Structure
-from impactlab.plotting.style import number_text, units_text
+from impactlab.plotting.style import name_text, number_text, units_text
 
 FIELDS = 3
 """Numbers of a component that are written."""
@@ -58,7 +58,7 @@ def law_lines(name: str, law: Component) -> list[str]:
     fields = numbers(law, law.state_names())
     if len(fields) == 1 and " " in fields[0].split(" = ")[1]:
         fields = [fields[0].split(" = ")[1]]
-    return [*([name] if name else []), *textwrap.wrap(words(law), _WIDE), *fields]
+    return [*([name_text(name)] if name else []), *textwrap.wrap(words(law), _WIDE), *fields]
 
 
 def excitation_lines(excitation: Excitation) -> list[str]:

@@ -11,7 +11,18 @@ from matplotlib.axes import Axes
 
 import impactlab
 from impactlab.plotting.held import error_of, known_dataset, law_with, rows, variable
-from impactlab.plotting.style import axes_of, band, dashes, label_text, legend, number_text, points, style
+from impactlab.plotting.style import (
+    axes_of,
+    band,
+    dashes,
+    label_text,
+    legend,
+    legend_above,
+    name_text,
+    number_text,
+    points,
+    style,
+)
 
 
 class Spectra(Protocol):
@@ -78,11 +89,12 @@ def spectrum(
     for index, (label, place) in enumerate(rows(data, names)):
         value = data.sel(place).values[inside]
         error = error_of(result, name, place)[inside]
-        band(axes, frequencies[inside], np.where(value > 0.0, value, np.nan), error, label=label, ls=dashes(index))
+        shown = np.where(value > 0.0, value, np.nan)
+        band(axes, frequencies[inside], shown, error, label=name_text(label), ls=dashes(index))
         if reference is not None:
             linear = law_with("spectrum", reference)(label, quantity.removeprefix("point_"), frequencies[inside])
             axes.plot(frequencies[inside], linear, color=axes.lines[-1].get_color(), ls=(0, (2, 2)), lw=0.8)
-            axes.lines[-1].set_label(f"{label}, linear")
+            axes.lines[-1].set_label(name_text(f"{label}, linear"))
     axes.set(xscale="log", yscale="log", xlabel=label_text("angular frequency", "rad s-1"))
     largest = float(data.max())
     axes.set_ylim(max(0.5 * float(data.where(data > 0.0).min()), 1e-8 * largest), None)
@@ -135,7 +147,7 @@ def peaks(
         top = int(np.argmax(rate))
         known = slice(top, top + int(np.argmax(np.append(lost[top:], True))))
         rate, error, force = rate[known], error[known], force[known]
-        (line,) = axes.plot(1.0 / rate, force, label=name)
+        (line,) = axes.plot(1.0 / rate, force, label=name_text(name))
         color = line.get_color()
         sides = 1.0 / (rate + 2.0 * error), 1.0 / (rate - 2.0 * error)
         axes.fill_betweenx(force, *sides, color=color, alpha=0.25, linewidth=0.0)
@@ -158,7 +170,7 @@ def peaks(
     axes.plot([], [], "D", color="0.4", label="return levels")
     axes.set(xscale="log", xlabel=label_text("return time", "s"), ylabel=label_text("contact force", "N"))
     axes.set_ylim(bottom=0.0)
-    return legend(axes)
+    return legend_above(axes)
 
 
 def _largest(axes: Axes, result: xr.Dataset, place: dict[str, str], color: Any) -> None:

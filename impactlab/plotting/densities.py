@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,8 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 import impactlab
-from impactlab.plotting.held import configuration, contact_weights, error_of, known_dataset, law_with, rows, variable
-from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, legend_above, style
+from impactlab.components.contact import RoundContact
+from impactlab.components.sides import WALL, weights_of
+from impactlab.plotting.held import (
+    configuration,
+    contacts_of,
+    error_of,
+    known_dataset,
+    law_with,
+    reading_stored,
+    rows,
+    variable,
+)
+from impactlab.plotting.motion import axis_label, draw_rim
+from impactlab.plotting.style import COLORS, axes_of, band, dashes, label_text, legend, legend_above, name_text, style
 
 
 class BinDensities(Protocol):
@@ -78,7 +90,7 @@ def density(
     for index, (label, place) in enumerate(rows(data, names)):
         center, value = result[f"{quantity}_center"].sel(place).values, data.sel(place).values
         shown = np.where(value > 0.0, value, np.nan) if log else value
-        band(axes, center, shown, error_of(result, name, place), label=label, ls=dashes(index))
+        band(axes, center, shown, error_of(result, name, place), label=name_text(label), ls=dashes(index))
         top = max(top, float(value.max()))
         reached.append(center[value > (0.0 if log else VISIBLE) * value.max()][[0, -1]])
         if reference is not None:
@@ -104,7 +116,7 @@ def density(
 def joint_density(
     result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Draw the joint density of two displacements, with the line on which a contact of the two closes.
+    """Draw the joint density of two displacements, with the line or the circle on which a contact of the two closes.
 
     Parameters
     ----------
@@ -145,15 +157,19 @@ def joint_density(
         levels = exact.max() * (10.0 ** np.arange(-4.0, 0.0) if log else np.linspace(0.1, 0.9, 5))
         axes.contour(x, y, exact.T, levels, colors="black", linewidths=0.7, linestyles="dashed")
         axes.plot([], [], color="black", lw=0.7, ls="--", label="exact")
-    for name, (a, b), clearance in _lines(result, first, second):
-        label, color = f"{name} closes", COLORS[1]
-        if b:
-            axes.axline((0.0, clearance / b), slope=-a / b, color=color, lw=1.2, label=label)
-        else:
-            axes.axvline(clearance / a, color=color, lw=1.2, label=label)
+    for name, contact in contacts_of(result).items():
+        look: dict[str, Any] = {"color": COLORS[1], "lw": 1.2, "label": name_text(f"{name} closes")}
+        if isinstance(contact, RoundContact):
+            if (contact.first, contact.second) == ((first, second), WALL):
+                draw_rim(axes, contact, **look)
+        elif (weights := weights_of(contact)).keys() <= {first, second}:
+            a, b = weights.get(first, 0.0), weights.get(second, 0.0)
+            if b:
+                axes.axline((0.0, contact.clearance / b), slope=-a / b, **look)
+            else:
+                axes.axvline(contact.clearance / a, **look)
     axes.set(xlim=_reached(edges[0], density.sum(axis=1)), ylim=_reached(edges[1], density.sum(axis=0)))
-    axes.set_xlabel(label_text(f"displacement of {first}", "m"))
-    axes.set_ylabel(label_text(f"displacement of {second}", "m"))
+    axes.set(xlabel=axis_label(first), ylabel=axis_label(second))
     return legend_above(axes)
 
 
@@ -163,15 +179,9 @@ def _reached(edges: np.ndarray, bins: np.ndarray) -> tuple[float, float]:
     return float(edges[inside[0]]), float(edges[inside[-1] + 1])
 
 
+@reading_stored()
 def _bodies(result: xr.Dataset) -> tuple[str, str]:
     """Return the names of the two bodies, which only the stored record has."""
     records = configuration(result).get("simulate", {}).get("record", [])
     found = [(str(item["first"]), str(item["second"])) for item in records if item["type"] == "JointDensity"]
     return found[0] if found else ("first", "second")
-
-
-def _lines(result: xr.Dataset, first: str, second: str) -> Iterator[tuple[str, tuple[float, float], float]]:
-    """Give name, weights of the two bodies and clearance of each contact that these alone close."""
-    for name, (weights, clearance) in contact_weights(result).items():
-        if weights and weights.keys() <= {first, second}:
-            yield name, (weights.get(first, 0.0), weights.get(second, 0.0)), clearance

@@ -12,8 +12,8 @@ from impactlab.components.sides import WALL, is_difference, weights_of
 from impactlab.plotting import symbols
 from impactlab.plotting.captions import with_units
 from impactlab.plotting.layout import ELLIPSIS, Link, Push, is_structure, own_name
-from impactlab.plotting.measures import ANCHOR, GROUND, SHARED, THICK, Measures, depth, spacing, symbols_of
-from impactlab.plotting.style import axes_of, number_text, style
+from impactlab.plotting.measures import ANCHOR, GROUND, ROUND, SHARED, THICK, Measures, depth, spacing, symbols_of
+from impactlab.plotting.style import axes_of, name_text, number_text, style
 from impactlab.plotting.symbols import FORCE, INK
 
 _SYMBOLS = {"spring": symbols.spring, "damper": symbols.damper, "element": symbols.element}
@@ -35,8 +35,9 @@ def network(network: impactlab.Network, ax: Axes | None = None) -> Axes:
     """Draw a network: bodies in a row with springs, dampers, contacts, couplings and excitations.
 
     Structures are dashed boxes on which the points that are used have their names. A hook is a contact that closes
-    when its bodies part. What joins bodies that are not neighbours, or weighted sums of them, lies below the row; of a
-    long chain the first and the last bodies are drawn. What is not drawn is named.
+    when its bodies part, a disc in a circle one that acts in a plane. What joins bodies that are not neighbours, or
+    weighted sums of them, lies below the row; of a long chain the first and the last bodies are drawn. What is not
+    drawn is named.
 
     Parameters
     ----------
@@ -76,6 +77,12 @@ def _draw(ax: Axes, measures: Measures) -> Axes:
         _draw_body(ax, measures, name)
     for place, lanes in enumerate(measures.lanes):
         _draw_between(ax, measures, place, lanes)
+    x = right - sum(width for *_, width in measures.planes)
+    for item, lines, width in measures.planes:
+        middle, y = x + width / 2.0, measures.height - ROUND / 2.0
+        symbols.rim(ax, middle, y, ROUND / 2.0, item.link)
+        symbols.text(ax, middle, y - ROUND / 2.0 - 0.05, lines, symbols.CONTACT)
+        x += width
     for index, push in enumerate(measures.layout.shared):
         _draw_shared(ax, measures, push, measures.height + 0.14 + SHARED * index)
     for index, (name, motion) in enumerate(measures.layout.ground):
@@ -105,7 +112,9 @@ def _draw_body(ax: Axes, measures: Measures, name: str) -> None:
         ax.text(centre, height / 2.0, "\N{MIDLINE HORIZONTAL ELLIPSIS}", ha="center", va="center", fontsize=16)
         return
     symbols.box(ax, x, width, height, dashed=is_structure(measures.members[name]))
-    ax.text(centre, height / 2.0 + 0.06, name, ha="center", va="bottom", fontsize=10, weight="bold", color=INK)
+    ax.text(
+        centre, height / 2.0 + 0.06, name_text(name), ha="center", va="bottom", fontsize=10, weight="bold", color=INK
+    )
     caption = "\n".join(measures.captions[name])
     ax.text(centre, height / 2.0 + 0.02, caption, ha="center", va="top", fontsize=8, color=INK)
     _draw_beside(ax, measures, name) if measures.beside else _draw_below(ax, measures, name)
@@ -243,7 +252,7 @@ def _draw_shared(ax: Axes, measures: Measures, push: Push, y: float) -> None:
         places.append(x)
         symbols.arrow(ax, (x, y + 0.12), (x, measures.height + 0.01))
         point = own_name(measures.layout, name)
-        written = f"{point} × {number_text(weight)}" if point else f"× {number_text(weight)}"
+        written = f"{name_text(point)} × {number_text(weight)}" if point else f"× {number_text(weight)}"
         symbols.text(ax, x - 0.05, y + 0.1, [written], FORCE, ha="right")
     symbols.line(ax, [min(places), max(places)], [y + 0.12] * 2, FORCE)
     symbols.text(ax, min(places), y + 0.14, [measures.shared_text(push)], FORCE, ha="left", va="bottom")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
 
 from impactlab.components.component import suggestion
+from impactlab.components.composition import FAMILIES, kind_of
+from impactlab.components.contact import Contact, HertzContact, RoundContact
 from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
-from impactlab.results.dataset import configuration_of
+from impactlab.results.dataset import CONFIGURATION, configuration_of
 from impactlab.results.schema import BODY, CONTACT, POINT
 from impactlab.results.snapshot import recorded
 from impactlab.results.stack import DONE, number_of, on_own_axes
@@ -105,31 +108,45 @@ def error_of(result: xr.Dataset, name: str, place: Mapping[str, Any]) -> np.ndar
 
 
 def configuration(result: xr.Dataset) -> dict[str, Any]:
-    """Return what is stored of how a result was made, as plain data; nothing if that is lost."""
+    """Return what is stored of how a result was made, as plain data; nothing if that was lost."""
+    return configuration_of(result) if CONFIGURATION in {*result.attrs, *result.variables} else {}
+
+
+@contextlib.contextmanager
+def reading_stored() -> Iterator[None]:
+    """Refuse a stored configuration that was changed to something else than impactlab writes."""
     try:
-        return configuration_of(result)
-    except ImpactLabError:
-        return {}
+        yield
+    except (AttributeError, ImpactLabError, LookupError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"The configuration that is stored with the result is damaged ({error}); simulate again, or remove its "
+            f"attribute {CONFIGURATION!r} to draw without contacts."
+        ) from error
 
 
+@reading_stored()
 def rigid_contacts(result: xr.Dataset) -> set[str]:
     """Return the names of rigid contacts, whose forces are means over the interval before each sample."""
     contacts = configuration(result).get("network", {}).get("contacts", {})
     return {str(name) for name, contact in contacts.items() if contact["law"]["type"] == "RigidContact"}
 
 
-def contact_weights(result: xr.Dataset) -> dict[str, tuple[dict[str, float], float]]:
-    """Return the weights w of bodies and points in ``first − second = w·x``, and the clearance, of each contact.
+@reading_stored()
+def contacts_of(result: xr.Dataset) -> dict[str, Contact | RoundContact]:
+    """Return the contacts of the network of a result.
 
-    They are read from plain data, so that the classes of the laws need not be known.
+    Their laws are others, so that classes of laws need not be known.
     """
     contacts = configuration(result).get("network", {}).get("contacts", {})
-    found = {}
-    for name, contact in contacts.items():
-        weights: dict[str, float] = {}
-        for sign, side in ((1.0, contact["first"]), (-1.0, contact["second"])):
-            of_side = {side: 1.0} if isinstance(side, str) else side.get("combination", {})
-            for body, weight in of_side.items():
-                weights[body] = weights.get(body, 0.0) + sign * weight
-        found[str(name)] = weights, float(contact["clearance"])
-    return found
+    law = HertzContact(1.0)
+    found = {
+        str(name): kind_of(item, FAMILIES["contacts"]).from_dict({**item, "law": law})
+        for name, item in contacts.items()
+    }
+    return cast("dict[str, Contact | RoundContact]", found)
+
+
+@reading_stored()
+def structures_of(result: xr.Dataset) -> set[str]:
+    """Return the names of the structures of the network of a result: bodies of other names stand for each."""
+    return set(configuration(result).get("network", {}).get("oscillators", {})) - set(names_of(result[BODY])[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -10,14 +9,15 @@ import impactlab
 from impactlab.components.component import Component
 from impactlab.components.contact import Contact
 from impactlab.components.excitation import BaseMotion, Excitation, Source
-from impactlab.components.sides import WALL, Combination, is_round, weights_of_side
+from impactlab.components.sides import WALL, Combination, is_round, named_by
 from impactlab.components.structure import Structure
+from impactlab.plotting.style import name_text
 
 BODIES = 8
 """Largest number of bodies that are drawn."""
 
 MOST = 4
-"""Contacts and couplings of bodies apart, and sources of several, that are drawn."""
+"""Contacts and couplings of bodies apart, contacts in a plane, and sources of several, that are drawn."""
 
 ELLIPSIS = ""
 """In the place of the bodies that are left out."""
@@ -46,6 +46,7 @@ class Layout(NamedTuple):
     owners: dict[str, str]  # the body or structure of each name that a link or an excitation may use
     between: list[list[Link]]  # to the left of the first, between neighbours, to the right of the last
     apart: list[Link]  # of bodies that are not neighbours, and of combinations
+    planes: list[Link]  # that act in a plane, right of the row
     stops: dict[str, list[Link]]  # with walls, below a body
     own: dict[str, list[Push]]  # what drives one body or structure
     shared: list[Push]  # what drives several
@@ -55,7 +56,7 @@ class Layout(NamedTuple):
     @property
     def links(self) -> int:
         """Number of contacts and couplings that are drawn."""
-        return sum(map(len, (*self.between, self.apart, *self.stops.values())))
+        return sum(map(len, (*self.between, self.apart, self.planes, *self.stops.values())))
 
 
 def layout_of(network: impactlab.Network) -> Layout:
@@ -66,7 +67,7 @@ def layout_of(network: impactlab.Network) -> Layout:
         owners |= {f"{name}.{own}": name for own in (*structure.bodies(), *structure.weights())}
     row = _row(given, owners)
     shown = row if len(row) <= BODIES else [*row[: BODIES // 2], ELLIPSIS, *row[len(row) + 1 - BODIES // 2 :]]
-    layout = Layout(shown, owners, [[] for _ in range(len(shown) + 1)], [], {}, {}, [], [], [])
+    layout = Layout(shown, owners, [[] for _ in range(len(shown) + 1)], [], [], {}, {}, [], [], [])
     hidden = {"contacts": 0, "couplings": 0}
     for family in hidden:
         for name, link in given[family].items():
@@ -107,13 +108,11 @@ def in_a_row(pairs: Iterable[tuple[str, str]], names: list[str]) -> list[str]:
 def _placed(layout: Layout, item: Link) -> bool:
     """Put a contact or a coupling where it is drawn; whether there is such a place."""
     link, row = item.link, layout.row
-    if is_round(link):
-        layout.left_out.append(f"Not drawn: {item.name}, which acts in a plane")
-        return True
-    sides = [[layout.owners[name] for name in weights_of_side(side)] for side in (link.first, link.second)]
-    nodes = list(dict.fromkeys(itertools.chain(*sides)))
+    nodes = list(dict.fromkeys(layout.owners[name] for name in named_by(link)))
     if not all(node in row for node in nodes):
         return False
+    if is_round(link):
+        return _added(layout, layout.planes, item)
     combined = isinstance(link.first, Combination) or isinstance(link.second, Combination)
     if not combined and WALL in (link.first, link.second):
         right = link.second is WALL
@@ -127,11 +126,17 @@ def _placed(layout: Layout, item: Link) -> bool:
     if not combined and len(nodes) == 2 and abs(places[0] - places[1]) == 1:
         layout.between[max(places)].append(item._replace(backward=places[0] > places[1]))
         return True
-    if len(layout.apart) == MOST:
-        layout.left_out.append(f"Not drawn: {item.name}")
-        return len(row) <= BODIES  # it is told
-    layout.apart.append(item._replace(backward=not combined and len(nodes) == 2 and places[0] > places[1]))
-    return True
+    backward = not combined and len(nodes) == 2 and places[0] > places[1]
+    return _added(layout, layout.apart, item._replace(backward=backward))
+
+
+def _added(layout: Layout, some: list[Link], item: Link) -> bool:
+    """Put a link beside others of its kind; whether it is drawn, or told not to be."""
+    if len(some) < MOST:
+        some.append(item)
+        return True
+    layout.left_out.append(name_text(f"Not drawn: {item.name}"))
+    return len(layout.row) <= BODIES
 
 
 def _excited(layout: Layout, name: str, item: Excitation | Source | BaseMotion) -> None:
@@ -147,7 +152,7 @@ def _excited(layout: Layout, name: str, item: Excitation | Source | BaseMotion) 
     elif nodes and len(layout.shared) < MOST:
         layout.shared.append(push)
     elif nodes:
-        layout.left_out.append(f"Not drawn: {name}")
+        layout.left_out.append(name_text(f"Not drawn: {name}"))
 
 
 def own_name(layout: Layout, place: str) -> str:

@@ -20,15 +20,20 @@ from impactlab.plotting.style import (
     label_text,
     legend,
     legend_above,
+    name_text,
     number_text,
     points,
     style,
     units_text,
 )
+from impactlab.results.measured import measured_text
 from impactlab.results.schema import variables
 
 NAMED = 12
 """Places along an axis whose names are written."""
+
+FEW = 3
+"""Places along an axis whose values are written."""
 
 
 @style()
@@ -43,7 +48,8 @@ def sweep(
     """Draw a statistic along one axis of a sweep, with bands of two standard errors.
 
     There is a line for each body or contact and each value of the other axes, and where the sweep has exact values a
-    dashed one beside it. Points that were refused are left out.
+    dashed one beside it. Points that were refused are left out. The axis has units where the sweep was given its values
+    with them, ``{"clearance": xr.DataArray(values, attrs={"units": "m"})}``.
 
     Parameters
     ----------
@@ -90,7 +96,7 @@ def sweep(
         axes.lines[-1].set_label("exact")
     attrs = data[axis].attrs
     axes.set_xlabel(label_text(str(attrs.get("long_name", axis.replace("_", " "))), str(attrs.get("units", ""))))
-    axes.set_ylabel(_label(data))
+    axes.set_ylabel(_label(data, names))
     return legend(axes)
 
 
@@ -129,7 +135,12 @@ def profile(result: xr.Dataset, statistic: str, *, reference: Any = None, ax: Ax
         axes.set_xlabel(f"number of the {dimension}")
     else:
         points(axes, x, data.values, error, label="simulated")
-        axes.set_xticks(x, [str(name) for name in data[dimension].values])
+        beside: dict[str, Any] = {"xytext": (9.0, 0.0), "textcoords": "offset points", "va": "center", "fontsize": 8.0}
+        for place, value, spread in zip(x, data.values, error, strict=True) if data.size <= FEW else ():
+            axes.annotate(measured_text(value, spread), (place, value), **beside)
+        if data.size == 1 and data.values[0] > 0.0:
+            axes.set_ylim(bottom=0.0)
+        axes.set_xticks(x, [name_text(name) for name in data[dimension].values])
         axes.set_xlim(0.5, data.size + 0.5)
         axes.set_xlabel(dimension)
     if reference is not None:
@@ -156,8 +167,14 @@ def _statistic(result: Any, name: str) -> xr.DataArray:
     return dataset[name]
 
 
-def _label(data: xr.DataArray) -> str:
-    return label_text(str(data.attrs.get("long_name", data.name)), str(data.attrs.get("units", "")))
+def _label(data: xr.DataArray, names: str | Iterable[str] | None = None) -> str:
+    """Return the label of an axis, with the name of the body, contact or point if one was chosen."""
+    title = str(data.attrs.get("long_name", data.name))
+    selected = [data[name].item() for name in LABELS if name in data.coords and name not in data.dims]
+    chosen = selected if names is None else several(names)
+    return label_text(
+        f"{title} of {name_text(chosen[0])}" if len(chosen) == 1 else title, str(data.attrs.get("units", ""))
+    )
 
 
 def _lines(
@@ -184,8 +201,8 @@ def _lines(
 
 def _told(data: xr.DataArray, name: str, value: Any) -> str:
     if name in LABELS:
-        return str(value)
-    shown = number_text(value) if isinstance(value, int | float) else str(value)
+        return name_text(value)
+    shown = number_text(value) if isinstance(value, int | float) else name_text(value)
     units = str(data[name].attrs.get("units", "1"))
     return f"{name.replace('_', ' ')} = {shown}{'' if units == '1' else f' {units_text(units)}'}"
 
@@ -195,5 +212,5 @@ def _positions(axes: Axes, coordinate: xr.DataArray) -> np.ndarray:
     values = coordinate.values
     if values.dtype.kind in "fiu":
         return np.asarray(values, dtype=float)
-    axes.set_xticks(np.arange(len(values)), [str(value) for value in values])
+    axes.set_xticks(np.arange(len(values)), [name_text(value) for value in values])
     return np.arange(len(values), dtype=float)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import impactlab
-from impactlab.components.contact import Contact
+from impactlab.components.contact import Contact, RoundContact
 from impactlab.components.coupling import LinearCoupling
 from impactlab.components.excitation import BaseMotion
 from impactlab.components.prescribed import PrescribedMotion
@@ -26,7 +26,7 @@ from impactlab.plotting.captions import (
     with_units,
 )
 from impactlab.plotting.layout import ELLIPSIS, Link, Push, is_structure, layout_of, own_name
-from impactlab.plotting.style import number_text
+from impactlab.plotting.style import name_text, number_text
 from impactlab.plotting.symbols import LETTER, LINE
 
 # Lengths are in inches; the bodies move to the left and to the right.
@@ -38,6 +38,7 @@ _PITCH = 0.4  # from one symbol below a body to the next, without text
 SHARED = 0.42  # height of a source of several bodies
 GROUND = 0.25  # height of a motion of the ground
 THICK = 0.12  # of walls and the floor
+ROUND = 0.9  # of a clearance in a plane
 
 
 class Measures:
@@ -88,7 +89,7 @@ class Measures:
     def beside(self) -> bool:
         """Whether supports are beside the bodies, not below them."""
         row, held = self.layout.row, self.layout.stops or any(is_structure(item) for item in self.members.values())
-        ends = self.layout.between[0] or self.layout.between[-1] or self.layout.apart
+        ends = self.layout.between[0] or self.layout.between[-1] or self.layout.apart or self.layout.planes
         return len(row) <= 2 and not held and not ends
 
     @cached_property
@@ -126,9 +127,22 @@ class Measures:
         lines = law_lines(item.name, item.link.law)
         if is_difference(item.link):
             return lines
-        sides = f"{side_text(item.link.first)} with {side_text(item.link.second)}"
+        sides = name_text(f"{side_text(item.link.first)} with {side_text(item.link.second)}")
         clearance = f", {with_units(item.link.clearance, 'm')}" if isinstance(item.link, Contact) else ""
         return [lines[0], f"{sides}{clearance}", *lines[1:]]
+
+    @cached_property
+    def planes(self) -> list[tuple[Link, list[str], float]]:
+        """Contacts in a plane, right of the row, with their text and width."""
+        result = []
+        for item in self.layout.planes:
+            contact: RoundContact = item.link
+            first, second = side_text(contact.first), side_text(contact.second)
+            name, *law = law_lines(item.name, contact.law)
+            lines = [name, name_text(f"{first} in {second}"), f"clearance = {with_units(contact.clearance, 'm')}"]
+            lines += [*law, *numbers(contact, ("clearance", "friction_velocity"))]
+            result.append((item, lines, max(ROUND, LETTER * widest(lines)) + 0.2))
+        return result
 
     @cached_property
     def held(self) -> dict[str, list[tuple[str, Any, list[str]]]]:
@@ -168,7 +182,8 @@ class Measures:
         if self.beside:
             return -0.55
         depths = [sum(depth(kind, lines) for kind, _, lines in items) for items in self.held.values()]
-        return self.below - max(0.35, *depths) - 0.1
+        round_texts = (ROUND - self.height + LINE * len(lines) for _, lines, _ in self.planes)
+        return min(self.below - max(0.35, *depths), *(-text for text in round_texts), 0.0) - 0.1
 
     @cached_property
     def top(self) -> float:
@@ -185,6 +200,7 @@ class Measures:
         left = -ANCHOR - 0.3 if held[0] else -first
         right = self.starts[row[-1]] + self.widths[row[-1]]
         right += ANCHOR + 0.3 if held[-1] and len(row) == 2 else last
+        right += sum(width for *_, width in self.planes)
         moved = [f"{' ' * 13}{self.ground_text(*item)}" for item in self.layout.ground]
         wide = LETTER * widest([*self.notes, *moved, *(self.shared_text(push) for push in self.layout.shared)]) + 0.3
         ground = 0.05 + GROUND * len(moved) if moved else 0.0
@@ -211,7 +227,7 @@ class Measures:
                 source = push.name if push.name != place else ""
                 times = f"{number_text(weight)} times" if weight != 1.0 else ""
                 told = ", ".join(item for item in (source, times, f"at {where}" if where else "") if item)
-                lines = [told, *lines] if told else lines
+                lines = [name_text(told), *lines] if told else lines
             yield push, lines
 
     def free(self, places: list[float]) -> tuple[float, float]:
@@ -229,12 +245,12 @@ class Measures:
         """Return what is written at a motion of the ground."""
         factors = {place: motion.factor(place) for place in motion.on}
         told = [place if factor == 1.0 else f"{number_text(factor)} {place}" for place, factor in factors.items()]
-        on = f" of {', '.join(told)}" if told else ""
-        return f"{name}: base motion{on}, {excitation_lines(motion.acceleration)[0]}"
+        on = f" of {name_text(', '.join(told))}" if told else ""
+        return f"{name_text(name)}: base motion{on}, {excitation_lines(motion.acceleration)[0]}"
 
     def shared_text(self, push: Push) -> str:
         """Return what is written at a source of several bodies."""
-        return f"{push.name}: {', '.join(excitation_lines(push.excitation))}"
+        return f"{name_text(push.name)}: {', '.join(excitation_lines(push.excitation))}"
 
 
 def spacing(lanes: list[tuple[Link, list[str], float]]) -> float:

@@ -10,11 +10,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from impactlab.components.component import positive, suggestion
-from impactlab.components.sides import Combination
+from impactlab.components.contact import RoundContact
+from impactlab.components.sides import Combination, bodies_of
 from impactlab.errors import InvalidInput
 from impactlab.plotting.captions import side_text
-from impactlab.plotting.held import contact_weights, known_dataset, of_names, rigid_contacts, rows, several, variable
-from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend, number_text, style
+from impactlab.plotting.held import contacts_of, known_dataset, of_names, rigid_contacts, rows, several, variable
+from impactlab.plotting.style import COLORS, axes_of, dashes, label_text, legend_above, name_text, number_text, style
 
 Place = str | Combination
 """What moves: a body, a point of a structure, or a weighted sum of these."""
@@ -24,7 +25,13 @@ _CLOSED: dict[str, Any] = {"facecolor": "0.5", "alpha": 0.3, "linewidth": 0.0}
 _MOST = 4
 
 SMALLEST = 0.1
-"""Part of the motion that a stroboscopic section shows at least."""
+"""Part of a motion below which a stroboscopic section is drawn on its path, and that is shown at least."""
+
+ROUNDING = 1e-6
+"""Part of a value below which differences are not shown."""
+
+MANY = 500
+"""Points from which on they are drawn smaller."""
 
 
 @style()
@@ -78,14 +85,14 @@ def trajectory(
         _shade(axes, one, given)
     rigid = rigid_contacts(one) if quantity == "contact_force" else ()
     for index, (name, line) in enumerate(zip(given, lines, strict=True)):
-        look: dict[str, Any] = {"label": side_text(name), "ls": dashes(index)}
+        look: dict[str, Any] = {"label": name_text(side_text(name)), "ls": dashes(index)}
         look["drawstyle"] = "steps-pre" if name in rigid else "default"
         axes.plot(one["time"].values, line, **look)
     title = quantity.replace("_", " ")
     axes.set(xlabel="time (s)", ylabel=label_text(title, _QUANTITIES[quantity]), xlim=one["time"].values[[0, -1]])
     if len(given) == 1:
-        axes.set_ylabel(label_text(f"{title} of {side_text(given[0])}", _QUANTITIES[quantity]))
-    return legend(axes)
+        axes.set_ylabel(axis_label(given[0], quantity))
+    return legend_above(axes, least=2)
 
 
 @style()
@@ -115,15 +122,8 @@ def phase_portrait(result: xr.Dataset, name: Place, *, realization: int = 0, ax:
     one = one_realization(result, realization)
     x, v = series(one, "displacement", name), series(one, "velocity", name)
     axes = axes_of(ax, (4.0, 3.6))
-    axes.plot(x, v, lw=0.8, label="open")
-    closed = np.zeros(len(x), dtype=bool)
-    for forces in _closed(one, [name]).values():
-        closed |= forces
-    if closed.any():
-        beside = closed | np.append(closed[1:], False)  # with the way to the first sample inside
-        inside = [np.where(beside, item, np.nan) for item in (x, v)]
-        axes.plot(*inside, color=COLORS[1], lw=1.2, label="in contact")
-    return legend(_phase_plane(axes, name))
+    draw_path(axes, x, v, _closed(one, [name]).values())
+    return legend_above(_phase_plane(axes, name), least=2)
 
 
 @style()
@@ -136,6 +136,9 @@ def stroboscopic(
     ax: Axes | None = None,
 ) -> Axes:
     """Draw a stroboscopic section: displacement and velocity of a body once in a period, from the first sample on.
+
+    Points that are close to each other, as those of a motion that repeats itself, are drawn on the path of the last
+    period.
 
     Parameters
     ----------
@@ -172,10 +175,14 @@ def stroboscopic(
             f"il.Trajectory(interval={period:g}/32), say."
         )
     axes = axes_of(ax, (4.0, 3.6))
-    many = x[..., places].size
-    axes.plot(x[..., places].ravel(), v[..., places].ravel(), ".", ms=4.0 if many < 500 else 1.5)
-    axes.set(xlim=_wide(x, x[..., places]), ylim=_wide(v, v[..., places]))
-    axes.set_title(f"every {number_text(period)} s")
+    points = [item[..., places].ravel() for item in (x, v)]
+    if all(np.ptp(some) < SMALLEST * np.ptp(whole) for some, whole in zip(points, (x, v), strict=True)):
+        last = slice(-1 - round(period / interval), None)
+        axes.plot(*(item[..., last].reshape(-1, item[..., last].shape[-1])[0] for item in (x, v)), color="0.75", lw=0.8)
+    else:
+        axes.set(xlim=_wide(x, points[0]), ylim=_wide(v, points[1]))
+    axes.plot(*points, "o", color=COLORS[0], ms=4.0 if len(points[0]) < MANY else 1.2)
+    axes.set_title(f"once in each period of {number_text(period)} s")
     return _phase_plane(axes, name)
 
 
@@ -183,6 +190,8 @@ def _wide(whole: np.ndarray, some: np.ndarray) -> tuple[float, float]:
     """Return limits around some of the points of a motion; if they are at one place, not only its rounding is seen."""
     middle, half = 0.5 * float(some.max() + some.min()), 0.55 * float(np.ptp(some))
     half = max(half, SMALLEST * float(np.ptp(whole)))
+    if half <= ROUNDING * abs(middle):
+        half = SMALLEST * abs(middle) or 1.0
     return middle - half, middle + half
 
 
@@ -221,20 +230,40 @@ def _of_some_time(result: Any) -> xr.Dataset:
     return dataset
 
 
-def _closed(result: xr.Dataset, names: Iterable[Place]) -> dict[str, np.ndarray]:
-    """Return when contacts of some bodies, or all where that is not known, were closed, (time,) of bool, by name."""
+def when_closed(result: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return when each contact was closed, (time,) of bool, by name."""
     if "contact_force" not in result:
         return {}
+    forces = of_names(result["contact_force"])
+    return {name: forces.sel(place).values != 0.0 for name, place in rows(forces)}
+
+
+def _closed(result: xr.Dataset, names: Iterable[Place]) -> dict[str, np.ndarray]:
+    """Return when the contacts of some bodies were closed, and those of which this is not known."""
     own: set[str] = set()
     for name in names:
         own |= dict(name.weights).keys() if isinstance(name, Combination) else {name}
-    ends = contact_weights(result)
-    forces = of_names(result["contact_force"])
-    return {
-        contact: forces.sel(place).values != 0.0
-        for contact, place in rows(forces)
-        if contact not in ends or own & ends[contact][0].keys()
-    }
+    contacts = contacts_of(result)
+    found = when_closed(result)
+    return {key: found[key] for key in found if key not in contacts or own & set(bodies_of(contacts[key]))}
+
+
+def draw_path(axes: Axes, x: np.ndarray, y: np.ndarray, closed: Iterable[np.ndarray]) -> None:
+    """Draw a path, the parts where a contact was closed in another colour."""
+    axes.plot(x, y, lw=0.8, label="open")
+    touching = np.any([np.zeros(len(x), dtype=bool), *closed], axis=0)
+    if touching.any():
+        beside = touching | np.append(touching[1:], False)  # with the way to the first sample inside
+        inside = [np.where(beside, item, np.nan) for item in (x, y)]
+        axes.plot(*inside, color=COLORS[1], lw=1.2, label="in contact")
+
+
+def draw_rim(axes: Axes, contact: RoundContact, **line: Any) -> None:
+    """Draw the circle on which a round contact closes."""
+    x, y = contact.center
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    rim = x + contact.clearance * np.cos(angle), y + contact.clearance * np.sin(angle)
+    axes.plot(*rim, **line)
 
 
 def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
@@ -253,10 +282,16 @@ def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
         turns = np.flatnonzero(np.diff(closed, prepend=False, append=False)).reshape(-1, 2)
         early = 2.0 * half if name in rigid else half  # an impact is in the interval before the sample
         spans = [(times[begin] - early, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
-        axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=f"{name} closed", **look)
+        label = name_text(f"{name} closed")
+        axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=label, **look)
 
 
 def _phase_plane(axes: Axes, name: Place) -> Axes:
-    axes.set_xlabel(label_text(f"displacement of {side_text(name)}", _QUANTITIES["displacement"]))
-    axes.set_ylabel(label_text(f"velocity of {side_text(name)}", _QUANTITIES["velocity"]))
+    axes.set(xlabel=axis_label(name), ylabel=axis_label(name, "velocity"))
     return axes
+
+
+def axis_label(name: Place, quantity: str = "displacement") -> str:
+    """Return the label of an axis for a quantity of what moves."""
+    title = quantity.replace("_", " ")
+    return label_text(name_text(f"{title} of {side_text(name)}"), _QUANTITIES[quantity])

@@ -12,14 +12,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import impactlab
+from impactlab.components.contact import RoundContact
 from impactlab.errors import InvalidInput
 from impactlab.plotting.curves import peaks, spectrum
 from impactlab.plotting.densities import density, joint_density
 from impactlab.plotting.drawing import network
-from impactlab.plotting.held import LABELS, configuration, of_names, rows
+from impactlab.plotting.held import LABELS, configuration, contacts_of, names_of, of_names, rows
 from impactlab.plotting.lines import profile, sweep
 from impactlab.plotting.motion import trajectory
-from impactlab.plotting.style import style
+from impactlab.plotting.planes import orbit
+from impactlab.plotting.style import name_text, style, units_text
+from impactlab.results.measured import measured_text
 from impactlab.results.schema import STATISTICS
 
 Panel = Callable[[xr.Dataset, Axes], object]
@@ -34,6 +37,9 @@ _PROFILES = ("mean_square_displacement", "contact_ratio")
 _QUANTITIES = ("displacement", "velocity", "contact_force")
 _NAMED = 6
 """Bodies or contacts of which there are lines."""
+
+_FEW = 3
+"""Bodies or contacts up to which statistics are written, not drawn."""
 
 _WIDTH, _HEIGHT = 4.8, 3.2  # of a panel, in inches
 
@@ -79,7 +85,11 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
         for name in statistics:
             yield partial(_sweep, name)
         return
-    for name in [name for name in statistics if name in _PROFILES] or statistics[:1]:
+    few = [name for name in statistics if result[name].size <= _FEW]
+    many = [name for name in statistics if name not in few]
+    if few:
+        yield partial(_table, few)
+    for name in [name for name in many if name in _PROFILES] or many[: not few]:
         yield partial(_profile, name)
     for draw, form in ((density, "density_{}"), (joint_density, "joint_density"), (spectrum, "spectrum_{}")):
         for quantity in _QUANTITIES if "{}" in form else ("",):
@@ -87,6 +97,10 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
                 yield partial(_record, draw, form.format(quantity), quantity)
     if "window_peak_force" in result:
         yield partial(_record, peaks, "window_peak_force", "")
+    if "displacement" in result:
+        in_planes = [name for name, contact in contacts_of(result).items() if isinstance(contact, RoundContact)]
+        for name in in_planes[:_NAMED]:
+            yield partial(_orbit, name)
     for quantity in ("displacement", "contact_force"):
         if quantity in result:
             yield partial(_record, trajectory, quantity, quantity)
@@ -94,6 +108,29 @@ def _panels(result: xr.Dataset) -> Iterator[Panel]:
 
 def _sweep(name: str, result: xr.Dataset, ax: Axes) -> None:
     sweep(result, name, ax=ax)
+
+
+def _orbit(name: str, result: xr.Dataset, ax: Axes) -> None:
+    orbit(result, name, ax=ax)
+
+
+def _table(names: list[str], result: xr.Dataset, ax: Axes) -> None:
+    """Write values of statistics with their standard errors."""
+    lines = []
+    for name in names:
+        data = result[name]
+        _, labels = names_of(data)
+        errors = result.get(f"{name}_standard_error", xr.full_like(data, math.nan))
+        title, units = str(data.attrs.get("long_name", name)), str(data.attrs.get("units", "1"))
+        for label, value, error in zip(labels, data.values.flat, errors.values.flat, strict=True):
+            value_text = measured_text(float(value), float(error))
+            lines.append([title, name_text(label), value_text, "" if units == "1" else units_text(units)])
+            title = ""
+    table = ax.table(lines, cellLoc="left", loc="center", edges="open")
+    table.auto_set_font_size(False)
+    table.set_fontsize(8.0)
+    table.auto_set_column_width(list(range(4)))
+    ax.set_axis_off()
 
 
 def _profile(name: str, result: xr.Dataset, ax: Axes) -> None:
@@ -113,15 +150,5 @@ def _network_of(result: xr.Dataset) -> impactlab.Network | None:
     """Return the network of one simulation, if its classes are known."""
     try:
         return impactlab.Network.from_dict(configuration(result)["network"])
-    except (LookupError, InvalidInput):
+    except (InvalidInput, LookupError, TypeError):
         return None
-
-
-def draw_file(result: xr.Dataset, path: str) -> None:
-    """Draw what a result holds into a file, of the kind that the end of its name tells."""
-    figure = overview(result)
-    known = figure.canvas.get_supported_filetypes()
-    if path.rpartition(".")[2].lower() not in known:
-        raise InvalidInput(f"{path} must end in .svg, .pdf, .png or another of {', '.join(sorted(known))}.")
-    with style():
-        figure.savefig(path)

@@ -30,6 +30,9 @@ DASHES: tuple[Any, ...] = (
 """Styles of lines that can be told apart without colours, in the order of the lines."""
 
 
+_LETTER, _HANDLE = 0.06, 0.5  # width of a letter of a legend, and of the rest of an entry, in inches
+
+
 def dashes(index: int) -> Any:
     """Return the style of a line."""
     return DASHES[index % len(DASHES)]
@@ -59,9 +62,17 @@ _STYLE: dict[Any, Any] = {
 
 @contextlib.contextmanager
 def style() -> Iterator[None]:
-    """Draw in the style of impactlab's figures while this context is active."""
-    with matplotlib.rc_context(_STYLE):
+    """Draw in the style of impactlab's figures while this context is active.
+
+    Nothing else is put back at its end, as `matplotlib.rc_context` does: the first figure of pyplot in a notebook
+    switches pictures on by a parameter, ``interactive``.
+    """
+    before = {name: matplotlib.rcParams[name] for name in _STYLE}
+    matplotlib.rcParams.update(_STYLE)
+    try:
         yield
+    finally:
+        matplotlib.rcParams.update(before)
 
 
 def svg(figure: Figure) -> bytes:
@@ -76,6 +87,15 @@ def svg(figure: Figure) -> bytes:
     finally:
         figure.set_canvas(before)
     return buffer.getvalue()
+
+
+def save_figure(figure: Figure, path: str) -> None:
+    """Write a figure to a file, of the kind that the end of its name tells."""
+    known = figure.canvas.get_supported_filetypes()
+    if path.rpartition(".")[2].lower() not in known:
+        raise InvalidInput(f"{path} must end in .svg, .pdf, .png or another of {', '.join(sorted(known))}.")
+    with style():
+        figure.savefig(path)
 
 
 def units_text(units: str) -> str:
@@ -98,6 +118,11 @@ def label_text(name: str, units: str) -> str:
     return name if units in ("", "1") else f"{name} ({units_text(units)})"
 
 
+def name_text(name: object) -> str:
+    """Return the name of a member as text in which no sign of a formula is left."""
+    return str(name).replace("$", r"\$")
+
+
 def axes_of(ax: Axes | None, size: tuple[float, float] = (4.8, 3.2)) -> Axes:
     """Return the axes that were given, or those of a new figure of pyplot."""
     if ax is None:
@@ -116,11 +141,17 @@ def legend(axes: Axes, most: int = 8) -> Axes:
     return axes
 
 
-def legend_above(axes: Axes) -> Axes:
-    """Add a legend above the axes, where data leave no room for it."""
-    count = len(axes.get_legend_handles_labels()[1])
-    if count:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=count)
+def legend_above(axes: Axes, least: int = 1, most: int = 8) -> Axes:
+    """Add a legend above the axes, where data leave no room for it, if it has some entries and not too many."""
+    labels = axes.get_legend_handles_labels()[1]
+    if least <= len(labels) <= most:
+        root = axes.get_figure(root=True)
+        assert root is not None
+        room, widths = axes.get_window_extent().width / root.dpi, [_HANDLE + _LETTER * len(label) for label in labels]
+        columns = len(labels)
+        while columns > 1 and sum(map(max, np.array_split(widths, columns))) > room:
+            columns -= 1
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
     return axes
 
 

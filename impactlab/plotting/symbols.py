@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyBboxPatch, Rectangle
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
-from impactlab.plotting.style import COLORS
+from impactlab.components.contact import RoundContact
+from impactlab.components.sides import WALL
+from impactlab.plotting.style import COLORS, name_text
 
 INK, PALE, GROUND, CONTACT, FORCE = "#222222", "#E8EEF4", "#888888", COLORS[0], COLORS[1]
 
@@ -88,6 +92,17 @@ def hook(ax: Axes, left: float, right: float, y: float, clearance: str) -> None:
     text(ax, (left + right) / 2.0, y + 0.11, [clearance], va="bottom")
 
 
+def rim(ax: Axes, x: float, y: float, radius: float, contact: RoundContact) -> None:
+    """Draw a body in a round clearance: in the wall, or in something that moves."""
+    fixed = contact.second is WALL
+    look = {"facecolor": "white", "edgecolor": GROUND, "hatch": "//////"} if fixed else {"facecolor": PALE}
+    ax.add_patch(Circle((x, y), radius, **({"edgecolor": INK, "lw": 0.8} | look)))  # type: ignore[arg-type]
+    ax.add_patch(Circle((x, y), 0.8 * radius, facecolor="white", edgecolor=INK, lw=0.8))
+    gap = 0.25 * radius
+    off = gap * np.array(contact.center) / max(contact.clearance, math.hypot(*contact.center))
+    ax.add_patch(Circle(tuple(np.array([x, y]) - off), 0.8 * radius - gap, facecolor=CONTACT, alpha=0.85, lw=0))
+
+
 def _distance(ax: Axes, left: float, right: float, y: float, written: str) -> None:
     arrows = {"arrowstyle": "<|-|>", "color": INK, "lw": 0.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
     ax.annotate("", (left, y), (right, y), arrowprops=arrows)
@@ -112,4 +127,4 @@ def dot(ax: Axes, x: float, y: float) -> None:
 
 def named(ax: Axes, x: float, y: float, name: str, ha: str) -> None:
     """Write the name of a point on a body."""
-    ax.text(x, y, name, ha=ha, va="center", fontsize=_SMALL, color=INK)
+    ax.text(x, y, name_text(name), ha=ha, va="center", fontsize=_SMALL, color=INK)

@@ -17,6 +17,10 @@ def _here(monkeypatch, tmp_path):
     result = xr.Dataset({"contact_ratio": value}, {"clearance": [0.0, 0.1], "contact": ["gap"]})
     il.save(result, "result.nc")
     il.save(xr.DataTree.from_dict({"/statistics": result}), "study.nc")
+    Path("notes.txt").write_text("a\n", encoding="utf-8")
+    Path("broken.toml").write_text("[oscilators.a]\n", encoding="utf-8")
+    network = il.Network({"a": il.LinearOscillator(stiffness=1.0)})
+    Path("network.toml").write_text(network.to_toml(), encoding="utf-8")
 
 
 def test_a_result_is_drawn(capsys):
@@ -27,11 +31,20 @@ def test_a_result_is_drawn(capsys):
     assert Path("other.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_file_of_a_network_is_said_to_be_one_and_drawn(capsys):
+    assert main(["plot", "network.toml"]) == DONE
+    said = "network.toml describes a network, which is drawn\nimpactlab: the figure is network.svg\n"
+    assert capsys.readouterr() == ("", f"impactlab: {said}")
+    assert Path("network.svg").read_bytes().startswith(b"<?xml")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["study.nc"], "is the result of a study"),
-        (["missing.nc"], "missing.nc"),
+        (["missing.nc"], "There is no file missing.nc."),
+        (["notes.txt"], "notes.txt is no netCDF file, such as impactlab writes."),
+        (["broken.toml"], "broken.toml, line 1, oscilators: A network has no 'oscilators'; did you mean 'oscillators'"),
         (["result.nc", "-o", "figure.xyz"], "must end in .svg"),
     ],
 )

@@ -5,9 +5,11 @@ from __future__ import annotations
 import matplotlib
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib import pyplot
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 import impactlab as il
 from impactlab.plotting.captions import words
@@ -225,6 +227,18 @@ def test_the_style_ends_with_its_context():
     assert dict(matplotlib.rcParams) == before
 
 
+def test_the_style_keeps_what_is_none_of_its_own():
+    """A backend that pyplot switches on meanwhile changes ``interactive``."""
+    with matplotlib.rc_context({"interactive": False, "font.size": 13.0}):
+        with style():
+            pyplot.ion()
+        assert matplotlib.is_interactive()
+        axes = il.plot.network(il.Network({"a": BODY}))
+        assert matplotlib.is_interactive()
+        assert matplotlib.rcParams["font.size"] == 13.0
+        pyplot.close(axes.figure)
+
+
 @pytest.mark.parametrize(
     ("units", "text"),
     [
@@ -260,7 +274,42 @@ def test_bands_and_bars_are_two_standard_errors():
     np.testing.assert_allclose(ends, np.stack([value - 2.0 * error, value + 2.0 * error], axis=1))
 
 
-def test_round_contacts_are_named():
-    pair = dict.fromkeys(("x", "y"), BODY)
-    figure = drawn(draw_network(il.Network(pair, {"rub": il.RoundContact(("x", "y"), il.WALL, LAW, clearance=0.1)})))
-    assert "Not drawn: rub, which acts in a plane" in texts(figure)
+def test_round_contacts_are_discs_in_circles():
+    round_contact = il.RoundContact(
+        ("x", "y"), il.WALL, LAW, clearance=0.1, friction_coefficient=0.3, friction_velocity=1e-3
+    )
+    network = il.Network(dict.fromkeys(("x", "y"), BODY), {"rub": round_contact})
+    figure = drawn(draw_network(network))
+    circles = [item for item in figure.axes[0].patches if isinstance(item, Circle)]
+    assert len(circles) == 3  # the wall, its inside, and the disc
+    for line in ("rub", "(x, y) in the wall", "clearance = 0.1 m", "Hertz contact", "friction coefficient = 0.3"):
+        assert line in texts(figure)
+    assert "Not drawn" not in texts(figure)
+    many = {f"rub {number}": round_contact for number in range(6)}
+    assert texts(drawn(draw_network(network.replace(contacts=many)))).count("Not drawn") == 3
+
+
+def test_names_are_no_formulas():
+    name = r"$\frac{$"
+    bodies = {name: BODY, "b": BODY, f"s{name}": il.ModalStructure((1.0,), 0.1, points={name: (1.0,)})}
+    contacts = {
+        f"c{name}": il.Contact(name, "b", LAW, clearance=0.1),
+        f"l{name}": il.Contact(il.Combination({name: 1.0, "b": 0.5}), f"s{name}.{name}", LAW),
+        f"r{name}": il.RoundContact((name, "b"), il.WALL, LAW, clearance=0.1),
+    }
+    excitations = {
+        f"e{name}": il.Source(il.WhiteNoise(1.0), on={name: 1.0, f"s{name}.{name}": 2.0}),
+        f"g{name}": il.BaseMotion(il.Harmonic(1.0, frequency=1.0), on=[name]),
+    }
+    network = il.Network(bodies, contacts, excitations)
+    figure = draw_network(network)
+    figure.canvas.draw()
+    assert name in network._repr_html_()
+    data = xr.Dataset(
+        {"contact_ratio": (("p", "contact"), np.ones((2, 2)))}, {"p": [name, "b"], "contact": [name, "c"]}
+    )
+    for axes in (
+        il.plot.sweep(data, "contact_ratio", name, ax=Figure().subplots()),
+        il.plot.sweep(data, "contact_ratio", ax=Figure().subplots()),
+    ):
+        axes.figure.canvas.draw()

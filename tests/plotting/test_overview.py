@@ -6,7 +6,8 @@ import pytest
 import xarray as xr
 
 import impactlab as il
-from impactlab.plotting.overview import draw_file, overview
+from impactlab.plotting.overview import overview
+from impactlab.plotting.style import save_figure
 
 NETWORK = il.Network(
     {name: il.LinearOscillator(stiffness=1.0, damping=1.0) for name in ("one", "two")},
@@ -30,8 +31,6 @@ def labels(figure):
 
 def test_every_record_has_a_panel(result):
     assert labels(overview(result)) == [
-        "mean square displacement (m$^{2}$)",
-        "fraction of time in contact",
         "probability density (m$^{-1}$)",
         "displacement of two (m)",
         "joint density (m$^{-2}$)",
@@ -40,15 +39,34 @@ def test_every_record_has_a_panel(result):
         "displacement (m)",
         "contact force of gap (N)",
     ]
-    assert overview(result).axes[0].get_ylabel() == ""  # the network
-    plain = result[["mean_square_displacement", "mean_square_displacement_standard_error"]]
-    plain.attrs = {}
-    assert labels(overview(plain)) == ["mean square displacement (m$^{2}$)"]  # whose network is lost
+    drawn, table, *_ = overview(result).axes
+    assert drawn.texts
+    assert [len(item) for item in written(table)] == [4] * 8  # two statistics of bodies, four of a contact
 
 
-def test_of_a_run_with_another_statistic_that_one_is_drawn():
-    only = il.simulate(NETWORK, 20.0, realizations=64, statistics="mean_velocity", rng=1)
-    assert labels(overview(only)) == ["mean velocity (m s$^{-1}$)"]
+def written(axes):
+    """The lines of a table."""
+    (table,) = axes.tables
+    cells = table.get_celld()
+    rows = {row for row, _ in cells}
+    return [[cells[row, column].get_text().get_text() for column in range(4)] for row in sorted(rows)]
+
+
+def test_of_few_bodies_statistics_are_written_with_their_errors():
+    data = xr.Dataset(
+        {
+            "mean_velocity": ("oscillator", [1.0, 2.0], {"units": "m s-1", "long_name": "mean velocity"}),
+            "mean_velocity_standard_error": ("oscillator", [0.1, np.nan]),
+        },
+        {"oscillator": ["a", "$b$"]},
+    )
+    (axes,) = overview(data).axes  # whose network is lost
+    assert written(axes) == [
+        ["mean velocity", "a", "1.0 ± 0.1", "m s$^{-1}$"],
+        ["", r"\$b\$", "2", "m s$^{-1}$"],
+    ]
+    many = xr.Dataset({"mean_velocity": ("oscillator", np.ones(4))}, {"oscillator": list("abcd")})
+    assert labels(overview(many)) == ["mean_velocity"]
 
 
 def test_of_many_bodies_some_are_drawn():
@@ -72,11 +90,11 @@ def test_a_sweep_is_drawn_along_its_axis():
 
 
 def test_files(result, tmp_path):
-    before = dict(matplotlib.rcParams)
-    draw_file(result, str(tmp_path / "figure.svg"))
+    before, figure = dict(matplotlib.rcParams), overview(result)
+    save_figure(figure, str(tmp_path / "figure.svg"))
     assert (tmp_path / "figure.svg").read_bytes().startswith(b"<?xml")
     assert dict(matplotlib.rcParams) == before
     with pytest.raises(il.InvalidInput, match=r"figure\.txt must end in \.svg"):
-        draw_file(result, str(tmp_path / "figure.txt"))
+        save_figure(figure, str(tmp_path / "figure.txt"))
     with pytest.raises(il.InvalidInput, match="nothing that can be drawn"):
         overview(xr.Dataset())

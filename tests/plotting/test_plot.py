@@ -255,8 +255,31 @@ def test_a_settled_motion_is_one_point_not_its_rounding(ax):
         {"displacement": (dims, x[:, None]), "velocity": (dims, v[:, None])}, {"time": time, "oscillator": ["a"]}
     )
     il.plot.stroboscopic(settled, "a", 1.0, ax=ax)
-    assert np.diff(ax.get_xlim()) > 0.1
-    assert abs(ax.get_xlim()[0] + ax.get_xlim()[1]) < 1e-9
+    path, section = ax.lines
+    np.testing.assert_array_equal(path.get_xydata(), np.stack([x, v], axis=1)[-5:])  # of the last period
+    assert len(section.get_xdata()) == 40
+    assert ax.get_title() == "once in each period of 1 s"
+    seldom = il.plot.stroboscopic(settled.isel(time=slice(1, None, 4)), "a", 1.0, ax=Figure().subplots())
+    assert np.ptp(seldom.get_xlim()) == pytest.approx(0.2)  # of a displacement of 1
+    resting = il.plot.stroboscopic(0.0 * settled, "a", 1.0, ax=Figure().subplots())
+    assert resting.get_xlim() == (-1.0, 1.0)
+
+
+def test_legends_of_motion_are_above_it(result, ax):
+    il.plot.trajectory(result, ax=ax)
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1
+    assert len(legend(ax)) == 3
+    assert il.plot.trajectory(result, "gap", "contact_force", ax=Figure().subplots()).get_legend() is None
+
+
+def test_a_profile_of_few_has_their_values(ax):
+    data = xr.Dataset(
+        {"contact_ratio": ("contact", [0.2]), "contact_ratio_standard_error": ("contact", [0.01])}, {"contact": ["gap"]}
+    )
+    il.plot.profile(data, "contact_ratio", ax=ax)
+    assert [item.get_text() for item in ax.texts] == ["0.20 ± 0.01"]
+    assert ax.get_ylim()[0] == 0.0
 
 
 def test_sweep_draws_a_band_for_each_line(ax):
@@ -268,7 +291,7 @@ def test_sweep_draws_a_band_for_each_line(ax):
     exact = [item for item in ax.lines if item.get_color() == "black"]
     np.testing.assert_array_equal(exact[1].get_ydata(), right + 1.0)
     assert areas(ax)[1].get_paths()[0].get_extents().y1 == 1.2 * right.max()
-    assert labels(ax) == ("clearance (m)", "mean square displacement (m$^{2}$)")
+    assert labels(ax) == ("clearance (m)", "mean square displacement of b (m$^{2}$)")
     assert legend(ax) == ["place = left", "place = right", "exact"]
     texts = il.plot.sweep(data, "mean_square_displacement", "b", ax=Figure().subplots())
     assert [item.get_text() for item in texts.get_xticklabels()] == ["left", "right"]

@@ -259,7 +259,7 @@ def test_bad_places(tmp_path):
         il.save(data, tmp_path / "file" / "result.nc")
     with pytest.raises(il.InvalidInput, match=r"There is no file .*missing.nc"):
         il.network_of(tmp_path / "missing.nc")
-    with pytest.raises(il.InvalidInput, match=r"file cannot be read"):
+    with pytest.raises(il.InvalidInput, match=r"file is no netCDF file, such as impactlab writes"):
         il.network_of(tmp_path / "file")
 
 
