@@ -132,7 +132,8 @@ class Composition:
             if isinstance(item, Excitation):
                 if name not in places:
                     raise InvalidInput(
-                        f"There is an excitation for {name!r}, which is not in the network; "
+                        f"There is an excitation for {name!r}, which is not in the network (one with a name of its own "
+                        "is an il.Source(…, on=…), or an il.BaseMotion of the ground); "
                         f"{self._instead(name, places)}"
                     )
                 continue

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Iterable, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from impactlab.components.component import Component
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SHOWN = 6
 """Coordinates up to which all numbers are printed."""
@@ -60,6 +63,57 @@ class Structure(Component):
         By default the places are the coordinates.
         """
         return {name: fields["mass"] for name, fields in self.bodies().items() if name in names}
+
+    def modes(self) -> xr.Dataset:
+        """Return the modes of the structure alone, in the order of their frequencies.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``natural_frequency`` (mode), ω without damping (rad s-1); ``damping_ratio`` (mode), ``φᵀ C φ/2ω``, which
+            leaves out damping between modes, NaN of rigid motions; ``mode_shape`` (place, mode), φ at the coordinates
+            and the points, with ``φᵀ M φ = 1`` and a positive largest value (kg-1/2).
+        """
+        import numpy as np  # studies are listed without these
+        import xarray as xr
+
+        from impactlab.components.matrices import modes_of
+
+        bodies = self.bodies()
+        slots = {name: slot for slot, name in enumerate(bodies)}
+
+        def row(weights: Mapping[str, float]) -> np.ndarray:
+            result = np.zeros(len(slots))
+            result[[slots[name] for name in weights]] = list(weights.values())
+            return result
+
+        columns = (
+            [float(item.get(name, 0.0)) for item in bodies.values()] for name in ("mass", "damping", "stiffness")
+        )
+        mass, damping, stiffness = map(np.diag, columns)
+        for _, weights, spring, damper in self.terms():
+            along = row(weights)
+            stiffness += spring * np.outer(along, along)
+            damping += damper * np.outer(along, along)
+        squares, shapes = modes_of(mass, stiffness)
+        frequencies = np.sqrt(squares)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = 0.5 * np.einsum("im,ij,jm->m", shapes, damping, shapes) / frequencies
+        points = self.weights()
+        of_points = [row(weights) @ shapes for weights in points.values()]
+        return xr.Dataset(
+            {
+                "natural_frequency": ("mode", frequencies, {"units": "rad s-1", "long_name": "natural frequency"}),
+                "damping_ratio": (
+                    "mode", np.where(squares > 0.0, ratios, np.nan), {"units": "1", "long_name": "damping ratio"},
+                ),
+                "mode_shape": (
+                    ("place", "mode"), np.stack([*shapes, *of_points]), {"units": "kg-1/2", "long_name": "mode shape"},
+                ),
+            },
+            {"mode": np.arange(1, len(frequencies) + 1), "place": [*bodies, *points]},
+            {"title": f"Modes of {type(self).__name__}"},
+        )  # fmt: skip
 
 
 def moved(modes: Sequence[str], row: Iterable[float]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from impactlab.assembly.links import Pairs
 from impactlab.assembly.model import Model, kept
+from impactlab.components.evaluation import real_array
 from impactlab.components.excitation import Excitation
 from impactlab.components.filters import filter_of, impulses_of
 from impactlab.errors import InvalidInput
@@ -225,14 +227,18 @@ def lines_of(model: Model) -> tuple[Lines, ...]:
     shared: dict[str, list[Lines]] = {}
     for number, (name, excitation) in enumerate(sums.named()):
         phases = excitation.phases_of
-        first, second = excitation.lines()  # type: ignore[attr-defined]
-        frequencies = np.atleast_1d(np.asarray(first, dtype=float))
-        amplitudes = np.atleast_1d(np.asarray(second, dtype=float if phases is None else complex))
+        found = excitation.lines()  # type: ignore[attr-defined]
+        try:
+            first, second = found
+            frequencies = np.atleast_1d(real_array(first))
+            amplitudes = np.atleast_1d(real_array(second) if phases is None else np.asarray(second, dtype=complex))
+        except (TypeError, ValueError):
+            frequencies = amplitudes = np.empty(0)
         same = frequencies.ndim == 1 and frequencies.shape == amplitudes.shape and frequencies.size
         if not same or not np.isfinite([frequencies, amplitudes]).all():
             raise InvalidInput(
                 f"{type(excitation).__name__}.lines must return two finite, non-empty arrays of equal length, angular "
-                f"frequencies and amplitudes; shapes {frequencies.shape} and {amplitudes.shape} were returned."
+                f"frequencies and real amplitudes, since phases are drawn; it returned {reprlib.repr(found)}."
             )
         bodies, weights = sums.driven(number)
         own = Lines(tuple(bodies.tolist()), phases or name, frequencies, amplitudes, tuple(weights.tolist()))

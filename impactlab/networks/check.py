@@ -42,12 +42,14 @@ class NetworkCheck:
     Parameters
     ----------
     dataset : xarray.Dataset
-        ``natural_frequency`` (oscillator): each body alone. ``thermal_penetration``,
+        ``natural_frequency`` (oscillator): each body alone, on its own spring; those that `coupled` (oscillator)
+        marks are on linear couplings as well, and printed by their modes only. ``thermal_penetration`` (under noise),
         ``static_penetration``, ``tangent_stiffness``, ``shortest_contact`` (contact): where
         the contact has stored the energy that a body brings, on top of the preload; the stiffness there, or
         the largest that counts at other energies; half a period of the pair on it, ``π sqrt(μ/K)``. ``largest_step``,
         ``recommended_step``, ``refusal`` (integrator): NaN and the reason where a method
-        cannot be used. ``closed_frequency``, ``bias_mean_square_displacement``,
+        cannot be used. ``open_frequency`` (mode), where there are contacts: of the network with all of them open,
+        without forces that are not linear. ``closed_frequency``, ``bias_mean_square_displacement``,
         ``bias_mean_square_velocity`` (mode): of the network with all contacts closed on
         linear springs. A bias is that of the response to white noise, relative, due to the
         step alone, and infinite where the method is unstable; contacts that are open most
@@ -103,9 +105,14 @@ class NetworkCheck:
         note = f"Modes are computed for up to {most_modes} bodies."
         if len(model.bodies) <= most_modes:
             modes, note = _modes(_arranged(model, method, stiffening), stiffening, method, step, known)
+            if len(model.ends):
+                modes = {"open_frequency": ("mode", LinearizedNetwork.open(model).modes()[0]), **modes}
+        coupled = np.zeros(len(model.bodies), dtype=bool)
+        coupled[[slot for slots, *_ in model.coupled_parts() for slot in slots]] = True
         data = xr.Dataset(
             {
                 "natural_frequency": ("oscillator", model.natural_frequencies),
+                "coupled": ("oscillator", coupled),
                 **_contacts(model, stiffening, known),
                 **{
                     name: ("integrator", [row[column] for row in rows.values()])
@@ -125,13 +132,17 @@ class NetworkCheck:
         for name, (units, long_name) in _LABELS.items():
             if name in data:
                 data[name].attrs = {"units": units, "long_name": long_name}
-        if "closed_frequency" in data:
+        if not len(model.ends) and "closed_frequency" in data:
+            data["closed_frequency"].attrs["long_name"] = "frequency"
+        if "mode" in data.sizes:
             data = data.assign_coords(mode=np.arange(1, data.sizes["mode"] + 1))
         return cls(data)
 
     def __repr__(self) -> str:
         data = self.dataset
         lines = [f"{data.attrs['title']}: {data.attrs['integrator']}, step {data.attrs['step']:.4g} s"]
+        if "mode" in data.sizes:
+            data = data.isel(oscillator=~data.coupled.values)
         for dimension in ("oscillator", "contact", "integrator", "mode"):
             if data.sizes.get(dimension):
                 lines += ["", *_table(data, dimension)]
@@ -148,6 +159,7 @@ _LABELS = {
     "shortest_contact": ("s", "shortest contact"),
     "largest_step": ("s", "largest step"),
     "recommended_step": ("s", "recommended step"),
+    "open_frequency": ("rad s-1", "frequency, contacts open"),
     "closed_frequency": ("rad s-1", "frequency, contacts closed"),
     "bias_mean_square_displacement": ("1", "bias of mean square displacement"),
     "bias_mean_square_velocity": ("1", "bias of mean square velocity"),
@@ -191,8 +203,9 @@ def _contacts(model: Model, stiffening: Stiffening, known: np.ndarray) -> dict[s
     tangent = np.where(unknown, np.nan, stiffening.contacts)
     with np.errstate(divide="ignore"):
         half_period = np.where(tangent == 0.0, np.nan, np.pi / np.sqrt(tangent * inverse))
+    thermal = "contact", np.where(unknown, np.nan, stiffening.penetration - static)
     return {
-        "thermal_penetration": ("contact", np.where(unknown, np.nan, stiffening.penetration - static)),
+        **({"thermal_penetration": thermal} if model.random.any() else {}),
         "static_penetration": ("contact", static),
         "tangent_stiffness": ("contact", tangent),
         "shortest_contact": ("contact", half_period),
@@ -204,7 +217,7 @@ def _modes(
 ) -> tuple[dict[str, Any], str]:
     """Return the variables of the modes, and why some are missing or not a number."""
     if not known.all():
-        return {}, "No modes: the energy that a body brings into collisions is not known."
+        return {}, "No modes with closed contacts: the energy that a body brings into collisions is not known."
     linear = LinearizedNetwork.of(model, stiffening)
     frequencies, shapes = linear.modes()
     exact = linear.covariance()

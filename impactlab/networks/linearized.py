@@ -20,7 +20,7 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 @dataclass(frozen=True, eq=False)
 class LinearizedNetwork:
-    """A network in which every contact is a two-sided spring of its tangent stiffness.
+    """A network in which every contact is a two-sided spring of its tangent stiffness, or open.
 
     Attributes
     ----------
@@ -51,6 +51,13 @@ class LinearizedNetwork:
             springs(stiffening.links * kicking) + np.diag(stiffening.bodies),
             springs(dampers * kicking),
         )
+
+    @classmethod
+    def open(cls, model: Model) -> LinearizedNetwork:
+        """Return the linear springs and dampers of a network alone, with all contacts open."""
+        stiffness, damping = (model.coupled.springs(strengths) for strengths in model.coupling)
+        none = np.zeros_like(stiffness)
+        return cls(model, np.diag(model.stiffness) + stiffness, np.diag(model.damping) + damping, none, none)
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return undamped frequencies (rad s-1), and shapes as columns with ``φᵀ M φ = 1``."""

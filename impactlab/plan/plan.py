@@ -50,13 +50,9 @@ class Plan:
     @property
     def steady(self) -> bool:
         """Whether noise moves the bodies, and nothing but too short a spin-up keeps it from being stationary."""
-        return self.forgetting and not self.start.given
-
-    @property
-    def forgetting(self) -> bool:
-        """Whether noise moves the bodies, and nothing but their start keeps it from being stationary."""
-        varying = self.noise.time_varying or self.driving.coloured.time_varying or self.led
-        return not varying and bool(len(self.noise.white) or self.driving.series)
+        varying = self.noise.time_varying or self.driving.coloured.time_varying
+        transient = self.start.given or varying or self.led
+        return not transient and bool(len(self.noise.white) or self.driving.series)
 
     @property
     def led(self) -> bool:

@@ -206,8 +206,8 @@ class GibbsLaw:
         nearby = self.potential.energy(place * np.array([1.0 - _RESOLVED, 1.0 + _RESOLVED]))
         if place and nearby.min() > self.ground + 1.0:
             raise NoExactReference(
-                f"{self.potential.names}: the motion about {place:.6g} m is smaller than {_RESOLVED * abs(place):.1g} "
-                "m, not resolved beside this displacement; give more noise."
+                f"{self.potential.names}: the motion about {place:.6g} m is within {_RESOLVED * abs(place):.1g} m, "
+                "not resolved beside this displacement; give more noise."
             )
         left, right = energy[edges <= corners[0]], energy[edges >= corners[-1]][::-1]
         outside = [int(np.argmax(side <= side.min() + _END)) for side in (left, right)]

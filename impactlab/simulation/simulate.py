@@ -465,7 +465,7 @@ def _estimated(
         warn("chatter", message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
-    transient = (request.from_rest or plan.start.given) and not plan.clock.spin_up_steps
+    transient = from_rest and request.from_rest
     if estimates.values.unbalanced and plan.steady and (plan.clock.settled or not (drifting or from_rest)):
         warn("balance", estimates.values.unbalanced)
     if drifting and not transient:
@@ -475,10 +475,10 @@ def _estimated(
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
     paths = any(isinstance(record, Trajectory) for record in request.records)
-    if transient and request.spin_up is None and not paths and plan.forgetting and estimates.drift > DRIFT:
+    if drifting and transient and request.spin_up is None and not paths:
         warn(
             "transient",
-            f"Means contain the transient from the start: the two halves of the run differ by {estimates.drift:.1f} "
+            f"Means contain the transient from rest: the two halves of the run differ by {estimates.drift:.1f} "
             "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted.",
         )
     if wandering:

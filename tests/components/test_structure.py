@@ -8,7 +8,7 @@ import pytest
 from scenes import deviations
 from scipy import sparse
 from scipy.integrate import quad, solve_ivp
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg import eigh, solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.model import Model
@@ -67,6 +67,34 @@ def test_matrices_of_the_bodies_in_a_network(stiffness):
         np.testing.assert_allclose(
             np.diag(own) + model.links.springs(of_couplings), expected, atol=1e-9 * expected.max()
         )
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.3])
+def test_modes_are_those_of_the_matrices(beside):
+    """Of a full mass matrix the coordinates are modes, and points have the names."""
+    mass = np.diag(MASS) + beside * (np.eye(5, k=1) + np.eye(5, k=-1))
+    ratios = np.array([0.01, 0.02, 0.03, 0.04, 0.05])
+    modes = il.LinearStructure.from_damping_ratio(mass, shear(), ratios, names=TOWER.names).modes()
+    squares, shapes = eigh(shear(), mass)
+    np.testing.assert_allclose(modes.natural_frequency, np.sqrt(squares), rtol=1e-10)
+    np.testing.assert_allclose(modes.damping_ratio, ratios, rtol=1e-7)
+    found = modes.mode_shape.sel(place=list(TOWER.names))
+    np.testing.assert_allclose(np.abs(found), np.abs(shapes), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.values.T @ mass @ found.values, np.eye(5), atol=1e-9)
+    assert modes.mode_shape.attrs["units"] == "kg-1/2"
+    assert modes.mode.values.tolist() == [1, 2, 3, 4, 5]
+
+
+def test_modes_of_other_structures():
+    given = il.ModalStructure([3.0, 7.0], [0.01, 0.2], mass=[4.0, 1.0], points={"tip": [2.0, -1.0]})
+    modes = given.modes()
+    np.testing.assert_allclose(modes.natural_frequency, [3.0, 7.0], rtol=1e-14)
+    np.testing.assert_allclose(modes.damping_ratio, [0.01, 0.2], rtol=1e-14)
+    np.testing.assert_allclose(modes.mode_shape.sel(place="tip"), [1.0, -1.0], rtol=1e-14)
+    free = il.LinearStructure([1.0, 3.0], [[0.1, -0.1], [-0.1, 0.1]], [[3.0, -3.0], [-3.0, 3.0]]).modes()
+    np.testing.assert_allclose(free.natural_frequency, [0.0, 2.0], atol=1e-12)
+    assert np.isnan(free.damping_ratio[0])
+    assert free.damping_ratio[1] == pytest.approx(0.1 * (4.0 / 3.0) / 4.0)
 
 
 def test_damping_ratios():

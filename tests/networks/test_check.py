@@ -269,7 +269,8 @@ def test_an_energy_that_is_not_known():
     network = pressed(oscillators={"a": il.LinearOscillator(stiffness=20.0)})
     data = network.check(1e-3).dataset
     assert np.isnan(data.thermal_penetration).all()
-    assert "mode" not in data.dims
+    assert "closed_frequency" not in data
+    np.testing.assert_allclose(data.open_frequency, sorted(data.natural_frequency.values))
     assert "not known" in data.attrs["note"]
     assert "No step can be chosen" in refusal_of(data.sel(integrator="ExactFlow"))
 
@@ -297,8 +298,31 @@ def test_a_table_is_printed():
     assert rows["a"] == ["4.472"]
     assert rows["middle"][2:] == ["400", f"{np.pi * np.sqrt(2.0 / 3.0 / 400.0):.4g}"]
     assert len(rows["RungeKutta4"]) == 2
-    assert [len(rows[mode]) for mode in ("1", "2")] == [3, 3]
+    assert [len(rows[mode]) for mode in ("1", "2")] == [4, 4]
     assert not any(line != line.rstrip() for line in text.splitlines())
+
+
+def storeys(**others):
+    springs = 100.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
+    springs[-1, -1] = 100.0
+    structure = il.LinearStructure.from_damping_ratio([1.0, 1.0, 2.0], springs, [0.01, 0.02, 0.03])
+    return il.Network({"house": structure}, **others), structure.modes()
+
+
+def test_modes_of_a_network_stand_in_for_bodies_that_couplings_connect():
+    """Storeys have no frequency of their own, and where nothing is random there is no thermal penetration."""
+    push = {"house.3": il.Harmonic(1.0, frequency=3.0)}
+    network, modes = storeys(excitations=push)
+    text = repr(network.check())
+    assert "natural frequency" not in text
+    assert "penetration" not in text
+    assert all(f"{frequency:.4g}" in text for frequency in modes.natural_frequency.values)
+    stop = {"stop": il.Contact("house.3", il.WALL, il.LinearContact(1e4), clearance=0.1)}
+    check = storeys(excitations=push, contacts=stop)[0].check()
+    np.testing.assert_allclose(check.dataset.open_frequency, modes.natural_frequency)
+    assert (check.dataset.closed_frequency > check.dataset.open_frequency).all()
+    assert "static penetration" in repr(check)
+    assert "thermal penetration" not in repr(check)
 
 
 def test_long_tables_are_shortened_and_modes_of_many_bodies_left_out():

@@ -115,7 +115,10 @@ def test_from_dict_of_bodies_alone_and_of_unknown_parts():
             {"couplings": {"c": il.Coupling("a", "x", SPRING.law)}},
             r"Coupling 'c' names a body 'x' that is not in the network; allowed are 'a', 'b'",
         ),
-        ({"excitations": {"c": NOISE}}, r"excitation for 'c', which is not in the network"),
+        (
+            {"excitations": {"c": NOISE}},
+            r"'c', which is not in the network \(.* il\.Source\(…, on=…\), or an il\.BaseMotion .*; allowed are 'a'",
+        ),
     ],
 )
 def test_bad_network(changes, message):

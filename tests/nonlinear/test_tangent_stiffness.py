@@ -26,6 +26,26 @@ class NaNLines(il.Excitation):
         return [1.0, 2.0], [1.0, math.nan]
 
 
+class ComplexLines(il.Excitation):
+    def lines(self):
+        return [1.0, 2.0], [1.0, 1.0j]
+
+
+class NoLines(il.Excitation):
+    def lines(self):
+        return None
+
+
+class ThreeLines(il.Excitation):
+    def lines(self):
+        return [1.0], [1.0], [1.0]
+
+
+class TextLines(il.Excitation):
+    def lines(self):
+        return "slow", "fast"
+
+
 def stiffening(network):
     model = Model.of(network)
     return Stiffening.of(model, energies(model, "stationary", 1.0))
@@ -141,8 +161,10 @@ def test_regular_lines():
     assert regular_lines(np.array([2.0, 1.0])) is None
 
 
-@pytest.mark.parametrize("excitation", [BadLines(), NaNLines()])
+@pytest.mark.parametrize(
+    "excitation", [BadLines(), NaNLines(), ComplexLines(), NoLines(), ThreeLines(), TextLines()], ids=repr
+)
 def test_lines_that_are_no_two_finite_arrays_are_refused(excitation):
     network = il.Network({"a": il.LinearOscillator(stiffness=1.0)}, excitations={"a": excitation})
-    with pytest.raises(il.InvalidInput, match=r"lines must return two finite, non-empty arrays"):
+    with pytest.raises(il.InvalidInput, match=r"lines must return two finite, .* and real amplitudes, .* returned "):
         lines_of(Model.of(network))

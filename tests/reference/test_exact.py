@@ -605,7 +605,7 @@ def test_very_quiet_and_very_loud_noise(density):
 
 
 def test_motion_that_numbers_do_not_resolve_is_refused():
-    with pytest.raises(il.NoExactReference, match=r"'a': the motion about -0\.0999001 m is smaller than 1e-10 m"):
+    with pytest.raises(il.NoExactReference, match=r"'a': the motion about -0\.0999001 m is within 1e-10 m"):
         exact(stopped(1e-30, -0.1))
     with pytest.raises(il.NoExactReference, match=r"smaller than 9e-16 m, which the law of several bodies does not"):
         exact(stopped(1e-30, 0.1, "abc"))
