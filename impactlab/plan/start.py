@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.random import addresses
 from impactlab.linear.laws import correlated_systems, filter_labels, initial_variances, linear_variances
 from impactlab.plan.subdomains import Tile
+from impactlab.results.snapshot import places_of
 
 WORDS = "stationary", "rest"
 """Starts that have a name."""
@@ -100,12 +101,12 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
             'initial must be "stationary", "rest" or {"displacement": {name: value}, "velocity": {name: value}}, '
             f"or a result that has il.FinalState() or the path of its file, not {initial!r}."
         )
+    places, points = places_of(model.bodies), model.network.points
     state = np.zeros((2, len(model.bodies), realizations_of(initial)))
     for row, quantity in enumerate(QUANTITIES):
         values = _by_name(initial, quantity)
         for name, value in values.items():
-            points = model.network.points
-            if name not in model.bodies and name not in points:
+            if name not in places and name not in points:
                 known = (*model.bodies, *points)
                 raise InvalidInput(f"initial: there is no oscillator {name!r}; {suggestion(name, known)}")
             if name in model.network.prescribed:
@@ -122,7 +123,7 @@ def start_of(initial: Any, model: Model) -> str | np.ndarray:
                     "of points alone or of bodies alone."
                 )
             for body, share in shares.items():
-                state[row, model.bodies.index(body)] += share * numbers
+                state[row, places[body]] += share * numbers
     return state
 
 
@@ -131,11 +132,11 @@ def states_of(initial: Any, model: Model) -> np.ndarray | None:
     values = _by_name(initial, STATE) if isinstance(initial, Mapping) else {}
     if not values:
         return None
-    labels = [label for label, _ in model.states]
+    labels = places_of([label for label, _ in model.states])
     states = np.repeat(model.members.states[:, None], realizations_of(initial), axis=1)
     for label, value in values.items():
         known_name("state of a law", label, labels)
-        states[labels.index(label)] = _numbers(f"initial state {label!r}", value)
+        states[labels[label]] = _numbers(f"initial state {label!r}", value)
     return states
 
 
@@ -144,13 +145,21 @@ def filters_of(initial: Any, model: Model) -> np.ndarray | None:
     values = _by_name(initial, FILTER) if isinstance(initial, Mapping) else {}
     if not values:
         return None
-    labels = filter_labels(model)
+    labels = places_of(filter_labels(model))
     result = np.full((len(labels), realizations_of(initial)), np.nan)
-    for name in {label.rpartition(".")[0] for label in labels}:
-        own = [label for label in labels if label.rpartition(".")[0] == name]
-        if set(own) == {label for label in values if label.rpartition(".")[0] == name}:
-            for label in own:
-                result[labels.index(label)] = _numbers(f"initial filter state {label!r}", values[label])
+    own, given = (_by_filter(item) for item in (labels, values))
+    for name in own:
+        if own[name] == given.get(name):
+            for label in own[name]:
+                result[labels[label]] = _numbers(f"initial filter state {label!r}", values[label])
+    return result
+
+
+def _by_filter(labels: Iterable[str]) -> dict[str, set[str]]:
+    """Return the states of each filter by its name."""
+    result: dict[str, set[str]] = {}
+    for label in labels:
+        result.setdefault(label.rpartition(".")[0], set()).add(label)
     return result
 
 

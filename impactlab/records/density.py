@@ -21,7 +21,7 @@ from impactlab.records.reach import reach_of_moved
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
-from impactlab.results.snapshot import ALL, with_points
+from impactlab.results.snapshot import ALL, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, mean_of_subsamples, subsample_count, subsamples_of
 
 DEVIATIONS = 5.5
@@ -97,17 +97,17 @@ class Density(Record):
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
-        q, known = self.quantity, plan.snapshot.names(self.quantity)
+        q, known = self.quantity, places_of(plan.snapshot.names(self.quantity))
         n, of = len(known), q.removeprefix("point_")
         edges = np.full((n, self.bins + 1), np.nan)
         density, error = np.full((2, n, self.bins), np.nan)
         factor = np.full(n, np.nan)
         for row, (name, low, high) in enumerate(self.limits):
-            slot = known.index(name)
+            slot = known[name]
             edges[slot] = np.linspace(low, high, self.bins + 1)
             trusted = plan.realizations.trusted
             share, spread_, factor[slot] = mean_of_subsamples(counts[:, row], samples[:, row], trusted)
-            _warn_of_outside(self, name, 1.0 - share[1:-1].sum(), of)
+            _warn_of_outside(self, (name, low, high), 1.0 - share[1:-1].sum(), of)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dimension, units = ALL[q].dimension, ALL[q].units
@@ -174,8 +174,8 @@ class JointDensity(Record):
             counts.reshape(len(counts), -1), samples, plan.realizations.trusted, inner.ravel()
         )
         joint, error = share.reshape(shape), scatter.reshape(shape)[1:-1, 1:-1]
-        for name, inside in ((self.first, joint[1:-1]), (self.second, joint[:, 1:-1])):
-            _warn_of_outside(self, name, 1.0 - inside.sum(), "displacement")
+        for limits, inside in zip(self.limits, (joint[1:-1], joint[:, 1:-1]), strict=True):
+            _warn_of_outside(self, limits, 1.0 - inside.sum(), "displacement")
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
         text = f"joint density of the displacements of {self.first} and {self.second}"
@@ -231,19 +231,20 @@ class _Pairs(Keeper):
 
 def _stride(names: tuple[str, ...] | None, model: Model, step: float) -> int:
     """Sample about three times per period of the fastest body that is recorded."""
-    points = dict(model.points)
+    points, bodies = dict(model.points), places_of(model.bodies)
     slots = [
         slot
         for name in names or model.bodies
-        for slot in ([body for body, _ in points[name]] if name in points else [model.bodies.index(name)])
+        for slot in ([body for body, _ in points[name]] if name in points else [bodies[name]])
     ]
     fastest = float(np.sqrt(model.stiffness[slots] / model.mass[slots]).max())
     return max(1, int(2.0 / (fastest * step))) if fastest > 0.0 else 1
 
 
 def _known(place: str, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    of_bodies = frozenset(known)
     for name in names:
-        if name not in known:
+        if name not in of_bodies:
             raise InvalidInput(f"{place}: there is no oscillator {name!r}; {suggestion(name, known)}")
     return names
 
@@ -346,10 +347,10 @@ def _with_limits(record: Density | JointDensity, given: Any) -> Record:
     return record
 
 
-def _warn_of_outside(record: Any, name: str, outside: float, quantity: str) -> None:
+def _warn_of_outside(record: Any, limits: tuple[str, float, float], outside: float, quantity: str) -> None:
     """Warn of samples that a density does not show: some if it has chosen its limits, all if they were given."""
+    name, low, high = limits
     if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
-        low, high = next(tuple(pair) for item, *pair in record.limits if item == name)
         warn(
             "outside_limits",
             f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "

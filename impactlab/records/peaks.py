@@ -18,7 +18,7 @@ from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, moments
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import PEAKS
+from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 REACH = 20.0
@@ -88,7 +88,7 @@ class PeakForces(Record):
     peaks: ClassVar[bool] = True
 
     def resolved(self, model: Model) -> Record:
-        known = tuple(model.network.contacts)
+        known = places_of(tuple(model.network.contacts))
         if isinstance(self.contacts, str):
             raise InvalidInput(f"PeakForces: contacts is a sequence of names, not {self.contacts!r}.")
         names = tuple(self.contacts or known)
@@ -96,12 +96,12 @@ class PeakForces(Record):
         for name in (*names, *given):
             if name not in known:
                 raise InvalidInput(f"PeakForces: there is no contact {name!r}; {suggestion(name, known)}")
-            if model.round[known.index(name)]:
+            if model.round[known[name]]:
                 raise InvalidInput(
                     f"PeakForces: {name!r} is a round contact, of which no crossings are recorded; name others in "
                     "contacts=. Its largest force is peak_contact_force."
                 )
-            if model.rigid[known.index(name)]:
+            if model.rigid[known[name]]:
                 raise InvalidInput(f"PeakForces: {name!r} is rigid, so that its impacts have impulses, but no forces.")
         heat = energies(model, "stationary", 1.0)
         led = model.forced or model.timed.any()
@@ -150,9 +150,14 @@ class PeakForces(Record):
         windows = len(self.limits) * (plan.clock.steps // self.steps_per_window(plan))
         return 8 * (samples_per_realization(plan) * bins + windows)
 
+    def _slots(self, plan: Plan) -> list[int]:
+        """Return the places of the contacts among all."""
+        places = places_of(plan.system.contacts)
+        return [places[name] for name, _ in self.limits]
+
     def _rated(self, plan: Plan) -> list[int]:
         """Return which of the contacts have forces that depend on the rate, so that peaks are counted."""
-        slots = [plan.system.contacts.index(name) for name, _ in self.limits]
+        slots = self._slots(plan)
         return np.flatnonzero(plan.observed.rated[slots]).tolist() if plan.snapshot.peaked else []
 
     def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
@@ -168,8 +173,8 @@ class PeakForces(Record):
         rate, error, indentation, force = np.full((4, count, self.bins), np.nan)
         factor, everywhere = np.full(count, np.nan), np.full((*peaks.shape[:2], count), np.nan)
         levels = np.full((2, count, len(times)), np.nan)
-        for row, (name, depth) in enumerate(self.limits):
-            slot, width = plan.system.contacts.index(name), depth / self.bins
+        for row, (slot, (_, depth)) in enumerate(zip(self._slots(plan), self.limits, strict=True)):
+            width = depth / self.bins
             own, total = flux[:, row], inward[:, row].sum(axis=0)
             indentation[slot] = (np.arange(self.bins) + 0.5) * width
             force[slot] = np.divide(push[:, row].sum(axis=0), total, out=np.full(self.bins, np.nan), where=total > 0.0)
@@ -208,7 +213,7 @@ class _Peaks(Keeper):
         super().__init__()
         self.record, self.parts, self.window = record, samples_per_realization(plan), record.steps_per_window(plan)
         bodies, count, lanes = len(plan.system.bodies), len(record.limits), len(realizations)
-        slots = [plan.system.contacts.index(name) for name, _ in record.limits]
+        slots = record._slots(plan)
         first = [plan.snapshot.place(name).start for name in ("displacement", "velocity", "contact_force")]
         of_peaks = plan.snapshot.place(PEAKS.name).start if plan.snapshot.peaked else first[2]
         self.forces = first[2] + np.array(slots, dtype=np.int64)

@@ -16,7 +16,7 @@ from impactlab.plan.plan import Plan
 from impactlab.records.density import Counts, Density
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import ALL
+from impactlab.results.snapshot import ALL, places_of
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
 
 _SQUARES = {"m": "m2", "m s-1": "m2 s-2", "N": "N2"}
@@ -91,7 +91,8 @@ class PhaseMeans(Record):
             return {}
         sums, squares, samples = (in_subsamples([item[key] for item in results]) for key in _Moments.KEPT)
         value, spread = np.full((2, 2, self.phases, len(known)), np.nan)  # (value or error, mean or variance, …)
-        rows = [known.index(name) for name in self.labels or ()]
+        slots = places_of(known)
+        rows = [slots[name] for name in self.labels or ()]
         for phase in range(self.phases):
             number, first = samples[:, phase, None], sums[:, phase]
             mean, error, _ = mean_of_subsamples(first, number, plan.realizations.trusted, slice(None))

@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.components.component import Component, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot
+from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot, places_of
 
 
 class Keeper:
@@ -148,9 +148,10 @@ def names_of(record: Record, kind: str, names: Sequence[str] | None, quantity: s
     """Return the names of which a record keeps a quantity, by default all; refuse those that do not have it."""
     snapshot = Snapshot(model.bodies, tuple(model.network.contacts), points=model.points)
     known = snapshot.names(quantity)
+    places = places_of(known)
     other = quantity.removeprefix("point_") if quantity not in QUANTITIES else f"point_{quantity}"
     for name in names or ():
-        if name not in known:
+        if name not in places:
             hint = suggestion(name, known)
             if other in ALL and name in snapshot.names(other):
                 hint = f"the quantity of a {'body' if other in QUANTITIES else 'point'} is {other!r}"

@@ -17,7 +17,7 @@ from impactlab.linear.decay import relaxation_time
 from impactlab.plan.plan import Plan
 from impactlab.records.record import Keeper, Record, names_of
 from impactlab.results.labels import Variables, labelled, with_error
-from impactlab.results.snapshot import ALL, with_points
+from impactlab.results.snapshot import ALL, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
 
 SEGMENT = 20.0
@@ -141,8 +141,9 @@ class Spectrum(Record):
         density, error = np.full((2, len(known), len(frequencies)), np.nan)
         factor, beyond = np.full((2, len(known)), np.nan)
         assert self.labels is not None
+        places = places_of(known)
         for row, name in enumerate(self.labels):
-            slot = known.index(name)
+            slot = places[name]
             estimated = mean_of_subsamples(power[:, row], segments[:, None], plan.realizations.trusted, slice(None))
             value, scatter, factor[slot] = estimated
             constant = mean[:, row].sum() / (segments.sum() * count)

@@ -50,6 +50,11 @@ def with_points(values: Mapping[str, Any]) -> dict[str, Any]:
     return {**values, **{variable.name: values[quantity] for quantity, variable in AT_POINTS.items()}}
 
 
+def places_of(names: Sequence[str]) -> dict[str, int]:
+    """Return the place of each name: a list that is searched for all of them takes time by the square of its length."""
+    return {name: place for place, name in enumerate(names)}
+
+
 Sums = Sequence[Sequence[tuple[int, float]]]
 """Rows and weights of some weighted sums of rows."""
 
@@ -162,11 +167,6 @@ class Snapshot(NamedTuple):
             first += len(self.states)
         return slice(first, first + len(self.names(quantity)))
 
-    def row(self, quantity: str, name: str) -> int:
-        """Return the row of a quantity of one body or contact."""
-        first: int = self.place(quantity).start
-        return first + self.names(quantity).index(name)
-
     def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:
         """Return quantities of some names, all by default; ``name`` is also that of all ``name.…``."""
         result = []
@@ -182,7 +182,8 @@ class Snapshot(NamedTuple):
         """Return what reads a quantity of some names, which may be those of points."""
         points = dict(self.points)
         if not any(name in points for name in names):
-            return Reader([self.row(quantity, name) for name in names])
+            first, places = self.place(quantity).start, places_of(self.names(quantity))
+            return Reader([first + places[name] for name in names])
         first = self.place(quantity.removeprefix("point_")).start
         slots = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points
         return Reader(

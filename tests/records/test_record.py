@@ -1,6 +1,8 @@
 """Densities against the exact law, trajectories, and several records at once."""
 
 import itertools
+import warnings
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -386,3 +388,36 @@ def test_limits_hold_what_given_forces_and_motions_move(bodies, contacts, excita
         density, edges = ds[f"density_{quantity}"].values, ds[f"{quantity}_edges"].values
         assert ((density * np.diff(edges)).sum(axis=1) > 0.999).all()
         assert ((density > 0.0).sum(axis=1) >= fewest).all()
+
+
+class Name(str):
+    """A name that counts how often any one is compared with another."""
+
+    compared: ClassVar[int] = 0
+
+    def __eq__(self, other):
+        Name.compared += 1
+        return str.__eq__(self, other)
+
+    __hash__ = str.__hash__
+
+
+def comparisons(bodies):
+    names = [Name(f"b{number}") for number in range(bodies)]
+    contacts = {Name(f"c{number}"): il.Contact(*pair, HERTZ) for number, pair in enumerate(itertools.pairwise(names))}
+    noise = il.WhiteNoise(0.01)
+    network = il.Network(dict.fromkeys(names, RESONANT), contacts, dict.fromkeys(names, noise))
+    record = [
+        il.Density(bins=4), il.Spectrum("contact_force", segment=0.2), il.PhaseMeans(period=0.1, phases=1),
+        il.PeakForces(bins=4), il.FinalState(),
+    ]  # fmt: skip
+    before = Name.compared
+    with warnings.catch_warnings(action="ignore"):
+        first = il.simulate(network, 0.2, spin_up=0.0, realizations=1, rng=1, step=0.01, record=record)
+        il.simulate(network, 0.1, realizations=1, rng=2, step=0.01, initial=first)
+    return Name.compared - before
+
+
+def test_names_are_looked_up_not_searched():
+    few, many = comparisons(100), comparisons(200)
+    assert many < 2.5 * few + 100
