@@ -24,7 +24,9 @@ class BinDensities(Protocol):
 class JointDensities(Protocol):
     """A law that knows joint densities, such as an `ExactReference`."""
 
-    def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray: ...
+    def joint_density(
+        self, first: str, second: str, x: Any, y: Any, *, quantities: tuple[str, str] = ...
+    ) -> np.ndarray: ...
 
 
 DECADES = 6.0
@@ -103,7 +105,7 @@ def density(
 def joint_density(
     result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Draw the joint density of two displacements, with the line on which a contact of the two closes.
+    """Draw the joint density of two displacements or velocities, with the line on which a contact of these closes.
 
     Parameters
     ----------
@@ -128,7 +130,8 @@ def joint_density(
     inner = ["joint_first_bin", "joint_second_bin"]
     data = variable(result, "joint_density", "joint density", "il.JointDensity(first, second)", inner)
     edges = [result[f"joint_{side}_edges"].values for side in ("first", "second")]
-    first, second = _bodies(result)
+    items = _items(result)
+    (first, _), (second, _) = items
     axes = axes_of(ax, (4.6, 3.6))
     density = data.values
     shown = np.ma.masked_less_equal(density, 0.0)  # white, so that what was never reached can be told from little
@@ -139,19 +142,21 @@ def joint_density(
     root.colorbar(mesh, ax=axes, label=label_text("joint density", str(data.attrs["units"])))
     if reference is not None:
         x, y = (0.5 * (edge[1:] + edge[:-1]) for edge in edges)
-        exact = law_with("joint_density", reference)(first, second, x[:, None], y[None, :])
+        law = law_with("joint_density", reference)
+        exact = law(first, second, x[:, None], y[None, :], quantities=(items[0][1], items[1][1]))
         levels = exact.max() * (10.0 ** np.arange(-4.0, 0.0) if log else np.linspace(0.1, 0.9, 5))
         axes.contour(x, y, exact.T, levels, colors="black", linewidths=0.7, linestyles="dashed")
         axes.plot([], [], color="black", lw=0.7, ls="--", label="exact")
-    for name, (a, b), clearance in _lines(result, first, second):
+    for name, (a, b), clearance in _lines(result, items):
         label, color = f"{name} closes", COLORS[1]
         if b:
             axes.axline((0.0, clearance / b), slope=-a / b, color=color, lw=1.2, label=label)
         else:
             axes.axvline(clearance / a, color=color, lw=1.2, label=label)
     axes.set(xlim=_reached(edges[0], density.sum(axis=1)), ylim=_reached(edges[1], density.sum(axis=0)))
-    axes.set_xlabel(label_text(f"displacement of {first}", "m"))
-    axes.set_ylabel(label_text(f"displacement of {second}", "m"))
+    units = [str(result[f"joint_{side}_edges"].attrs["units"]) for side in ("first", "second")]
+    axes.set_xlabel(label_text(f"{items[0][1]} of {first}", units[0]))
+    axes.set_ylabel(label_text(f"{items[1][1]} of {second}", units[1]))
     return legend_above(axes)
 
 
@@ -161,15 +166,18 @@ def _reached(edges: np.ndarray, bins: np.ndarray) -> tuple[float, float]:
     return float(edges[inside[0]]), float(edges[inside[-1] + 1])
 
 
-def _bodies(result: xr.Dataset) -> tuple[str, str]:
-    """Return the names of the two bodies, which only the stored record has."""
+def _items(result: xr.Dataset) -> list[tuple[str, str]]:
+    """Return name and quantity of the first and the second, which only the stored record has."""
+    usual = "displacement", "displacement"
     records = configuration(result).get("simulate", {}).get("record", [])
-    found = [(str(item["first"]), str(item["second"])) for item in records if item["type"] == "JointDensity"]
-    return found[0] if found else ("first", "second")
+    found = [item for item in records if item["type"] == "JointDensity"] or [{"first": "first", "second": "second"}]
+    names = str(found[0]["first"]), str(found[0]["second"])
+    return list(zip(names, found[0].get("quantities", usual), strict=True))
 
 
-def _lines(result: xr.Dataset, first: str, second: str) -> Iterator[tuple[str, tuple[float, float], float]]:
-    """Give name, weights of the two bodies and clearance of each contact that these alone close."""
+def _lines(result: xr.Dataset, items: list[tuple[str, str]]) -> Iterator[tuple[str, tuple[float, float], float]]:
+    """Give name, weights of both and clearance of each contact that their displacements alone close."""
+    moved = [name if quantity == "displacement" else "" for name, quantity in items]
     for name, (weights, clearance) in contact_weights(result).items():
-        if weights and weights.keys() <= {first, second}:
-            yield name, (weights.get(first, 0.0), weights.get(second, 0.0)), clearance
+        if weights and weights.keys() <= {*moved}:
+            yield name, (weights.get(moved[0], 0.0), weights.get(moved[1], 0.0)), clearance

@@ -168,14 +168,19 @@ class Snapshot(NamedTuple):
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
         """Return what reads a quantity of some names, which may be those of points."""
+        return self.reader_of([(quantity, name) for name in names])
+
+    def reader_of(self, items: Sequence[tuple[str, str]]) -> Reader:
+        """Return what reads quantities of names, pair by pair; the names may be those of points."""
         points = dict(self.points)
-        if not any(name in points for name in names):
-            return Reader([self.row(quantity, name) for name in names])
-        first = self.place(quantity.removeprefix("point_")).start
-        slots = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points
-        return Reader(
-            list(range(len(names))), [[(first + slot, share) for slot, share in slots[name]] for name in names]
-        )
+        of_contacts = {"contact_force", STATES.name}
+        if not any(name in points and quantity not in of_contacts for quantity, name in items):
+            return Reader([self.row(quantity, name) for quantity, name in items])
+        slots, sums = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points, []
+        for quantity, name in items:
+            first = self.place(quantity.removeprefix("point_")).start
+            sums.append([(first + slot, share) for slot, share in slots[name]])
+        return Reader(list(range(len(items))), sums)
 
     def values(self, quantity: Variable, snapshots: np.ndarray) -> np.ndarray:
         """Return a quantity from snapshots, whose rows are the last axis."""
