@@ -16,7 +16,7 @@ from impactlab.kernels.histogram import count_pairs, count_samples
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.record import Keeper, Record, RecordedRun, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
 from impactlab.results.snapshot import ALL, with_points
@@ -84,13 +84,14 @@ class Density(Record):
     def stride(self, model: Model, step: float) -> int:
         return _stride(self.oscillators, model, step)
 
-    def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * len(self.limits) * subsample_count(plan) * (self.bins + 2)
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.limits) * subsample_count(run.plan) * (self.bins + 2)
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return Counts(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return Counts(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
         q, known = self.quantity, plan.snapshot.names(self.quantity)
@@ -188,18 +189,18 @@ class JointDensity(Record):
     def stride(self, model: Model, step: float) -> int:
         return _stride((self.first, self.second), model, step)
 
-    def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * subsample_count(plan) * (self.bins + 2) ** 2
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * subsample_count(run.plan) * (self.bins + 2) ** 2
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Pairs(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Pairs(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
         samples, shape = counts.sum(axis=(1, 2))[:, None], counts.shape[1:]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
         share, scatter, factor = mean_of_subsamples(
-            counts.reshape(len(counts), -1), samples, plan.realizations.trusted, inner.ravel()
+            counts.reshape(len(counts), -1), samples, run.plan.realizations.trusted, inner.ravel()
         )
         joint, error = share.reshape(shape), scatter.reshape(shape)[1:-1, 1:-1]
         for place, inside in enumerate((joint[1:-1], joint[:, 1:-1])):
