@@ -92,7 +92,7 @@ _HOME = {
     "records.final_state": ["FinalState"],
     "records.peaks": ["PeakForces"],
     "records.phase": ["PhaseDensity", "PhaseMeans"],
-    "records.record": ["Record"],
+    "records.record": ["Keeper", "Record", "RecordedRun"],
     "records.spectrum": ["Spectrum"],
     "records.trajectory": ["PerRealization", "Trajectory"],
     "simulation.simulate": ["simulate"],

@@ -36,7 +36,9 @@ class BinDensities(Protocol):
 class JointDensities(Protocol):
     """A law that knows joint densities, such as an `ExactReference`."""
 
-    def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray: ...
+    def joint_density(
+        self, first: str, second: str, x: Any, y: Any, *, quantities: tuple[str, str] = ...
+    ) -> np.ndarray: ...
 
 
 DECADES = 6.0
@@ -116,7 +118,7 @@ def density(
 def joint_density(
     result: xr.Dataset, *, reference: JointDensities | None = None, log: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Draw the joint density of two displacements, with the line or the circle on which a contact of the two closes.
+    """Draw the joint density of two displacements or velocities, with the line or circle on which a contact closes.
 
     Parameters
     ----------
@@ -142,7 +144,8 @@ def joint_density(
     inner = ["joint_first_bin", "joint_second_bin"]
     data = variable(result, "joint_density", "joint density", "il.JointDensity(first, second)", inner)
     edges = [result[f"joint_{side}_edges"].values for side in ("first", "second")]
-    first, second = _bodies(result)
+    items = _items(result)
+    (first, _), (second, _) = items
     axes = axes_of(ax, (4.6, 3.6))
     density = data.values
     shown = np.ma.masked_less_equal(density, 0.0)  # white, so that what was never reached can be told from little
@@ -153,23 +156,25 @@ def joint_density(
     root.colorbar(mesh, ax=axes, label=label_text("joint density", str(data.attrs["units"])))
     if reference is not None:
         x, y = (0.5 * (edge[1:] + edge[:-1]) for edge in edges)
-        exact = law_with("joint_density", reference)(first, second, x[:, None], y[None, :])
+        law = law_with("joint_density", reference)
+        exact = law(first, second, x[:, None], y[None, :], quantities=(items[0][1], items[1][1]))
         levels = exact.max() * (10.0 ** np.arange(-4.0, 0.0) if log else np.linspace(0.1, 0.9, 5))
         axes.contour(x, y, exact.T, levels, colors="black", linewidths=0.7, linestyles="dashed")
         axes.plot([], [], color="black", lw=0.7, ls="--", label="exact")
+    of_first, of_second = [name if quantity == "displacement" else "" for name, quantity in items]
     for name, contact in contacts_of(result).items():
         look: dict[str, Any] = {"color": COLORS[1], "lw": 1.2, "label": name_text(f"{name} closes")}
         if isinstance(contact, RoundContact):
-            if (contact.first, contact.second) == ((first, second), WALL):
+            if (contact.first, contact.second) == ((of_first, of_second), WALL):
                 draw_rim(axes, contact, **look)
-        elif (weights := weights_of(contact)).keys() <= {first, second}:
-            a, b = weights.get(first, 0.0), weights.get(second, 0.0)
+        elif (weights := weights_of(contact)).keys() <= {of_first, of_second}:
+            a, b = weights.get(of_first, 0.0), weights.get(of_second, 0.0)
             if b:
                 axes.axline((0.0, contact.clearance / b), slope=-a / b, **look)
             else:
                 axes.axvline(contact.clearance / a, **look)
     axes.set(xlim=_reached(edges[0], density.sum(axis=1)), ylim=_reached(edges[1], density.sum(axis=0)))
-    axes.set(xlabel=axis_label(first), ylabel=axis_label(second))
+    axes.set(xlabel=axis_label(first, items[0][1]), ylabel=axis_label(second, items[1][1]))
     return legend_above(axes)
 
 
@@ -180,8 +185,10 @@ def _reached(edges: np.ndarray, bins: np.ndarray) -> tuple[float, float]:
 
 
 @reading_stored()
-def _bodies(result: xr.Dataset) -> tuple[str, str]:
-    """Return the names of the two bodies, which only the stored record has."""
+def _items(result: xr.Dataset) -> list[tuple[str, str]]:
+    """Return name and quantity of the first and the second, which only the stored record has."""
+    usual = "displacement", "displacement"
     records = configuration(result).get("simulate", {}).get("record", [])
-    found = [(str(item["first"]), str(item["second"])) for item in records if item["type"] == "JointDensity"]
-    return found[0] if found else ("first", "second")
+    found = [item for item in records if item["type"] == "JointDensity"] or [{"first": "first", "second": "second"}]
+    names = str(found[0]["first"]), str(found[0]["second"])
+    return list(zip(names, found[0].get("quantities", usual), strict=True))

@@ -18,7 +18,7 @@ from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
 from impactlab.records.reach import reach_of_moved
-from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.record import Keeper, Record, RecordedRun, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
 from impactlab.results.snapshot import ALL, places_of, with_points
@@ -29,6 +29,9 @@ DEVIATIONS = 5.5
 
 OUTSIDE = 0.01
 """Part of the samples that may be outside of limits that were not given."""
+
+PHASE_PLANE = "displacement", "velocity"
+"""The quantities of which there are joint densities."""
 
 _PER = with_points({"displacement": "m-1", "velocity": "s m-1"})
 
@@ -88,13 +91,14 @@ class Density(Record):
     def stride(self, model: Model, step: float) -> int:
         return _stride(self.oscillators, model, step)
 
-    def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * len(self.limits) * subsample_count(plan) * (self.bins + 2)
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * len(self.limits) * subsample_count(run.plan) * (self.bins + 2)
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return Counts(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return Counts(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         counts = results[0]["counts"]
         samples = counts.sum(axis=2, keepdims=True)
         q, known = self.quantity, places_of(plan.snapshot.names(self.quantity))
@@ -107,7 +111,7 @@ class Density(Record):
             edges[slot] = np.linspace(low, high, self.bins + 1)
             trusted = plan.realizations.trusted
             share, spread_, factor[slot] = mean_of_subsamples(counts[:, row], samples[:, row], trusted)
-            _warn_of_outside(self, (name, low, high), 1.0 - share[1:-1].sum(), of)
+            _warn_of_outside(self, row, 1.0 - share[1:-1].sum(), of)
             width = (high - low) / self.bins
             density[slot], error[slot] = share[1:-1] / width, spread_[1:-1] / width
         dimension, units = ALL[q].dimension, ALL[q].units
@@ -122,16 +126,25 @@ class Density(Record):
 
 
 class JointDensity(Record):
-    """Joint probability density of the displacements of two bodies or points of structures, averaged over bins.
+    """Joint probability density of two displacements or velocities, averaged over bins.
 
     Parameters
     ----------
     first, second : str
-        The bodies or points.
+        The bodies or points of structures; one twice where the quantities differ.
     bins : int
         Number of bins in each direction.
-    limits : mapping of str to pair, optional
-        Lower and upper limit by name; by default as for `Density`.
+    limits : pair of float, mapping of str to pair, or two pairs, optional
+        Lower and upper limit, for both, by name, or of the first and the second; by default as for `Density`.
+    quantities : pair of str
+        "displacement" or "velocity", of the first and of the second.
+
+    Examples
+    --------
+    The density in the phase plane of a body:
+
+    >>> il.JointDensity("a", "a", quantities=("displacement", "velocity"))
+    JointDensity('a', 'a', quantities=('displacement', 'velocity'))
     """
 
     summed: ClassVar[tuple[str, ...]] = ("counts",)
@@ -140,53 +153,86 @@ class JointDensity(Record):
     second: str = parameter(kw_only=False)
     bins: int = parameter(60, minimum=1)
     limits: Any = parameter(None)
+    quantities: tuple[str, str] = parameter(("displacement", "displacement"), kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "limits", _plain_limits(self.limits))
+        if not (isinstance(self.quantities, tuple) and len(self.quantities) == 2):
+            raise InvalidInput(f"JointDensity.quantities are two, such as {PHASE_PLANE!r}, not {self.quantities!r}.")
+        for quantity in self.quantities:
+            if quantity not in PHASE_PLANE:
+                raise InvalidInput(f"JointDensity.quantities: {suggestion(quantity, PHASE_PLANE)}")
+        limits = self.limits
+        if _two_pairs(limits):
+            limits = tuple(_plain_limits(pair) for pair in limits)
+        object.__setattr__(self, "limits", limits if _two_pairs(limits) else _plain_limits(limits))
+
+    @property
+    def items(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Quantity and name of both."""
+        return (self.quantities[0], self.first), (self.quantities[1], self.second)
 
     def resolved(self, model: Model) -> Record:
         return self.resolved_for(model, 0.0, 0.0)
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
         known = (*model.bodies, *model.network.points)
-        names = _known("JointDensity", (self.first, self.second), known)
-        if self.first == self.second:
-            raise InvalidInput(f"JointDensity takes two different bodies, not {self.first!r} twice.")
-        given = given_ranges(model, begin, end) if model.forced else None
-        limits = _resolved_limits(self, names, self.limits, "displacement", model, known, given)
-        return _with_limits(self.replace(limits=limits), self.limits)
+        _known("JointDensity", (self.first, self.second), known)
+        one, other = self.items
+        if one == other:
+            raise InvalidInput(
+                f"JointDensity takes two different displacements or velocities, not the {one[0]} of {one[1]!r} twice; "
+                f"quantities={PHASE_PLANE!r} are both of one body."
+            )
+        given = self.limits if _two_pairs(self.limits) else (self.limits, self.limits)
+        if self.first == self.second and self.limits and isinstance(given[0][0], tuple):
+            raise InvalidInput(
+                f"JointDensity: limits by name do not say of which quantity of {self.first!r} they are; give "
+                f"{_wanted(self, self.first)}, of the first and the second."
+            )
+        moved = given_ranges(model, begin, end) if model.forced else None
+        limits = tuple(
+            _resolved_limits(self, (name,), own, quantity, model, known, moved)[0]
+            for own, (quantity, name) in zip(given, self.items, strict=True)
+        )
+        return _with_limits(self.replace(limits=limits), given[0])
 
     def stride(self, model: Model, step: float) -> int:
         return _stride((self.first, self.second), model, step)
 
-    def bytes_per_block(self, plan: Plan) -> int:
-        return 8 * subsample_count(plan) * (self.bins + 2) ** 2
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return 8 * subsample_count(run.plan) * (self.bins + 2) ** 2
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Pairs(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Pairs(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         counts = results[0]["counts"]
         samples, shape = counts.sum(axis=(1, 2))[:, None], counts.shape[1:]
         inner = np.pad(np.ones((self.bins, self.bins), dtype=bool), 1)
         share, scatter, factor = mean_of_subsamples(
-            counts.reshape(len(counts), -1), samples, plan.realizations.trusted, inner.ravel()
+            counts.reshape(len(counts), -1), samples, run.plan.realizations.trusted, inner.ravel()
         )
         joint, error = share.reshape(shape), scatter.reshape(shape)[1:-1, 1:-1]
-        for limits, inside in zip(self.limits, (joint[1:-1], joint[:, 1:-1]), strict=True):
-            _warn_of_outside(self, limits, 1.0 - inside.sum(), "displacement")
+        for place, inside in enumerate((joint[1:-1], joint[:, 1:-1])):
+            _warn_of_outside(self, place, 1.0 - inside.sum(), self.quantities[place])
         edges = [np.linspace(low, high, self.bins + 1) for _, low, high in self.limits]
         area = (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0])
-        text = f"joint density of the displacements of {self.first} and {self.second}"
+        of_first, of_second = (f"{quantity} of {name}" for quantity, name in self.items)
+        text = f"joint density of the {of_first} and the {of_second}"
+        if self.quantities == ("displacement", "displacement"):
+            text = f"joint density of the displacements of {self.first} and {self.second}"
+        units = {0: "m-2", 1: "s m-2", 2: "s2 m-2"}[self.quantities.count("velocity")]
         dims = "joint_first_bin", "joint_second_bin"
         return {
-            **with_error("joint_density", dims, joint[1:-1, 1:-1] / area, error / area, "m-2", text),
+            **with_error("joint_density", dims, joint[1:-1, 1:-1] / area, error / area, units, text),
             "joint_density_band_factor": ((), np.array(factor), OF_BAND),
-            "joint_first_edges": labelled(("joint_first_edge",), edges[0], "m", f"edges of the bins of {self.first}"),
-            "joint_second_edges": labelled(
-                ("joint_second_edge",), edges[1], "m", f"edges of the bins of {self.second}"
-            ),
+            **{
+                f"joint_{side}_edges": labelled(
+                    (f"joint_{side}_edge",), own, ALL[quantity].units, f"edges of the bins of {name}"
+                )
+                for side, own, (quantity, name) in zip(("first", "second"), edges, self.items, strict=True)
+            },
         }
 
 
@@ -214,7 +260,7 @@ class _Pairs(Keeper):
     def __init__(self, record: JointDensity, plan: Plan, realizations: np.ndarray, ratio: int) -> None:
         super().__init__(ratio)
         self.subsamples, self.record = subsamples_of(plan, realizations), record
-        self.reader = plan.snapshot.reader("displacement", [name for name, *_ in record.limits])
+        self.reader = plan.snapshot.reader_of(record.items)
         self.rows = np.array(self.reader.rows)
         self.low = np.array([low for _, low, _ in record.limits])
         self.inverse_width = np.array([record.bins / (high - low) for _, low, high in record.limits])
@@ -270,6 +316,15 @@ def _plain_limits(limits: Any) -> Any:
     return plain
 
 
+def _two_pairs(limits: Any) -> bool:
+    """Whether limits are two pairs, such as ((0.0, 1.0), (-1.0, 1.0))."""
+    return (
+        isinstance(limits, list | tuple)
+        and len(limits) == 2
+        and all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in limits)
+    )
+
+
 def _resolved_limits(
     record: Record, names: tuple[str, ...], limits: Any, quantity: str, model: Model, known: tuple[str, ...],
     moved: np.ndarray | None,
@@ -287,9 +342,16 @@ def _resolved_limits(
     pairs = _chosen_limits(model, chosen, quantity, moved) if chosen else {}
     for name, (low, high) in pairs.items():
         if not -math.inf < low < high < math.inf:
-            raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give limits={{{name!r}: (low, high)}}.")
+            raise InvalidInput(f"{place}: limits for {name!r} cannot be chosen; give {_wanted(record, name)}.")
     pairs |= given
     return tuple((name, float(pairs[name][0]), float(pairs[name][1])) for name in names)
+
+
+def _wanted(record: Record, name: str) -> str:
+    """Return how limits of a name are given."""
+    if isinstance(record, JointDensity) and record.first == record.second:
+        return "limits=((low, high), (low, high))"
+    return f"limits={{{name!r}: (low, high)}}"
 
 
 def _chosen_limits(model: Model, names: list[str], quantity: str, moved: np.ndarray | None) -> dict[str, Any]:
@@ -347,12 +409,12 @@ def _with_limits(record: Density | JointDensity, given: Any) -> Record:
     return record
 
 
-def _warn_of_outside(record: Any, limits: tuple[str, float, float], outside: float, quantity: str) -> None:
+def _warn_of_outside(record: Any, row: int, outside: float, quantity: str) -> None:
     """Warn of samples that a density does not show: some if it has chosen its limits, all if they were given."""
-    name, low, high = limits
+    name, low, high = record.limits[row]
     if outside > (OUTSIDE if name in getattr(record, "chosen", ()) else 1.0 - 1e-9):
         warn(
             "outside_limits",
             f"{100.0 * outside:.3g} % of the samples of the {quantity} of {name!r} are outside the limits of its "
-            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give limits={{{name!r}: (low, high)}}.",
+            f"{type(record).__name__}, {low:.3g} to {high:.3g}; give {_wanted(record, name)}.",
         )

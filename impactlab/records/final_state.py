@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.snapshot import QUANTITIES, STATES
 
@@ -27,10 +26,11 @@ class FinalState(Record):
     With them a result can be the start of another run, ``simulate(..., initial=result)``.
     """
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return _End(ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         snapshot, end = plan.snapshot, np.concatenate([result["end"] for result in results])
         variables = dict(snapshot.coordinates)
         for name, quantity in FINAL.items():

@@ -16,7 +16,7 @@ from impactlab.kernels.histogram import add_crossings, find_peaks
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, moments
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
@@ -125,8 +125,8 @@ class PeakForces(Record):
     def stride(self, model: Model, step: float) -> int:
         return 1
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Peaks(self, plan, realizations)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Peaks(self, run.plan, realizations)
 
     def steps_per_window(self, plan: Plan) -> int:
         """Return the number of steps in a window.
@@ -145,7 +145,8 @@ class PeakForces(Record):
             )
         return steps
 
-    def bytes_per_realization(self, plan: Plan, interval: float) -> int:
+    def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
+        plan = run.plan
         bins = 3 * self.bins * len(self.limits) + PER_OCTAVE * OCTAVES * len(self._rated(plan))
         windows = len(self.limits) * (plan.clock.steps // self.steps_per_window(plan))
         return 8 * (samples_per_realization(plan) * bins + windows)
@@ -160,7 +161,8 @@ class PeakForces(Record):
         slots = self._slots(plan)
         return np.flatnonzero(plan.observed.rated[slots]).tolist() if plan.snapshot.peaked else []
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         count, window = len(plan.system.contacts), self.steps_per_window(plan) * plan.clock.step
         if not count:
             return {}

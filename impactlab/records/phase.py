@@ -14,7 +14,7 @@ from impactlab.errors import InvalidInput, unheard
 from impactlab.kernels.histogram import count_samples
 from impactlab.plan.plan import Plan
 from impactlab.records.density import Counts, Density
-from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.record import Keeper, Record, RecordedRun, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
@@ -76,16 +76,14 @@ class PhaseMeans(Record):
     def exact_interval(self) -> float | None:
         return self.period / self.phases
 
-    def stride(self, model: Model, step: float) -> int:
-        return round(self.period / self.phases / step)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Moments(self, run.plan, realizations, ratio)
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Moments(self, plan, realizations, ratio)
+    def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
+        return 8 * samples_per_realization(run.plan) * self.phases * (2 * len(self.labels or ()) + 1)
 
-    def bytes_per_realization(self, plan: Plan, interval: float) -> int:
-        return 8 * samples_per_realization(plan) * self.phases * (2 * len(self.labels or ()) + 1)
-
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         q, known = self.quantity, plan.snapshot.names(self.quantity)
         if not known:
             return {}
@@ -131,19 +129,18 @@ class PhaseDensity(Density):
     def stride(self, model: Model, step: float) -> int:
         return round(self.period / self.phases / step)
 
-    def bytes_per_block(self, plan: Plan) -> int:
-        return self.phases * super().bytes_per_block(plan)
+    def bytes_per_block(self, run: RecordedRun) -> int:
+        return self.phases * super().bytes_per_block(run)
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _PhaseCounts(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _PhaseCounts(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         q, counts = self.quantity, results[0]["counts"]  # (subsample, body, phase, bin)
-        whole = super().label(plan, [{"counts": counts.sum(axis=2)}], interval)  # warns of limits
+        whole = super().label(run, [{"counts": counts.sum(axis=2)}], interval)  # warns of limits
         with unheard():
             each = [
-                super(PhaseDensity, self).label(plan, [{"counts": item}], interval)
-                for item in np.moveaxis(counts, 2, 0)
+                super(PhaseDensity, self).label(run, [{"counts": item}], interval) for item in np.moveaxis(counts, 2, 0)
             ]
         density, error = (
             np.stack([item[f"density_{q}{ending}"][1] for item in each]) for ending in ("", "_standard_error")

@@ -2,21 +2,132 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import Component, suggestion
+from impactlab.components.component import Component, known_name, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot, places_of
+from impactlab.plan.plan import Plan
+from impactlab.results.labels import Variables
+from impactlab.results.snapshot import ALL, QUANTITIES, STATES, Snapshot, places_of
+from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
+
+
+class RecordedRun:
+    """The part of a run that a record may use; a block of it has some of the realizations.
+
+    Parameters
+    ----------
+    plan : Plan
+        The whole plan of the run. It is private to impactlab and changes without notice.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+
+    @property
+    def realizations(self) -> int:
+        """Number of realizations of all blocks."""
+        return self.plan.realizations.number
+
+    @property
+    def step(self) -> float:
+        """Time step (s)."""
+        return self.plan.clock.step
+
+    @property
+    def duration(self) -> float:
+        """Time over which statistics are taken, from t = 0 on (s)."""
+        return self.plan.clock.duration
+
+    @property
+    def parts(self) -> int:
+        """Independent samples that a realization is cut into: 1, or its batches where realizations are few."""
+        return samples_per_realization(self.plan)
+
+    def interval(self, ratio: int) -> float:
+        """Return the time between every `ratio`-th snapshot (s)."""
+        return self.plan.interval(ratio)
+
+    def names(self, quantity: str) -> tuple[str, ...]:
+        """Return the names of the bodies, contacts, points or states that have a quantity, in their order.
+
+        Parameters
+        ----------
+        quantity : str
+            "displacement", "velocity", "contact_force", "law_state", "point_displacement" or "point_velocity".
+        """
+        known_name("quantity", quantity, (*ALL, STATES.name))
+        return self.plan.snapshot.names(quantity)
+
+    def values(self, snapshots: np.ndarray, quantity: str, names: Sequence[str] | None = None) -> np.ndarray:
+        """Return a quantity from snapshots.
+
+        Parameters
+        ----------
+        snapshots : (sample, row, lane) ndarray
+            As keepers get them; a lane is a realization.
+        quantity : str
+            As for `names`.
+        names : sequence of str, optional
+            Bodies, contacts, points or states; all by default.
+
+        Returns
+        -------
+        (sample, name, lane) ndarray
+            Forces of rigid contacts are means since the keeper's sample before.
+
+        Raises
+        ------
+        InvalidInput
+            If the quantity or a name is unknown.
+        """
+        known = self.names(quantity)
+        for name in names or ():
+            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, known)
+        reader = self.plan.snapshot.reader(quantity, known if names is None else names)
+        found: np.ndarray = reader(snapshots)[:, reader.rows]
+        return found
+
+    def mean(self, sums: Sequence[np.ndarray], samples: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean over all samples, and its standard error, as the statistics have theirs.
+
+        Parameters
+        ----------
+        sums : sequence of (lane, part, …) ndarray
+            Sums over samples, block by block.
+        samples : sequence of (lane, part) ndarray
+            How many samples there are in each.
+
+        Returns
+        -------
+        mean, error : (…) ndarray
+            The error is NaN where independent samples are too few.
+        """
+        parts, number = in_subsamples(list(sums)), in_subsamples(list(samples))
+        shape = parts.shape[1:]
+        columns = parts.reshape(len(parts), -1)
+        mean, error, _ = mean_of_subsamples(columns, number[:, None], self.plan.realizations.trusted, slice(None))
+        return mean.reshape(shape), error.reshape(shape)
 
 
 class Keeper:
-    """Collects what one record keeps of one block: every `ratio`-th snapshot is its own. This one keeps nothing.
+    """Collects the samples of one record in one block of realizations; this one keeps nothing.
 
-    The first one may come after `early` snapshots, that at t = 0 aside.
+    Blocks run on several threads or processes, each with a keeper of its own. Snapshots are arrays
+    ``[sample, row, lane]``, a lane being a realization, of which every `ratio`-th is this keeper's own: other records
+    of the run have samples at other times. `RecordedRun.values` reads them.
+
+    Parameters
+    ----------
+    ratio : int
+        Snapshots from one sample of this record to the next.
+    early : int
+        Snapshots before the first sample, not counting the one at t = 0.
     """
 
     wants_start, wants_end = False, False
@@ -25,26 +136,34 @@ class Keeper:
         self.ratio, self.seen = ratio, -early
 
     def first_of(self, snapshots: np.ndarray) -> int:
-        """Return the index of its first among the next snapshots."""
+        """Return the index of the first own sample among the next snapshots."""
         first = max((-self.seen - 1) % self.ratio, -self.seen - 1)
         self.seen += len(snapshots)
         return first
 
     def own(self, snapshots: np.ndarray) -> np.ndarray:
-        """Return those of the next snapshots that are its own."""
+        """Return the own samples among the next snapshots; it counts them, so that it is called once for each."""
         return snapshots[self.first_of(snapshots) :: self.ratio]
 
     def start(self, values: np.ndarray) -> None:
-        """Take the values at t = 0, [quantity, lane]."""
+        """Take the snapshot at t = 0, ``[row, lane]``; only if `wants_start`."""
 
     def add(self, snapshots: np.ndarray, batch: int) -> None:
-        """Take snapshots [sample, quantity, lane] of a batch."""
+        """Take the next snapshots, after t = 0 and up to the end of the run.
+
+        Parameters
+        ----------
+        snapshots : (sample, row, lane) ndarray
+            All snapshots, of which `own` returns this keeper's. They may not be changed, nor kept without a copy.
+        batch : int
+            Number of the batch of the statistics that they belong to, from 0 on.
+        """
 
     def end(self, values: np.ndarray) -> None:
-        """Take the values at the end, [quantity, lane]."""
+        """Take the state from which another run can go on, ``[row, lane]``; for `FinalState`, if `wants_end`."""
 
     def result(self) -> dict[str, np.ndarray]:
-        """Return the arrays that were collected."""
+        """Return the arrays that were collected, by name."""
         return {}
 
 
@@ -70,20 +189,52 @@ class IntervalMeans:
 
 
 class Record(Component):
-    """Something to be kept. A subclass says how often to sample, what to keep of a
-    block (a `Keeper`), and how to label what the blocks kept."""
+    """Data to be kept beside the statistics: a subclass says when to sample, what to keep, and how to label it.
+
+    A subclass declares its settings with `parameter`, defines `keeper` and `label`, and either `exact_interval` or
+    `stride`. It may use `Record`, `Keeper`, `RecordedRun`, `parameter` and `InvalidInput`, which stay as they are, and
+    the ``network`` of a model. Where other processes run the blocks they must be able to import the class. A file of
+    results can be rerun where the class is imported, or offered by an entry point in the group
+    ``impactlab.components``.
+    """
 
     required: ClassVar[tuple[str, ...]] = ("keeper", "label")
 
     every_step: ClassVar[bool] = False
-    """Whether the record needs statistics that are taken at every step."""
+    """Whether it needs samples within contact-free intervals, which are crossed at once otherwise."""
 
-    keeper: ClassVar[Any] = None
-    """``keeper(plan, realizations, ratio)`` returns the `Keeper` of a block; every `ratio`-th
-    snapshot is the record's."""
+    @abstractmethod
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        """Return the keeper of a block.
 
-    label: ClassVar[Any] = None
-    """``label(plan, results, interval)`` returns variables from the results of all blocks."""
+        Parameters
+        ----------
+        run : RecordedRun
+            The run.
+        realizations : (lane,) ndarray
+            Indices of the realizations of the block.
+        ratio : int
+            Snapshots from one sample of this record to the next, which the keeper takes.
+        """
+
+    @abstractmethod
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        """Return the variables of the dataset.
+
+        Parameters
+        ----------
+        run : RecordedRun
+            The run.
+        results : list of dict
+            What the keepers returned, block by block in the order of the realizations.
+        interval : float
+            Time between samples (s).
+
+        Returns
+        -------
+        dict
+            ``(dimensions, values, attributes)`` by the name of the variable, with ``units`` and ``long_name``.
+        """
 
     peaks: ClassVar[bool] = False
     """Whether snapshots hold the largest contact forces since the last one, where these are read between steps."""
@@ -111,7 +262,7 @@ class Record(Component):
         return (type(self).__name__,)
 
     def resolved(self, model: Model) -> Record:
-        """Return the record with everything filled in that was left to be chosen."""
+        """Return the record with all settings chosen; names that ``model.network`` does not have are refused here."""
         return self
 
     def resolved_for(self, model: Model, begin: float, end: float) -> Record:
@@ -119,7 +270,7 @@ class Record(Component):
         return self.resolved(model)
 
     def exact_interval(self) -> float | None:
-        """Time between samples that the record must have (s), if it must."""
+        """Time between samples that the record must have (s), if it must: the step of the run divides it."""
         return None
 
     @property
@@ -128,18 +279,19 @@ class Record(Component):
         return 0.0
 
     def stride(self, model: Model, step: float) -> int:
-        """Steps between samples; 0 if the record takes none."""
-        return 0
+        """Steps between samples, by default those of `exact_interval`; 0 if the record takes none."""
+        interval = self.exact_interval()
+        return 0 if interval is None else round(interval / step)
 
     def longest_step(self, model: Model) -> float:
         """Longest step that its samples should have where any step is exact (s)."""
         return float("inf")
 
-    def bytes_per_realization(self, plan: Any, interval: float) -> int:
-        """What it keeps of a realization, beside trajectories, if that may be much."""
+    def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
+        """Bytes that keepers return of a realization, if these may be many; a run beyond the memory is refused."""
         return 0
 
-    def bytes_per_block(self, plan: Any) -> int:
+    def bytes_per_block(self, run: RecordedRun) -> int:
         """Bytes of what is `summed` over the blocks."""
         return 0
 

@@ -15,7 +15,7 @@ from impactlab.components.literature import article
 from impactlab.errors import InvalidInput, warn
 from impactlab.linear.decay import relaxation_time
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.record import Keeper, Record, RecordedRun, names_of
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization
@@ -107,8 +107,8 @@ class Spectrum(Record):
         fastest, share = float(model.natural_frequencies.max()), _SHARE[self.quantity]
         return share / fastest if self.interval is None and share * fastest > 0.0 else math.inf
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Segments(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Segments(self, run.plan, realizations, ratio)
 
     def samples_per_segment(self, plan: Plan, interval: float) -> int:
         """Return the even number of samples in a segment, at most those of the run."""
@@ -122,11 +122,13 @@ class Spectrum(Record):
             )
         return count
 
-    def bytes_per_realization(self, plan: Plan, interval: float) -> int:
+    def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
+        plan = run.plan
         count = self.samples_per_segment(plan, interval)
         return 8 * len(self.labels or ()) * (count + samples_per_realization(plan) * (count // 2 + 1))
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         q, known = self.quantity, plan.snapshot.names(self.quantity)
         dimension = ALL[q].dimension
         if not known:

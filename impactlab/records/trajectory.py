@@ -11,7 +11,7 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, RecordedRun
 from impactlab.results.labels import Labelled, Variables
 from impactlab.results.snapshot import ALL, STATES, TIME, Kept, Snapshot, owner_of
 
@@ -25,10 +25,10 @@ class PerRealization(Record):
     every_step: ClassVar[bool] = True
     samples: ClassVar[bool] = False
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         return Keeper()
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         return {}  # the statistics are there already, one per realization
 
 
@@ -101,9 +101,6 @@ class Trajectory(Record):
     def exact_interval(self) -> float | None:
         return self.interval
 
-    def stride(self, model: Model, step: float) -> int:
-        return round(self.interval / step)
-
     def kept(self, snapshot: Snapshot) -> list[Kept]:
         """Return what is kept of snapshots."""
         return snapshot.kept(self.names, self.quantities)
@@ -125,10 +122,11 @@ class Trajectory(Record):
             for name, item in kept.items()
         }
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Path(self, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Path(self, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        plan = run.plan
         variables = dict(self.labels(plan.snapshot))
         for item in self.kept(plan.snapshot):
             paths = [result[item.quantity.name] for result in results]

@@ -14,7 +14,7 @@ import numpy as np
 from impactlab.errors import Interrupted, InvalidInput
 from impactlab.machine import tuning
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper
+from impactlab.records.record import Keeper, RecordedRun
 from impactlab.records.trajectory import Sampler, Trajectory, sample_count, trajectory_of, trajectory_size
 from impactlab.results.dataset import LOCK, told
 from impactlab.results.labels import Variables
@@ -109,11 +109,11 @@ class _Streamed:
     def __init__(self, file: _File) -> None:
         self.file = file
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        return _Writer(self.file, plan, realizations, ratio)
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        return _Writer(self.file, run.plan, realizations, ratio)
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
-        return self.file.record.labels(plan.snapshot)  # the others are in the file
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+        return self.file.record.labels(run.plan.snapshot)  # the others are in the file
 
 
 class _Writer(Sampler):

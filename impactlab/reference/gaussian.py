@@ -186,15 +186,22 @@ class GaussianLaw:
             speed,
         )
 
-    def joint_density(self, first: str, second: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return the joint density of the displacements of two bodies (m-2)."""
+    def joint_density(
+        self,
+        first: str,
+        second: str,
+        x: np.ndarray,
+        y: np.ndarray,
+        quantities: tuple[str, str] = ("displacement", "displacement"),
+    ) -> np.ndarray:
+        """Return the joint density of displacements or velocities of two bodies."""
         self.refuse_density(first)
         if self.cosines:
             raise NoExactReference(
                 f"The joint density of {first!r} and {second!r} is not known, because they are driven by sums of "
                 "cosines; under white noise alone it is Gaussian."
             )
-        places = [self._place(name, "displacement") for name in (first, second)]
+        places = [self._place(name, quantity) for name, quantity in zip((first, second), quantities, strict=True)]
         part = self.covariance[np.ix_(places, places)]
         root = np.linalg.cholesky(part)
         z = x / root[0, 0]

@@ -78,34 +78,50 @@ class ExactReference(Densities):
             laws=self._laws.described(),
         )
 
-    def joint_density(self, first: str, second: str, x: Any, y: Any) -> np.ndarray:
-        """Return the joint probability density of the displacements of two bodies.
+    def joint_density(
+        self,
+        first: str,
+        second: str,
+        x: Any,
+        y: Any,
+        *,
+        quantities: tuple[str, str] = ("displacement", "displacement"),
+    ) -> np.ndarray:
+        """Return the joint probability density of displacements or velocities of two bodies, or of both of one.
 
         Parameters
         ----------
         first, second : str
-            Names of the bodies.
+            Names of the bodies; one twice where the quantities differ.
         x, y : array_like
-            Displacements of the first and of the second body (m), which broadcast.
+            Values of the first and of the second (m or m s-1), which broadcast.
+        quantities : pair of {"displacement", "velocity"}
+            Of the first and of the second.
 
         Returns
         -------
         ndarray
-            Density (m-2).
+            Density (m-2, s m-2 or s2 m-2).
 
         Raises
         ------
         InvalidInput
-            If a name is unknown or given twice, or a number is not finite.
+            If a name is unknown, both are the same, or a number is not finite.
         """
-        laws = [self._laws.law(name, "displacement") for name in (first, second)]
-        if first == second:
-            raise InvalidInput(f"joint_density takes two different bodies, not {first!r} twice.")
+        one, other = items = list(zip((first, second), quantities, strict=True))
+        laws = [self._laws.law(*item) for item in items]
+        if one == other:
+            raise InvalidInput(
+                f"joint_density takes two different displacements or velocities, not the {one[1]} of {first!r} twice."
+            )
         x, y = np.broadcast_arrays(finite_array("x", x), finite_array("y", y))
-        if laws[0] is not laws[1]:
-            marginals = [self.density(name, "displacement", at) for name, at in ((first, x), (second, y))]
-            return np.asarray(marginals[0] * marginals[1])
-        return laws[0].joint_density(first, second, x, y)
+        if laws[0] is laws[1] and isinstance(laws[0], GaussianLaw):
+            return laws[0].joint_density(first, second, x, y, quantities)
+        if laws[0] is laws[1] and "velocity" not in quantities:
+            return laws[0].joint_density(first, second, x, y)
+        # at one temperature a velocity is independent of all displacements and of the velocities of other bodies
+        marginals = [self.density(*item, at) for item, at in zip(items, (x, y), strict=True)]
+        return np.asarray(marginals[0] * marginals[1])
 
     def covariance(self, first: str, second: str, quantity: str) -> float:
         """Return the covariance of q of two bodies, or points of structures, whose motion is linear.

@@ -35,6 +35,7 @@ STATES = Variable("law_state", "state", "", "state of a law")
 
 PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
 """And where a record asks for peaks that are read between steps."""
+
 OF_RIGID = "Of a rigid contact: its impulse from the sample before (or t = 0) to this one, over the interval."
 """What samples of the force of a contact are that has impulses."""
 
@@ -180,15 +181,20 @@ class Snapshot(NamedTuple):
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
         """Return what reads a quantity of some names, which may be those of points."""
+        return self.reader_of([(quantity, name) for name in names])
+
+    def reader_of(self, items: Sequence[tuple[str, str]]) -> Reader:
+        """Return what reads quantities of names, pair by pair; the names may be those of points."""
         points = dict(self.points)
-        if not any(name in points for name in names):
-            first, places = self.place(quantity).start, places_of(self.names(quantity))
-            return Reader([first + places[name] for name in names])
-        first = self.place(quantity.removeprefix("point_")).start
-        slots = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points
-        return Reader(
-            list(range(len(names))), [[(first + slot, share) for slot, share in slots[name]] for name in names]
-        )
+        of_contacts = {"contact_force", STATES.name}
+        if not any(name in points and quantity not in of_contacts for quantity, name in items):
+            places = {name: places_of(self.names(name)) for name in {quantity for quantity, _ in items}}
+            return Reader([self.place(quantity).start + places[quantity][name] for quantity, name in items])
+        slots, sums = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points, []
+        for quantity, name in items:
+            first = self.place(quantity.removeprefix("point_")).start
+            sums.append([(first + slot, share) for slot, share in slots[name]])
+        return Reader(list(range(len(items))), sums)
 
     def values(self, quantity: Variable, snapshots: np.ndarray) -> np.ndarray:
         """Return a quantity from snapshots, whose rows are the last axis."""

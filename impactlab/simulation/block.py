@@ -24,7 +24,7 @@ from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.driving import GivenMotion
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
-from impactlab.records.record import IntervalMeans
+from impactlab.records.record import IntervalMeans, RecordedRun
 from impactlab.simulation.arrays import allocate
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.filter_states import filter_states
@@ -336,7 +336,8 @@ class Block:
         """Run all batches after the spin-up and return their sums."""
         plan = self.plan
         start = self._edge() if plan.transient else None
-        keepers = [record.keeper(plan, self.realizations, ratio) for record, ratio in plan.observed.records]
+        run = RecordedRun(plan)
+        keepers = [record.keeper(run, self.realizations, ratio) for record, ratio in plan.observed.records]
         if any(keeper.wants_start for keeper in keepers):
             if not plan.method.integrator.kicks:
                 self.state.velocity[:] = self.state.v

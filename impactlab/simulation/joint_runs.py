@@ -17,7 +17,7 @@ from impactlab.machine import cores
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.plan.side_by_side import Planned, obstacle, side_by_side, structure
-from impactlab.records.record import Keeper
+from impactlab.records.record import Keeper, RecordedRun
 from impactlab.simulation.block import Block, Tick, compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import add_sums, merged
@@ -191,10 +191,13 @@ class _Together:
     plans: list[Plan]
     summed: tuple[str, ...] = ()
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
         """Return what keeps it of a block."""
         return _Keepers(
-            [record.keeper(own, realizations, ratio) for record, own in zip(self.records, self.plans, strict=True)]
+            [
+                record.keeper(RecordedRun(own), realizations, ratio)
+                for record, own in zip(self.records, self.plans, strict=True)
+            ]
         )
 
 

@@ -10,6 +10,7 @@ from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import json_of
 from impactlab.plan.plan import Plan
+from impactlab.records.record import RecordedRun
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled
@@ -36,7 +37,7 @@ def findings_of(
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)
-        variables |= item.label(plan, [result.records[index] for result in results], plan.interval(ratio))
+        variables |= item.label(RecordedRun(plan), [result.records[index] for result in results], plan.interval(ratio))
     coordinates |= {name: item for name, item in variables.items() if item[0] == (name,)}
     if any("realization" in dims for dims, *_ in variables.values()):
         coordinates["realization"] = ("realization",), np.arange(plan.realizations.number), REALIZATION

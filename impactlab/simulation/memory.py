@@ -6,6 +6,7 @@ from impactlab.errors import InvalidInput
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, POINT_ROWS, TRANSIENT_ROWS
 from impactlab.machine import available
 from impactlab.plan.plan import Plan
+from impactlab.records.record import RecordedRun
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import Counted, allocate
 
@@ -44,9 +45,9 @@ def needed(plan: Plan, workers: int) -> int:
     running, of_sums = sizes(plan)
     records, realizations = plan.observed.records, plan.realizations
     kept: int = realizations.number * sum(
-        record.bytes_per_realization(plan, plan.interval(ratio)) for record, ratio in records
+        record.bytes_per_realization(RecordedRun(plan), plan.interval(ratio)) for record, ratio in records
     )
-    counts: int = sum(record.bytes_per_block(plan) for record, _ in records)
+    counts: int = sum(record.bytes_per_block(RecordedRun(plan)) for record, _ in records)
     run: int = min(realizations.number, workers * realizations.lanes) * running + (
         COPIES * realizations.number * (len(plan.clock.boundaries) + 1) * of_sums + RECORD_COPIES * kept
     )

@@ -117,6 +117,23 @@ def test_a_body_that_was_selected(result, ax):
     assert line(ax, "two").shape == (2, 40)
 
 
+@pytest.mark.parametrize(("quantities", "lines"), [(("displacement", "velocity"), 1), (("velocity", "velocity"), 0)])
+def test_joint_density_of_a_phase_plane(quantities, lines, ax):
+    """The contact with a wall closes at a displacement."""
+    stop = {"stop": il.Contact("a", il.WALL, il.LinearContact(100.0), clearance=0.5)}
+    bodies = dict.fromkeys("ab", il.LinearOscillator.from_frequency(3.0, 0.1))
+    network = il.Network(bodies, stop, dict.fromkeys(bodies, il.WhiteNoise(1.0)))
+    names = ("a", "a") if lines else ("a", "b")
+    record = il.JointDensity(*names, bins=8, limits=((-1.5, 1.5), (-5.0, 5.0)), quantities=quantities)
+    run = il.simulate(network, 5.0, realizations=64, record=record, rng=1)
+    il.plot.joint_density(run, reference=il.exact(network), ax=ax)
+    closing = [item for item in ax.lines if item.get_label() == "stop closes"]
+    assert [item.get_xdata()[0] for item in closing] == [0.5] * lines
+    units = {"displacement": "m", "velocity": "m s$^{-1}$"}
+    for label, name, quantity in zip((ax.get_xlabel(), ax.get_ylabel()), names, quantities, strict=True):
+        assert label == f"{quantity} of {name} ({units[quantity]})"
+
+
 def test_joint_density_shows_where_the_contact_closes(result, exact, ax):
     il.plot.joint_density(result, reference=exact, ax=ax)
     (mesh,) = (item for item in ax.collections if isinstance(item, matplotlib.collections.QuadMesh))

@@ -59,22 +59,82 @@ def test_joint_density_has_the_densities_as_marginals():
 
 def test_joint_density_is_the_exact_one(densities):
     ds, exact = densities
+    assert_joint_density(ds, exact, "one", "two", least=300)
+
+
+def assert_joint_density(ds, exact, first, second, least, **options):
+    """It is that of the law within its errors, in so many bins at least."""
     joint = ds.joint_density.values
     widths = [np.diff(ds[f"joint_{side}_edges"].values) for side in ("first", "second")]
-    mass = joint * np.outer(*widths)
     centers = [0.5 * (edges[1:] + edges[:-1]) for edges in (ds.joint_first_edges.values, ds.joint_second_edges.values)]
     # fine points inside each bin: the average over it, not the value in its middle
     nodes, weights = np.array(np.polynomial.legendre.leggauss(6)) / 2.0
     x = centers[0][:, None] + widths[0][:, None] * nodes
     y = centers[1][:, None] + widths[1][:, None] * nodes
-    values = exact.joint_density("one", "two", x[:, None, :, None], y[None, :, None, :])
+    values = exact.joint_density(first, second, x[:, None, :, None], y[None, :, None, :], **options)
     expected = np.einsum("ijkl,k,l->ij", values, weights, weights)
     error = ds.joint_density_standard_error.values
-    counted = mass > 1e-4
+    counted = expected * np.outer(*widths) > 2e-4  # by the exact share, since a low count has a low error
     scores = (joint - expected)[counted] / error[counted]
-    assert counted.sum() > 300
+    assert counted.sum() > least
     assert np.mean(np.abs(scores) < 3.0) >= 0.99
     assert np.abs(scores).max() < 5.5
+
+
+@pytest.mark.parametrize(
+    ("names", "quantities", "units", "text"),
+    [
+        (("two", "two"), ("displacement", "velocity"), "s m-2", "the displacement of two and the velocity of two"),
+        (("one", "two"), ("velocity", "displacement"), "s m-2", "the velocity of one and the displacement of two"),
+        (("one", "two"), ("velocity", "velocity"), "s2 m-2", "the velocity of one and the velocity of two"),
+    ],
+)
+def test_joint_densities_with_velocities_are_the_exact_ones(names, quantities, units, text):
+    record = il.JointDensity(*names, bins=24, quantities=quantities)
+    ds = il.simulate(base(), record=record, **(RUN | {"rng": 2}))
+    assert_joint_density(ds, il.exact(base()), *names, least=100, quantities=quantities)
+    assert ds.joint_density.attrs["units"] == units
+    assert ds.joint_density.attrs["long_name"].endswith(text)
+    other = ds.joint_second_edges.attrs["units"], quantities[1]
+    assert other in (("m", "displacement"), ("m s-1", "velocity"))
+
+
+def test_a_phase_plane_has_the_densities_as_marginals():
+    """Of a body, and of a point of a structure; limits are two pairs, since there is one name."""
+    beam = il.ModalStructure([3.0, 7.0], 0.1, points={"tip": [1.0, -1.0]})
+    network = il.Network({"beam": beam}, excitations={"beam.tip": il.WhiteNoise(1.0)})
+    limits = (-4.0, 4.0), (-30.0, 30.0)
+    quantities = "displacement", "velocity"
+    joint = il.JointDensity("beam.tip", "beam.tip", bins=20, limits=limits, quantities=quantities)
+    single = [
+        il.Density(f"point_{quantity}", bins=20, limits=own) for quantity, own in zip(quantities, limits, strict=True)
+    ]
+    run = il.simulate(network, 20.0, realizations=64, rng=1, record=[joint, *single])
+    for axis, quantity in enumerate(quantities):
+        other = np.diff(run[f"joint_{('second', 'first')[axis]}_edges"])
+        marginal = np.tensordot(run.joint_density.values, other, (1 - axis, 0))
+        np.testing.assert_allclose(marginal, run[f"density_point_{quantity}"][0], atol=1e-12)
+    np.testing.assert_array_equal(il.rerun(run).joint_density, run.joint_density)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "message"),
+    [
+        (("one", "one"), {}, r"not the displacement of 'one' twice; quantities=\('displacement', 'velocity'\)"),
+        (("one", "tow"), {}, "no oscillator 'tow'; did you mean 'two'"),
+        (("one", "one"), {"quantities": ("displacement", "velocty")}, "did you mean 'velocity'"),
+        (("one", "one"), {"quantities": "velocity"}, "are two, such as"),
+        (
+            ("one", "one"),
+            {"quantities": ("displacement", "velocity"), "limits": {"one": (0.0, 1.0)}},
+            r"give limits=\(\(low, high\), \(low, high\)\)",
+        ),
+        (("one", "two"), {"limits": ((0.0, 1.0), (2.0, 1.0))}, "two increasing finite numbers"),
+    ],
+)
+def test_joint_densities_of_what_is_not_there_are_refused(names, options, message):
+    with pytest.raises(il.InvalidInput, match=message):
+        il.simulate(base(), 1.0, record=il.JointDensity(*names, **options))
 
 
 def test_what_lies_outside_is_counted_as_samples():

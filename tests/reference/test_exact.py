@@ -711,8 +711,10 @@ def test_bad_input():
         reference.density("one", "displacement", [0.0, np.nan])
     with pytest.raises(il.InvalidInput, match="increasing"):
         reference.bin_density("one", "displacement", [0.0, 0.0])
-    with pytest.raises(il.InvalidInput, match="two different bodies"):
+    with pytest.raises(il.InvalidInput, match="not the displacement of 'one' twice"):
         reference.joint_density("one", "one", 0.0, 0.0)
+    with pytest.raises(il.InvalidInput, match="did you mean 'velocity'"):
+        reference.joint_density("one", "two", 0.0, 0.0, quantities=("displacement", "velocty"))
     with pytest.raises(il.InvalidInput, match=r"takes an il\.Network"):
         exact("network")
 

@@ -30,11 +30,18 @@ def test_trio_at_unequal_temperatures(damping):
     expected = law_by_hand(HOT, damping)
     np.testing.assert_allclose(variances(reference), np.diag(expected), rtol=1e-12)
     assert (reference.statistics().mean_displacement == 0.0).all()
-    part = expected[:2, :2]
-    x = np.sqrt(np.diag(part)) * np.array([[0.3, -0.2], [1.0, 1.5]])
-    density = np.exp(-0.5 * np.einsum("ni,ij,nj->n", x, np.linalg.inv(part), x))
-    density /= 2.0 * np.pi * math.sqrt(np.linalg.det(part))
-    np.testing.assert_allclose(reference.joint_density("a", "b", *x.T), density, rtol=1e-12)
+    for names, rows, quantities in (
+        ("ab", [0, 1], ("displacement", "displacement")),
+        ("ab", [0, 4], ("displacement", "velocity")),
+        ("ba", [4, 0], ("velocity", "displacement")),
+        ("ab", [3, 4], ("velocity", "velocity")),
+        ("bb", [1, 4], ("displacement", "velocity")),
+    ):
+        part = expected[np.ix_(rows, rows)]
+        x = np.sqrt(np.diag(part)) * np.array([[0.3, -0.2], [1.0, 1.5]])
+        density = np.exp(-0.5 * np.einsum("ni,ij,nj->n", x, np.linalg.inv(part), x))
+        density /= 2.0 * np.pi * math.sqrt(np.linalg.det(part))
+        np.testing.assert_allclose(reference.joint_density(*names, *x.T, quantities=quantities), density, rtol=1e-12)
     edges = np.array([-1.0, 0.2, 0.5])
     for quantity, row in (("displacement", 1), ("velocity", 4)):
         scale = math.sqrt(expected[row, row])

@@ -15,7 +15,7 @@ from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import kernel
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record
+from impactlab.records.record import Keeper, Record, RecordedRun
 from impactlab.results.labels import Variables
 
 BODIES = ("mean_displacement", "mean_square_displacement", "mean_velocity", "mean_square_velocity")
@@ -32,14 +32,14 @@ class PathMeans(Record):
     def stride(self, model: Model, step: float) -> int:
         return 1
 
-    def keeper(self, plan: Plan, realizations: np.ndarray, ratio: int) -> Keeper:
-        if plan.observed.every != 1:
+    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+        if run.plan.observed.every != 1:
             raise InvalidInput("PathMeans takes every step: give il.ExactFlow(jumps=False), and no other records.")
-        return _Means(plan, len(realizations))
+        return _Means(run.plan, len(realizations))
 
-    def label(self, plan: Plan, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         sums = {name: np.concatenate([item[name] for item in results]) for name in results[0]}
-        families = (("oscillator", BODIES), ("contact", CONTACTS if plan.system.contacts else ()))
+        families = (("oscillator", BODIES), ("contact", CONTACTS if run.names("contact_force") else ()))
         return {
             f"{PREFIX}{name}": (("realization", dimension), sums[name], {"long_name": f"{name} of the path"})
             for dimension, names in families
