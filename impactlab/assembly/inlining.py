@@ -111,7 +111,8 @@ class _Resolve(ast.NodeTransformer):
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         """Let powers of whole numbers be those of Python: the compiler rounds 2**−1 to 0."""
         self.generic_visit(node)
-        if isinstance(node.op, ast.Pow) and not isinstance(node.right, ast.Constant) and not self._is_float(node.left):
+        plain = isinstance(node.right, ast.Constant) or self._is_float(node.left) or self._is_float(node.right)
+        if isinstance(node.op, ast.Pow) and not plain:
             node.left = ast.Call(ast.Name("float", ast.Load()), [node.left], [])
         return node
 
