@@ -18,6 +18,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import Diverged, heard_by
 from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.kernels.impacts import SLOW
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Subdomains
 from impactlab.simulation.block import Block
@@ -64,7 +65,8 @@ def step_error(
             more = [pair.run(effort.begins[done:number], effort.steps, effort.run_up) for pair in pairs]
             found = [one.followed_by(other) for one, other in zip(found, more, strict=True)] if found else more
             coverage = Coverage(effort.begins[:number], effort.steps, plan.clock.steps)
-            error = bias_of(coarse, fine, model, coverage, found)
+            chattering = np.any([pair.chattering for pair in pairs], axis=0)
+            error = bias_of(coarse, fine, model, coverage, found, chattering)
             if error.certain > WORTH_SAYING or error.surely_small:
                 break
             if number >= planned and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
@@ -83,6 +85,12 @@ class _Pair:
         self.fine_path = SmoothPath(fine, self.fine.evaluate)
         self.labels = model.connected()
         self._run_up(coarse.clock.spin_up_steps)
+
+    @property
+    def chattering(self) -> np.ndarray:
+        """Whether rigid contacts had impacts that are too slow to count, (rigid,) of bool."""
+        both = [block.events.impacts.seen[SLOW] for block in (self.coarse, self.fine)]
+        return np.asarray(np.any(both, axis=(0, -1)))
 
     def _run_up(self, steps: int) -> None:
         """Let the coarse block make steps without sums."""
