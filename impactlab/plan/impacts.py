@@ -25,8 +25,12 @@ OVERLAP = 1e-9
 LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
 
-SLOW = 0.01
-"""Part of the usual closing velocity from which on impacts count that may be endlessly many in finite time."""
+SLOW, SLOW_UNDER_NOISE = 1e-4, 0.01
+"""Part of the usual closing velocity from which on impacts count that may be endlessly many in finite time.
+
+Where nothing is random these follow each other like a geometric series, to any velocity, and what is usual may be far
+off; coloured noise that hardly presses lifts and drops bodies again and again, which steps do not resolve.
+"""
 
 
 _NOTHING, _NO_PLACES, _BEGIN = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(1, dtype=np.int64)
@@ -65,8 +69,9 @@ class RigidImpacts:
         restitution = np.array([law.restitution for law in laws])  # type: ignore[attr-defined]
         gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
         usual = np.sqrt(2.0 * np.broadcast_to(energy, len(model.bodies))[model.first_of(links)] / inertia)
+        slow = SLOW_UNDER_NOISE if model.random.any() else SLOW
         endless = (restitution < 1.0) & (gains.sum(axis=1) == 0.0) & np.isfinite(usual)
-        numbers = np.stack([model.clearance[chosen], restitution, inertia, np.where(endless, SLOW * usual, 0.0)])
+        numbers = np.stack([model.clearance[chosen], restitution, inertia, np.where(endless, slow * usual, 0.0)])
         flow = np.stack([0.5 * model.damping * inverse, model.stiffness * inverse, step * inverse])
         begin = np.searchsorted(rows, np.arange(len(chosen) + 1))
         rigid = RigidContacts(

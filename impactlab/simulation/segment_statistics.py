@@ -93,7 +93,7 @@ def bias_of(
     found : list of Segments
         Of each block.
     chattering : (rigid,) ndarray of bool
-        Whether impacts were too slow to count, whose rate does not choose a step.
+        Whether impacts of rigid contacts were too slow to count.
     """
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
@@ -154,9 +154,12 @@ def bias_of(
 
 
 def _of_impacts(plan: Plan, finer: int, seen: float, chattering: np.ndarray) -> np.ndarray:
-    """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them."""
+    """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them.
+
+    Rates of the fast impacts alone are like others.
+    """
     of_order = seen / (1.0 - finer ** -plan.impacts.orders[:, None])
-    return np.where((plan.impacts.unresolved | chattering)[:, None], 0.0, of_order)
+    return np.where(plan.impacts.unresolved[:, None], 0.0, np.where(chattering[:, None], 1.0, of_order))
 
 
 def _gained(
