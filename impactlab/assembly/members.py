@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.assembly.incidence import differences, gathering, runs
+from impactlab.assembly.kernel_text import look_at
 from impactlab.assembly.links import Combinations, Links, RoundLinks, joined
 from impactlab.assembly.remembered import remembered
 from impactlab.components.component import Component, finite
@@ -135,8 +136,13 @@ class Kind:
 
 @functools.cache
 def _without_samples(role: str, component: type[Component], kernel: str) -> tuple[Kind, tuple[str, ...]]:
-    """Return a kind, and its fields, which many members share."""
+    """Return a kind, and its fields, which many members share.
+
+    A kernel whose text says that it is no formula is refused, before anybody calls it.
+    """
     kind = Kind(role, component, kernel)
+    for name in kind.kernels if role != "intensity" or kind.kinematic else ():  # constant ones are numbers, not code
+        look_at(getattr(component, name))
     return kind, kind.fields
 
 

@@ -118,7 +118,7 @@ class RigidContacts(NamedTuple):
     bodies: np.ndarray  # (entry,) slots
     weights: np.ndarray  # (entry,) weights of their displacements in the gap
     shares: np.ndarray  # (entry,) velocity that a body gains where the rate of the gap grows by one unit
-    numbers: np.ndarray  # (3, rigid) clearance, restitution, inertia
+    numbers: np.ndarray  # (4, rigid) clearance, restitution, inertia, closing velocity from which impacts count
     flow: np.ndarray  # (3, body) rate of decay c/2m, square of the natural frequency, and h/m
     near_begin: np.ndarray  # (rigid + 1,) where those begin that share a body with each
     near: np.ndarray  # (pair,) which these are
@@ -138,6 +138,7 @@ class Impacts(NamedTuple):
     before: np.ndarray  # [body, lane] velocities before the flow
     seen: np.ndarray  # [6, rigid, lane]
     closings: np.ndarray  # [contact, lane] sums of closings, to which impacts are added
+    depths: np.ndarray  # [contact, lane] indentations from which closings are counted; nothing where they are not
 
 
 class Flight(NamedTuple):
@@ -367,7 +368,9 @@ class _Types:
         self.forces = FORCES_OF_ONE if single else FORCES
         cross = named(Cross, pairs, table, table, table, pairs)
         rigid = named(RigidContacts, slots, slots, slots, numbers, numbers, table, table, slots, slots, numbers)
-        self.impacts = named(Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks, block)
+        self.impacts = named(
+            Impacts, i8, rigid, array(2, u8), array(1, u4), table, blocks, table, block, blocks, block, block
+        )
         self.flight = named(Flight, block, block, block, block, self.impacts, f8, i8)
         rubs = named(Rubs, slots, slots, numbers, numbers, table, table)
         self.rubbing = named(Rubbing, i8, rubs, block, block, table, table, blocks)

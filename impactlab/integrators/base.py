@@ -44,6 +44,17 @@ class Integrator(Component):
 
     required: ClassVar[tuple[str, ...]] = ("order",)
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "step" in vars(cls):  # of what others do in a step this one may do nothing
+            for name, least in (("reach", 0), ("collides", False)):
+                if name not in vars(cls):
+                    setattr(cls, name, least)
+
+    def step_of(self, model: Model) -> Any:
+        """Return the function that makes a step of a network, `step` of most methods."""
+        return self.step
+
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
         """Make a step; this is the text of a function that is compiled for the loop in `impactlab.integrators.driver`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from impactlab.assembly.model import Model, kept
 from impactlab.assembly.remembered import remembered
 from impactlab.components.fields import parameter
 from impactlab.components.literature import article
-from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Cross, Flight, Flows, Group, NoiseRows, Slide
 from impactlab.integrators.base import Integrator, coupling_rate, frequencies
 from impactlab.integrators.driver import sample_of, sampled
@@ -83,6 +82,34 @@ def _flow_of_step(tables, driven, state, history, steps, index):  # type: ignore
     return slot, last_force
 
 
+def _step_with_impacts(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+    """Make a step in which rigid contacts collide."""
+    impacts, now = tables.impacts, steps.first + index
+    begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
+    copy(state.v, impacts.before)
+    slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+    row = index if impacts.spread.shape[0] > 1 else 0
+    flight = Flight(begin, slot.x, state.v, last_force, impacts, steps.step, row)
+    call(impacts.function, address_of(flight), now)
+    kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+    show_impacts(impacts, steps, index, slot.indentation, slot.contact_force)
+    _end_step(tables, state, slot, last_force, steps, index)
+    if steps.every:
+        gather_impulses(impacts, steps, sampled(steps, index), state.contact_force)
+
+
+def _step_with_friction(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
+    """Make a step in which dry friction lets bodies slip and stick."""
+    rubbing, now = tables.rubbing, steps.first + index
+    begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
+    copy(state.v, rubbing.before)
+    slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
+    call(rubbing.function, address_of(Slide(begin, slot.x, state.v, last_force, rubbing, steps.step)), now)
+    kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
+    hold(rubbing, slot, last_force, state.reading, state.v)
+    _end_step(tables, state, slot, last_force, steps, index)
+
+
 @inlined
 def _end_step(tables, state, slot, last_force, steps, index):  # type: ignore[no-untyped-def]
     """Write what is read after a step, and what the next call begins with."""
@@ -133,6 +160,11 @@ class ExactFlow(Integrator):
         Whether the error of the step is measured on the scene before the run, where the automatic step is not
         certified or a larger one is given (default); see `impactlab.simulation.measured_step`. Else a run takes the
         step as it is.
+
+    Notes
+    -----
+    A method that derives from this one makes every step, and the error of its step is not measured. One with a `step`
+    of its own knows neither rigid contacts nor dry friction that sticks, unless it says so by `collides`.
     """
 
     citation = article(
@@ -152,6 +184,23 @@ class ExactFlow(Integrator):
     blocks: ClassVar[int] = 2
     takes_response: ClassVar[bool] = True
     collides: ClassVar[bool] = True
+
+    @property
+    def derived(self) -> bool:
+        """Whether this is a method of somebody else, of which nothing is known but its functions."""
+        return type(self).__module__ != __name__
+
+    @property
+    def crosses(self) -> bool:
+        """Whether intervals may be crossed in one transition, which is that of many steps of the methods here."""
+        return self.jumps and not self.derived
+
+    def step_of(self, model: Model) -> Any:
+        if type(self).step is not ExactFlow.step:
+            return self.step
+        if model.rigid.any():
+            return _step_with_impacts
+        return _step_with_friction if model.rubbing.any() else self.step
 
     @staticmethod
     def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
@@ -384,56 +433,6 @@ def _own(joint: np.ndarray) -> np.ndarray:
 
 def _over(number: float, frequency: float) -> float:
     return number / float(frequency) if frequency > 0.0 else float("inf")
-
-
-class RigidFlow(ExactFlow):
-    """The exact flow in which rigid contacts collide within steps.
-
-    `ExactFlow` turns into it where there are some, so that other networks pay nothing for it.
-    """
-
-    @staticmethod
-    def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-        impacts, now = tables.impacts, steps.first + index
-        begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
-        copy(state.v, impacts.before)
-        slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
-        row = index if impacts.spread.shape[0] > 1 else 0
-        flight = Flight(begin, slot.x, state.v, last_force, impacts, steps.step, row)
-        call(impacts.function, address_of(flight), now)
-        kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-        show_impacts(impacts, steps, slot.indentation, slot.contact_force)
-        _end_step(tables, state, slot, last_force, steps, index)
-        if steps.every:
-            gather_impulses(impacts, steps, sampled(steps, index), state.contact_force)
-
-    def check(self, model: Model) -> None:
-        super().check(model)
-        if not model.rigid.any():
-            raise InvalidInput("RigidFlow is for networks with rigid contacts; use il.ExactFlow().")
-
-
-class FrictionFlow(ExactFlow):
-    """The exact flow in which dry friction lets bodies slip and stick within steps.
-
-    `ExactFlow` turns into it where there is some, so that other networks pay nothing for it.
-    """
-
-    @staticmethod
-    def step(forces, tables, driven, state, history, steps, index):  # type: ignore[no-untyped-def]
-        rubbing, now = tables.rubbing, steps.first + index
-        begin = slot_of(history, (now - 1) % SLOTS).x if index else state.x
-        copy(state.v, rubbing.before)
-        slot, last_force = _flow_of_step(tables, driven, state, history, steps, index)
-        call(rubbing.function, address_of(Slide(begin, slot.x, state.v, last_force, rubbing, steps.step)), now)
-        kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-        hold(rubbing, slot, last_force, state.reading, state.v)
-        _end_step(tables, state, slot, last_force, steps, index)
-
-    def check(self, model: Model) -> None:
-        super().check(model)
-        if not model.rubbing.any():
-            raise InvalidInput("FrictionFlow is for networks with dry friction that sticks; use il.ExactFlow().")
 
 
 class WholeFlow(ExactFlow):

@@ -40,7 +40,7 @@ def sampled_will_do(model: Model, integrator: Integrator, every_step: bool) -> b
 
     They may not where something wants them at `every_step`.
     """
-    return isinstance(integrator, ExactFlow) and integrator.jumps and not model.varying and not every_step
+    return isinstance(integrator, ExactFlow) and integrator.crosses and not model.varying and not every_step
 
 
 @kept

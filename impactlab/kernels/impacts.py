@@ -27,22 +27,26 @@ contact closes and how fast, the size of its motion, and how often it has closed
 PATHS = RESTS + 1
 """How many rows these are."""
 
-IMPULSE, IMPACTS, RESTING, LARGEST, ENDLESS, GATHERED = range(6)
+IMPULSE, IMPACTS, RESTING, LARGEST, ENDLESS, SLOW, GATHERED = range(7)
 """Rows of what is seen in a step: the sum of the impulses, the number of impacts, and whether a contact rests; the
-largest size of its motion so far; the number of the first step, from 1 on, in which its impacts were too many; and the
-sum of the impulses since the last snapshot."""
+largest size of its motion so far; the numbers, from 1 on, of the first step in which its impacts were too many, and
+of the last one in which impacts were too slow to count; and the sum of the impulses since the last snapshot."""
 
 SEEN = GATHERED + 1
 """How many rows these are."""
 
-CLEARANCE, RESTITUTION, INERTIA = range(3)
-"""Rows of the numbers of contacts; the inertia is that against which impulses act, ``1/Σ w²/m``."""
+CLEARANCE, RESTITUTION, INERTIA, COUNTED = range(4)
+"""Rows of the numbers of contacts; the inertia is that against which impulses act, ``1/Σ w²/m``, and impacts count from
+a closing velocity on: 0 where all do, and beginnings of rests."""
 
 ROUNDING = 1e-14
 """Part of the size of a contact's displacements, and of its motion in a step, up to which a gap counts as closed."""
 
 MANY = 1000
 """Impacts of a contact in a step after which it rests."""
+
+TOUCH = 1e-9
+"""Part of the least closing velocity that counts up to which bodies touch without an impact, but for rounding."""
 
 _LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
 
@@ -291,6 +295,26 @@ def _note_endless(seen, contact, now, lane):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _count(flight, contact, speed, rests, now, lane):  # type: ignore[no-untyped-def]
+    """Count an impact where all of them count, or if it is fast enough.
+
+    Of a bouncing that ends within the step those that are left follow each other with velocities e u, e² u, ….
+    """
+    rigid, seen = flight.impacts.rigid, flight.impacts.seen
+    restitution, least = rigid.numbers[RESTITUTION, contact], rigid.numbers[COUNTED, contact]
+    if least == 0.0:
+        seen[IMPACTS, contact, lane] += 0.0 if rests else 1.0
+        return
+    if speed >= least:
+        seen[IMPACTS, contact, lane] += 1.0
+        if rests and restitution > 0.0:
+            seen[IMPACTS, contact, lane] += math.floor(math.log(least / speed) / math.log(restitution))
+    bounces = speed < least or (rests and restitution > 0.0)
+    if bounces and speed > TOUCH * least and seen[RESTING, contact, lane] == 0.0:
+        seen[SLOW, contact, lane] = now + 1.0
+
+
+@kernel
 def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     """Let a contact close: it opens again with the restitution e, or rests.
 
@@ -319,10 +343,10 @@ def _meet(flight, contact, now, lane):  # type: ignore[no-untyped-def]
     paths[EVENTS, contact] += 1.0
     paths[SIZE, contact] += step * abs(change)
     _end(flight, contact, lane)
+    _count(flight, contact, speed, rests, now, lane)
     if rests:
         _rest(flight, contact, left, kicked, lane)
     else:
-        flight.impacts.seen[IMPACTS, contact, lane] += 1.0
         paths[RESTS, contact] = 0.0
         _foresee(paths, contact, step)
     _bend_neighbours(flight, contact, time, change, lane)
@@ -429,17 +453,22 @@ def collisions(place, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def show_impacts(impacts, steps, indentation, contact_force):  # type: ignore[no-untyped-def]
+def show_impacts(impacts, steps, index, indentation, contact_force):  # type: ignore[no-untyped-def]
     """Write forces of rigid contacts, means over a step, and indentations, as small as can be where they rest.
 
-    Impacts are counted here; contacts that come to rest are so by their indentation.
+    Impacts are counted here; contacts that come to rest are so by their indentation, unless impacts have to be fast to
+    count and led to the rest.
     """
-    seen = impacts.seen
+    seen, counted, number = impacts.seen, impacts.depths.shape[0] > 0, steps.first + index + 1.0
     for rigid in range(seen.shape[1]):
         contact = impacts.rigid.contacts[rigid]
         for lane in range(contact_force.shape[1]):
             contact_force[contact, lane] = seen[IMPULSE, rigid, lane] / steps.step
             indentation[contact, lane] = TOUCHING if seen[RESTING, rigid, lane] > 0.0 else -math.inf
+        if counted and impacts.rigid.numbers[COUNTED, rigid] > 0.0:
+            for lane in range(contact_force.shape[1]):
+                if seen[IMPACTS, rigid, lane] > 0.0 or seen[SLOW, rigid, lane] == number:
+                    impacts.depths[contact, lane] = TOUCHING
         if steps.summing:
             for lane in range(contact_force.shape[1]):
                 impacts.closings[contact, lane] += seen[IMPACTS, rigid, lane]

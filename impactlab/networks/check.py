@@ -259,7 +259,7 @@ def _of_runs(model: Model, integrator: Integrator, stiffening: Stiffening, step:
         result.append(f"{growth}.")
     if model.prescribed.any():
         result.append("Motions are given: statistics are means over the time of a run, which begins at 0.")
-    if not isinstance(integrator, ExactFlow) or not model.nonlinear_bodies.any():
+    if not isinstance(integrator, ExactFlow) or integrator.derived or not model.nonlinear_bodies.any():
         return result
     if integrator.measured and not certified(_arranged(model, integrator, stiffening), stiffening.penetration, step):
         result.append("The error of the step is measured before a run, which may choose another.")

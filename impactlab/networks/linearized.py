@@ -79,9 +79,9 @@ class LinearizedNetwork:
         It is the solution of a discrete Lyapunov equation, infinite where that has none
         because the method is unstable.
         """
-        if isinstance(integrator, ExactFlow):
+        if isinstance(integrator, ExactFlow) and not integrator.derived:
             return self._covariance_of_kicks(integrator, step)
-        if isinstance(integrator, ExplicitIntegrator):
+        if isinstance(integrator, ExplicitIntegrator) and type(integrator).step is ExplicitIntegrator.step:
             return self._covariance_of_polynomial(integrator.stability_polynomial, step)
         return None
 

@@ -13,7 +13,7 @@ from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.integrators.arguments import Impacts, RigidContacts
 from impactlab.integrators.interval_arguments import Zeros
-from impactlab.kernels.impacts import PATHS, RESTITUTION, SEEN
+from impactlab.kernels.impacts import COUNTED, PATHS, RESTITUTION, SEEN
 from impactlab.kernels.random import addresses
 
 RESOLVED = 0.7
@@ -25,10 +25,17 @@ OVERLAP = 1e-9
 LEAST_ORDER = 0.05
 """Order that is taken where the rate of impacts does not converge."""
 
+SLOW, SLOW_UNDER_NOISE = 1e-4, 0.01
+"""Part of the usual closing velocity from which on impacts count that may be endlessly many in finite time.
+
+Where nothing is random these follow each other like a geometric series, to any velocity, and what is usual may be far
+off; coloured noise that hardly presses lifts and drops bodies again and again, which steps do not resolve.
+"""
+
 
 _NOTHING, _NO_PLACES, _BEGIN = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(1, dtype=np.int64)
 _NONE = RigidContacts(
-    _NO_PLACES, _BEGIN, _NO_PLACES, _NOTHING, _NOTHING, np.zeros((3, 0)), np.zeros((3, 0)), _BEGIN, _NO_PLACES, _NOTHING
+    _NO_PLACES, _BEGIN, _NO_PLACES, _NOTHING, _NOTHING, np.zeros((4, 0)), np.zeros((3, 0)), _BEGIN, _NO_PLACES, _NOTHING
 )
 
 
@@ -42,8 +49,12 @@ class RigidImpacts:
     spread: np.ndarray  # (1, rigid) root mean square that noise adds to rates in unit time, at time 0
 
     @classmethod
-    def of(cls, model: Model, step: float, seed: tuple[int, int]) -> Self:
-        """Return those of a model at a step (s)."""
+    def of(cls, model: Model, step: float, seed: tuple[int, int], energy: np.ndarray | float = 0.0) -> Self:
+        """Return those of a model at a step (s), with the energies that its bodies usually have (J).
+
+        Without noise on its bodies a contact that loses energy comes to rest by endlessly many impacts wherever
+        something presses it. The fast ones have a rate.
+        """
         if not model.rigid.any():
             noises = len(model.sources["intensity"].names)
             return cls(_NONE, addresses(seed, (), "impacts"), np.zeros((0, noises)), np.zeros((1, 0)))
@@ -56,13 +67,16 @@ class RigidImpacts:
         near_begin, near, influence = _neighbours(links, slots, weights, rows, shares)
         laws = [model.contact_laws[contact] for contact in chosen]
         restitution = np.array([law.restitution for law in laws])  # type: ignore[attr-defined]
-        numbers = np.stack([model.clearance[chosen], restitution, inertia])
+        gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
+        usual = np.sqrt(2.0 * np.broadcast_to(energy, len(model.bodies))[model.first_of(links)] / inertia)
+        slow = SLOW_UNDER_NOISE if model.random.any() else SLOW
+        endless = (restitution < 1.0) & (gains.sum(axis=1) == 0.0) & np.isfinite(usual)
+        numbers = np.stack([model.clearance[chosen], restitution, inertia, np.where(endless, slow * usual, 0.0)])
         flow = np.stack([0.5 * model.damping * inverse, model.stiffness * inverse, step * inverse])
         begin = np.searchsorted(rows, np.arange(len(chosen) + 1))
         rigid = RigidContacts(
             chosen, begin, slots, weights, shares, numbers, flow, near_begin, near, influence
         )  # fmt: skip
-        gains = _gains(model, slots, weights * inverse[slots], rows, len(chosen))
         spread = np.sqrt(gains @ model.initial_densities)[None]
         names = [model.contacts[contact] for contact in chosen]
         return cls(rigid, addresses(seed, names, "impacts"), gains, spread)
@@ -95,12 +109,20 @@ class RigidImpacts:
         return np.asarray((self.orders < RESOLVED) & (self.gains.sum(axis=1) > 0.0))
 
     @property
+    def counted(self) -> np.ndarray:
+        """Closing velocity from which on impacts count, (rigid,) (m s-1); 0 where all do."""
+        return np.asarray(self.rigid.numbers[COUNTED])
+
+    @property
     def dissipative(self) -> bool:
         """Whether impacts take energy."""
         return bool((self.rigid.numbers[RESTITUTION] < 1.0).any())
 
-    def arrays(self, bodies: int, closings: np.ndarray, zeros: Zeros) -> Impacts:
-        """Return what a block takes, with no realizations and no function yet; closings are summed, [contact, lane]."""
+    def arrays(self, bodies: int, closings: np.ndarray, depths: np.ndarray, zeros: Zeros) -> Impacts:
+        """Return what a block takes, with no realizations and no function yet.
+
+        Closings are summed, from indentations, [contact, lane].
+        """
         count, lanes = len(self.rigid.contacts), closings.shape[-1]
         return Impacts(
             function=0,
@@ -113,6 +135,7 @@ class RigidImpacts:
             before=zeros(((bodies + 1) * bool(count), lanes)),
             seen=zeros((SEEN, count, lanes)),
             closings=closings,
+            depths=depths,
         )
 
 

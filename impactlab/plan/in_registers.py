@@ -17,7 +17,7 @@ def layout_of(plan: Plan) -> Layout | None:
     system, noise, forces = plan.system, plan.noise, plan.forces
     small = len(system.bodies) <= MOST_BODIES and len(system.links) <= MOST_LINKS and system.ends.plain
     plain = not (plan.driving.series or forces.clocked or plan.driving.interrupted.any() or plan.method.groups)
-    if not (plan.single and small and plain and type(plan.method.integrator).step is ExactFlow.step):
+    if not (plan.single and small and plain and plan.method.step is ExactFlow.step):
         return None
     return Layout(
         text=forces.text,

@@ -38,4 +38,4 @@ def with_jumps(method: Method, jumps: Jumps | None) -> Method:
     """Return a method that covers some intervals at once, or itself if there are none."""
     if jumps is None:
         return method
-    return JumpingMethod(method.integrator, method.coefficients, method.cross, method.flows, jumps)
+    return JumpingMethod(method.integrator, method.step, method.coefficients, method.cross, method.flows, jumps)

@@ -22,6 +22,7 @@ class Method:
     """A method with its numbers."""
 
     integrator: Integrator
+    step: Callable[..., None]  # the function that makes a step of the network
     coefficients: np.ndarray  # (phase, column, body) its numbers
     cross: Cross  # blocks of the linear motion between bodies
     flows: Flows | None  # what is between kicks
@@ -33,7 +34,8 @@ class Method:
     def of(cls, model: Model, integrator: Integrator, step: float) -> Self:
         """Return a method for a model at a step (s)."""
         coefficients = np.ascontiguousarray(integrator.coefficients(model, step).transpose(0, 2, 1))
-        return cls(integrator, coefficients, integrator.cross(model, step), integrator.flows(model, step))
+        linear = integrator.cross(model, step), integrator.flows(model, step)
+        return cls(integrator, integrator.step_of(model), coefficients, *linear)
 
     @property
     def interval(self) -> int:
@@ -42,7 +44,7 @@ class Method:
 
     def loop(self, single: bool, left_out: frozenset[str]) -> Callable[..., None]:
         """Return the compiled loop, for blocks or for those of one lane, without samples of some statistics."""
-        return stepping(self.integrator.step, self.integrator.accepted, single, left_out)
+        return stepping(self.step, self.integrator.accepted, single, left_out)
 
     def tables(self, parameters: np.ndarray, indices: np.ndarray, events: Events) -> Tables | JumpTables:
         """Return the numbers that the loop takes, with those of the forces."""

@@ -110,7 +110,8 @@ def allocate(plan: Plan, lanes: int, zeros: Zeros = aligned) -> Arrays:
     )
     streams, which = plan.noise.distinct
     of_streams = zeros((4, streams.shape[1] * bool(len(which)), lanes), np.float32)
-    normals, impacts = zeros((4, rows, lanes), np.float32), plan.impacts.arrays(bodies, sums.contacts[FLUX], zeros)
+    normals = zeros((4, rows, lanes), np.float32)
+    impacts = plan.impacts.arrays(bodies, sums.contacts[FLUX], sums.closings.before[0], zeros)
     events = Events(impacts, plan.friction.arrays(lanes, zeros))
     return Arrays(state, history, sums, normals, of_streams, parameters, events)
 

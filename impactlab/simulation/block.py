@@ -13,7 +13,7 @@ from impactlab.integrators.arguments import Driven, Forced, Noise, Series, Steps
 from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.forces import evaluate, evaluator
-from impactlab.kernels.impacts import ENDLESS
+from impactlab.kernels.impacts import ENDLESS, SLOW
 from impactlab.kernels.memory import TIMES, accept
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.peaks import OF_BATCH
@@ -378,7 +378,7 @@ class Block:
             if keeper.wants_end:
                 keeper.end(self._final())
         bodies, contacts, products, points = kept
-        endless = self.events.impacts.seen[ENDLESS].copy()
+        endless = self.events.impacts.seen[[ENDLESS, SLOW]]
         return BlockResult(bodies, contacts, products, points, endless, [keeper.result() for keeper in keepers])
 
     def _snapshot(self) -> np.ndarray:

@@ -21,7 +21,9 @@ class BlockResult:
     contacts: np.ndarray  # (batch, row, contact, lane)
     products: np.ndarray  # (batch, row, pair, lane)
     points: np.ndarray  # (batch, phase, row, point, lane)
-    endless: np.ndarray  # (rigid, lane) number of the first step, from 1 on, with too many impacts; 0 for none
+    endless: np.ndarray
+    """(2, rigid, lane) numbers, from 1 on, of the first step with too many impacts, and of the last one with impacts
+    that are too slow to count; 0 for none."""
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
 
 

@@ -171,7 +171,7 @@ class _TiledBlock(Block):
 
 def endless_chatter(plan: Plan, results: list[BlockResult]) -> str:
     """Say which rigid contact had too many impacts in a step first, and when; nothing where none had."""
-    steps = np.concatenate([result.endless for result in results], axis=-1)
+    steps = np.concatenate([result.endless[0] for result in results], axis=-1)
     if not steps.any():
         return ""
     first = np.where(steps > 0.0, steps, np.inf).min(axis=-1)
@@ -184,6 +184,30 @@ def endless_chatter(plan: Plan, results: list[BlockResult]) -> str:
         f"{lanes} of {steps.shape[-1]} realization(s){f', as had {others} other contact(s)' if others else ''}. They "
         "are held at rest for what is left of such a step, which takes energy unless bodies rest on each other: give "
         "a shorter step=."
+    )
+
+
+def slow_impacts(plan: Plan, results: list[BlockResult]) -> np.ndarray:
+    """Return the least closing velocity that counts where slower impacts were in the measurement, (contact,) (m s-1).
+
+    It is NaN where all impacts count, or none was slower; of contacts with forces, too.
+    """
+    speeds, rigid = np.full(len(plan.system.contacts), np.nan), plan.impacts.rigid.contacts
+    last = np.max([result.endless[1].max(axis=-1, initial=0.0) for result in results], axis=0)
+    speeds[rigid] = np.where(last > plan.clock.spin_up_steps, plan.impacts.counted, np.nan)
+    return speeds
+
+
+def chatter(plan: Plan, speeds: np.ndarray) -> str:
+    """Say of which rigid contact the slowest impacts do not count, and from which closing velocity on they do."""
+    found = np.flatnonzero(np.isfinite(speeds))
+    if not found.size or "contact_rate" in plan.observed.left_out:
+        return ""
+    others = f", nor of {found.size - 1} other contact(s)" if found.size > 1 else ""
+    return (
+        f"{plan.system.contacts[found[0]]!r} comes to rest by bouncing: its impacts are endlessly many in finite time, "
+        f"so that they have no rate{others}. contact_rate counts those that close with {speeds[found[0]]:.3g} m/s or "
+        "more; see impact_velocity_threshold."
     )
 
 

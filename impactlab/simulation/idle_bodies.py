@@ -31,7 +31,7 @@ def split(
     """
     busy = model.nonlinear_bodies.copy()
     busy[[*model.lines, *model.coloured, *model.forced, *(model.white if model.time_varying else ())]] = True
-    alone = isinstance(integrator, ExactFlow) and integrator.jumps and not isinstance(initial, Mapping)
+    alone = isinstance(integrator, ExactFlow) and integrator.crosses and not isinstance(initial, Mapping)
     alone = alone and not model.network.points  # whose structures would be torn apart
     if not alone or busy.all() or any(record.samples for record in records):
         return None

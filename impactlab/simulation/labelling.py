@@ -25,15 +25,26 @@ if TYPE_CHECKING:
 
 
 def findings_of(
-    plan: Plan, estimates: Estimates, results: list[BlockResult], configuration: dict[str, Any]
-) -> Findings:
-    """Return what the dataset of a finished run holds."""
+    plan: Plan, estimates: Estimates, results: list[BlockResult], slowest_counted: np.ndarray,
+    configuration: dict[str, Any],
+) -> Findings:  # fmt: skip
+    """Return what the dataset of a finished run holds.
+
+    Of contacts that come to rest by bouncing impacts count from the closing velocities `slowest_counted` on, else NaN.
+    """
     given = dict(estimates.values.labelled())
     known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
     coordinates = labels_of(plan.system.bodies, plan.system.contacts, plan.points.names)
     variables = variables_of(known, coordinates)
     if plan.system.contacts:
         variables |= _of_contacts(plan, estimates)
+    if "contact_rate" in variables and np.isfinite(slowest_counted).any():
+        text = "closing velocity from which on impacts count in contact_rate"
+        variables["impact_velocity_threshold"] = labelled(("contact",), slowest_counted, "m s-1", text)
+        variables["contact_rate"][2]["comment"] = (
+            "Of contacts with an impact_velocity_threshold only faster impacts count: slower ones are endlessly many "
+            "in finite time."
+        )
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)

@@ -32,7 +32,7 @@ Measure = Callable[..., StepError]
 
 def may_measure(model: Model, integrator: Integrator) -> bool:
     """Whether the error of a step of a method can be measured, and there may be one."""
-    wanted = isinstance(integrator, ExactFlow) and integrator.measured
+    wanted = isinstance(integrator, ExactFlow) and integrator.measured and not integrator.derived
     return wanted and bool(model.nonlinear_bodies.any())
 
 

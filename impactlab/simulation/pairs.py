@@ -285,7 +285,7 @@ def order_of(plan: Plan, name: str) -> float:
     both together. Nothing is known of laws with states, and of other methods under noise.
     """
     method, whole = plan.method.integrator, name != "contact_rate"
-    if not isinstance(method, ExactFlow) or len(plan.forces.states):
+    if not isinstance(method, ExactFlow) or method.derived or len(plan.forces.states):
         return 1
     if plan.clock.certified and plan.steady and isinstance(method, FineFlow | WholeFlow):
         return 4 if whole else 2

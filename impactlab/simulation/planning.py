@@ -14,7 +14,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
-from impactlab.integrators.exact_flow import FrictionFlow, RigidFlow, WholeFlow
+from impactlab.integrators.exact_flow import WholeFlow
 from impactlab.integrators.intervals import in_one_piece, jump_lanes
 from impactlab.linear.given_functions import jumping_laws, with_given_motions
 from impactlab.machine import uncollected
@@ -73,11 +73,7 @@ def make_plan(model: Model, request: Request) -> Plan:
     # a contact-free interval of n steps must move bodies as n steps do, which it would not if damping and noise acted
     # at one moment of each step
     integrator = WholeFlow() if steps.jumping else request.integrator
-    if model.rigid.any():
-        integrator = RigidFlow(jumps=False)
-    if model.rubbing.any():
-        integrator = FrictionFlow(jumps=False)
-    impacts = RigidImpacts.of(model, steps.step, request.seed)
+    impacts = RigidImpacts.of(model, steps.step, request.seed, stiffening.energy)
     if isinstance(start.state, np.ndarray):
         impacts.check(model, start.state[0])
     elif start.state == "rest" and model.prescribed.any():

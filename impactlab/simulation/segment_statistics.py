@@ -91,7 +91,9 @@ def together(values: np.ndarray) -> np.ndarray:
     return means
 
 
-def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: list[Segments]) -> StepError:
+def bias_of(
+    coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: list[Segments], chattering: np.ndarray
+) -> StepError:  # fmt: skip
     """Turn the sums of all segments of all blocks into biases and their standard errors.
 
     Parameters
@@ -103,6 +105,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         What the segments are of the run; where nothing is random, what they leave out alone is not known.
     found : list of Segments
         Of each block.
+    chattering : (rigid,) ndarray of bool
+        Whether impacts of rigid contacts were too slow to count.
     """
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
@@ -153,7 +157,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / seen / size[:, None]
         if name == "contact_rate":
-            relative[coarse.impacts.rigid.contacts] *= _of_impacts(coarse, finer, seen)
+            relative[coarse.impacts.rigid.contacts] *= _of_impacts(coarse, finer, seen, chattering)
         unseen = ~np.isfinite(relative).all(axis=-1)  # 0/0: nothing moves, or closes
         relative[unseen] = 0.0
         bias[name] = relative.mean(axis=-1)
@@ -174,10 +178,13 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure)
 
 
-def _of_impacts(plan: Plan, finer: int, seen: float) -> np.ndarray:
-    """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them."""
+def _of_impacts(plan: Plan, finer: int, seen: float, chattering: np.ndarray) -> np.ndarray:
+    """Return what biases of the rates of impacts are to others of which a part is seen; 0 where nothing tells them.
+
+    Rates of the fast impacts alone are like others.
+    """
     of_order = seen / (1.0 - finer ** -plan.impacts.orders[:, None])
-    return np.where(plan.impacts.unresolved[:, None], 0.0, of_order)
+    return np.where(plan.impacts.unresolved[:, None], 0.0, np.where(chattering[:, None], 1.0, of_order))
 
 
 def _separated(plan: Plan, v2: np.ndarray, labels: np.ndarray, energy: np.ndarray) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from impactlab.assembly.model import Model
 from impactlab.errors import Diverged, unheard
 from impactlab.integrators.exact_flow import ExactFlow
+from impactlab.kernels.impacts import SLOW
 from impactlab.plan.plan import Plan
 from impactlab.plan.subdomains import Subdomains
 from impactlab.simulation.block import Block
@@ -64,7 +65,7 @@ def step_error(
             more = [pair.run(effort.begins[done:number], effort.steps, effort.run_up) for pair in pairs]
             found = [one.followed_by(other) for one, other in zip(found, more, strict=True)] if found else more
             coverage = Coverage(effort.begins[:number], effort.steps, plan.clock.steps)
-            error = bias_of(coarse, fine, model, coverage, found)
+            error = bias_of(coarse, fine, model, coverage, found, _chattering(pairs))
             if error.certain > WORTH_SAYING or error.surely_small:
                 break
             if number >= planned and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
@@ -86,9 +87,10 @@ def _along_paths(error: StepError, coarse: Plan, fine: Plan, model: Model) -> St
     parts = separate(model, one, other)
     if not parts.any():
         return error
-    pairs = (_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks))
+    pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
     found = [pair.run(begins, steps, 0, follow=True) for pair in pairs]
-    scatter = bias_of(coarse, fine, model, Coverage(begins, steps, coarse.clock.steps, follow=True), found).error
+    coverage = Coverage(begins, steps, coarse.clock.steps, follow=True)
+    scatter = bias_of(coarse, fine, model, coverage, found, _chattering(pairs)).error
     return error.scattered(scatter, rows_of(model, parts, scatter))
 
 
@@ -129,7 +131,8 @@ class _Pair:
         """
         plan = self.coarse.plan
         finer = round(plan.clock.step / self.fine.plan.clock.step)
-        starts, ends, coarse, fine = [], [], [], []
+        starts, ends, coarse = [], [], []
+        fine: list[tuple[np.ndarray, ...]] = []
         for begin in (plan.clock.spin_up_steps + np.array(begins)).tolist():
             if begin > self.coarse.now:
                 if not plan.driving.motions:  # the state of one time is a start at another
@@ -164,6 +167,12 @@ class _Pair:
         result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
         np.add.at(result, self.labels, energy.swapaxes(0, 1))
         return result.swapaxes(0, 1)
+
+
+def _chattering(pairs: list[_Pair]) -> np.ndarray:
+    """Whether rigid contacts had impacts that are too slow to count, (rigid,) of bool."""
+    seen = [block.events.impacts.seen[SLOW].any(axis=-1) for pair in pairs for block in (pair.coarse, pair.fine)]
+    return np.asarray(np.any(seen, axis=0))
 
 
 class _State(NamedTuple):

@@ -50,7 +50,8 @@ def error_of_means(values: np.ndarray, widened: Callable[[int], float]) -> np.nd
         numbers = [parts // power for power in (1, 2, 4) if parts // power >= FEWEST]
         units = [_joined(values, number) for number in numbers]
     errors = [widened(item.shape[-1] - 1) * item.std(axis=-1, ddof=1) / math.sqrt(item.shape[-1]) for item in units]
-    return np.max(errors, axis=0)
+    largest: np.ndarray = np.max(errors, axis=0)
+    return largest
 
 
 def _joined(values: np.ndarray, number: int) -> np.ndarray:

@@ -42,7 +42,7 @@ from impactlab.results.stack import Findings
 from impactlab.results.warned import by_kind, with_warnings
 from impactlab.simulation.block import compiled
 from impactlab.simulation.block_sums import BlockResult
-from impactlab.simulation.ensemble import continued, endless_chatter, merged, run, run_block
+from impactlab.simulation.ensemble import chatter, continued, endless_chatter, merged, run, run_block, slow_impacts
 from impactlab.simulation.idle_bodies import joined, split
 from impactlab.simulation.labelling import findings_of
 from impactlab.simulation.measured_step import measured, worth_measuring
@@ -463,6 +463,9 @@ def _estimated(
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
         warn("chatter", message)
+    slowest_counted = slow_impacts(plan, results)
+    if message := chatter(plan, slowest_counted):
+        warn("small_impacts", message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     transient = from_rest and request.from_rest
@@ -491,7 +494,7 @@ def _estimated(
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:
             warn("heating", message)
-    return findings_of(plan, estimates, results, configuration)
+    return findings_of(plan, estimates, results, slowest_counted, configuration)
 
 
 def _plain(value: Any) -> Any:

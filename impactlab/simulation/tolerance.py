@@ -93,7 +93,8 @@ def method_for(model: Model, method: Integrator) -> Integrator:
 
     Friction and noise that act at one moment of a step save time, but have an error of second order.
     """
-    if type(method) is ExactFlow and set(in_one_piece(model)) <= {"couplings"}:
+    plain = set(in_one_piece(model)) <= {"couplings"} and not model.rubbing.any()
+    if type(method) is ExactFlow and plain:
         return FineFlow(jumps=method.jumps, measured=method.measured)
     return method
 

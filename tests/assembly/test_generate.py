@@ -5,6 +5,7 @@ import functools
 import inspect
 import math
 import math as mathematics
+import time
 from math import sqrt
 
 import numba
@@ -29,6 +30,7 @@ FLAG = np.bool_(True)
 LARGEST = float("inf")
 NOT_A_NUMBER = float("nan")
 TABLE = [1.0, 2.0]
+ARRAY = np.ones(2)
 
 
 def twice(value):
@@ -299,6 +301,374 @@ def test_copy_of_a_kernel_is_the_kernel(force):
     copy = copied(force)
     for indentation in (0.25, 1.0, 1.75):
         assert copy(indentation) == force(indentation)
+
+
+# What kernels may contain
+
+
+def operators(x):
+    whole = int(4.0 * x)
+    bits = (whole & 1) + (whole | 2) + (whole ^ 3) + (whole << 2) + (whole >> 1) + ~whole
+    return -x % 0.4 + (-x) // 0.4 + 7 // 2 + 7 % 4 + 1 / 3 + x**2.5 + bits
+
+
+def comparisons(x):
+    return 1.0 if (0.0 < x <= 2.0 and not x > 3.0) or x != x else (2.0 if x in (0.5, 1.5) else 3.0)
+
+
+def powers_of_whole_numbers(x):
+    total, power, exponent = 0.0, 2, -GAIN
+    for k in range(1, 4):
+        total += k**-2 + x * 3**-k + (k - 5) ** -k + float(k) ** -1
+    power **= exponent
+    return total + power + 2**exponent
+
+
+def for_else(x):
+    for k in range(3):
+        if k > x:
+            break
+    else:
+        return 7.0
+    return x
+
+
+def loops_over_tuples(x):
+    total, k = 0.0, 0
+    for row, (one, other) in enumerate(zip((x, 1.0), (2.0, x))):  # noqa: B905
+        total += row * one + other
+    for item in (x, 3.0):
+        total -= item
+    while True:
+        k += 1
+        if k > 3:
+            break
+    return total + k
+
+
+def functions_of_python(x):
+    return (
+        abs(-x) + divmod(x, 0.4)[1] + float(int(x)) + bool(x) + len((x, x)) + round(x, 1) + sum((x, 1.0)) - max(x, 1.0)
+    )
+
+
+def several_values(x):
+    return x + 1.0, 2.0 * x
+
+
+def tuples(x):
+    table = (1.0, 4.0, x)
+    one, other = several_values(x)
+    one, other = other, one
+    return table[int(x)] + table[-1] + table[1:][0] + one / other + several_values(x)[1]
+
+
+def functions_of_math(x):
+    return math.hypot(x, 1.0) + math.atan2(x, 2.0) + math.floor(x) + math.copysign(1.0, -x) + math.isfinite(x) + math.e
+
+
+def functions_of_numpy(x):
+    return np.maximum(x, 1.0) + np.hypot(x, np.pi) + np.sign(x) + np.sinc(x) + np.float64(2.0) * np.round(x, 1)
+
+
+def with_default(value, factor=GAIN):
+    return factor * value
+
+
+def arguments_of_helpers(x):
+    return with_default(x) + with_default(x, factor=2.0)
+
+
+ALLOWED = [
+    operators, comparisons, powers_of_whole_numbers, for_else, loops_over_tuples, functions_of_python, tuples,
+    functions_of_math, functions_of_numpy, arguments_of_helpers, statements, nested_helpers, jitted_helper, annotated,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("formula", ALLOWED)
+def test_what_a_kernel_may_contain_gives_the_numbers_of_python(formula):
+    texts = {}
+    Inliner("of", texts, set(), []).inline(formula, "formula")
+    scope = {"math": math, "np": np}
+    for name, text in texts.items():
+        exec(text, scope)
+        scope[name] = numba.njit(error_model="numpy", _nrt=False, no_cfunc_wrapper=True)(scope[name])
+    for x in (0.25, 1.0, 1.75):
+        assert scope["formula"](x) == pytest.approx(formula(x), rel=1e-15)
+
+
+def prints(x):
+    print(x)
+    return x
+
+
+def prints_and_returns(x):
+    return print(x) or x
+
+
+def helper_prints(x):
+    return prints(x)
+
+
+def raises(x):
+    if x < 0.0:
+        raise ValueError("negative")
+    return x
+
+
+def asserts(x):
+    assert x >= 0.0
+    return x
+
+
+def tries(x):
+    try:
+        return 1.0 / x
+    except ZeroDivisionError:
+        return 0.0
+
+
+def opens(x):
+    with open("values.txt") as file:
+        return float(file.read())
+
+
+def imports(x):
+    import cmath
+
+    return cmath.pi * x
+
+
+def remembers(x):
+    global GAIN
+    GAIN = x
+    return GAIN
+
+
+def formats(x):
+    return x * len(f"{x}")
+
+
+def compares_text(x):
+    name = "soft"
+    return x if name == "soft" else 2.0 * x
+
+
+def returns_nothing_known(x):
+    known = None
+    return x if known is None else known
+
+
+def appends(x):
+    values = []
+    values.append(x)
+    return values[0]
+
+
+def changes(x):
+    values = (x, x)
+    values.__setitem__(0, x)
+    return values[0]
+
+
+def comprehends(x):
+    return max([k * x for k in range(3)])
+
+
+def generates(x):
+    return sum(k * x for k in range(3))
+
+
+def looks_up(x):
+    return {1: x}[1]
+
+
+def has_a_function(x):
+    def doubled(y):
+        return 2.0 * y
+
+    return doubled(x)
+
+
+def has_a_lambda(x):
+    return (lambda y: 2.0 * y)(x)
+
+
+def assigns_in_expression(x):
+    return (y := 2.0 * x) * y
+
+
+def unpacks(x):
+    first, *others = (x, 1.0, 2.0)  # noqa: F841
+    return first
+
+
+def factorial(x):
+    return x * factorial(x - 1.0) if x > 1.0 else 1.0
+
+
+def takes_any(*values):
+    return values[0]
+
+
+def calls_one_that_takes_any(x):
+    return takes_any(x, 1.0)
+
+
+def attribute(x):
+    return x.real
+
+
+def asks_for_type(x):
+    return x if isinstance(x, float) else 0.0
+
+
+def makes_text(x):
+    return len(str(x))
+
+
+def power_function(x):
+    return pow(2, -int(x))
+
+
+def draws(x):
+    return x * np.random.rand()  # noqa: NPY002
+
+
+def array(x):
+    return np.array([x]).sum()
+
+
+def makes_array(x):
+    return np.zeros(2)[0] + x
+
+
+def looks_at_clock(x):
+    return x * time.time()
+
+
+def reads_array(x):
+    return x * ARRAY[0]
+
+
+def complex_number(x):
+    return abs(1j * x)
+
+
+REFUSED = {
+    prints: (1, "has 'print(x)', which is a statement without a result"),
+    prints_and_returns: (1, "reads 'print', which is no function of scalars"),
+    raises: (2, "which is an exception (return math.nan"),
+    asserts: (1, "which is an exception (return math.nan"),
+    tries: (1, "has 'try:', which is an exception"),
+    opens: (1, "which is no formula of scalars"),
+    imports: (1, "has 'import cmath', which is no formula of scalars"),
+    remembers: (1, "has 'global GAIN', which is a variable that outlives the call"),
+    formats: (1, "which is text"),
+    compares_text: (1, "has \"'soft'\", which is no number"),
+    returns_nothing_known: (1, "has 'None', which is no number"),
+    appends: (1, "has '[]', which is a list"),
+    changes: (2, "has 'values.__setitem__(0, x)', which is a statement without a result"),
+    comprehends: (1, "has '[k * x for k in range(3)]', which is no formula of scalars"),
+    generates: (1, "has '(k * x for k in range(3))', which is no formula of scalars"),
+    looks_up: (1, "has '{1: x}', which is a dictionary"),
+    has_a_function: (1, "has 'def doubled(y):', which is a function in a function"),
+    has_a_lambda: (1, "has 'lambda y: 2.0 * y', which is a function in a function"),
+    assigns_in_expression: (1, "which is no formula of scalars"),
+    unpacks: (1, "has '*others', which is no formula of scalars"),
+    factorial: (1, "reads 'factorial', which calls itself"),
+    attribute: (1, "reads 'x.real', which belongs to an object"),
+    asks_for_type: (1, "reads 'isinstance', which is no function of scalars"),
+    makes_text: (1, "reads 'str', which is no function of scalars"),
+    power_function: (1, "reads 'pow', which is no function of scalars"),
+    draws: (1, "reads 'np.random', which is no function of scalars"),
+    array: (1, "has '[x]', which is a list (a table is a field that is a tuple of numbers)"),
+    makes_array: (1, "reads 'np.zeros', which is no function of scalars"),
+    looks_at_clock: (1, "reads 'time.time', which is builtin_function_or_method"),
+    reads_array: (1, "reads 'ARRAY', which is ndarray"),
+    complex_number: (1, "has '1j', which is no number"),
+    (helper_prints, prints): (1, "has 'print(x)'"),
+    (calls_one_that_takes_any, takes_any): (0, "takes arguments that are not plain ones"),
+}
+"""Kernels, and whom they call, with the line and the words of the refusal."""
+
+
+@pytest.mark.parametrize("formula", REFUSED)
+def test_what_a_kernel_may_not_contain_is_refused_in_one_line(formula):
+    caller, place = formula if isinstance(formula, tuple) else (formula, formula)
+    line, words = REFUSED[formula]
+    with pytest.raises(il.InvalidInput) as caught:
+        Inliner("of", {}, set(), []).inline(caller, "formula")
+    message = str(caught.value)
+    assert message.startswith(f"{__file__}:{inspect.getsourcelines(place)[1] + line}: the kernel {place.__qualname__} ")
+    assert words in message
+    assert "\n" not in message
+
+
+class PrintingContact(il.ContactLaw):
+    def force(indentation):
+        print(indentation)
+        return indentation
+
+
+class PrintingUpdate(il.CouplingLaw):
+    last: float = il.state(0.0)
+
+    def update(extension, last):
+        print(last)
+        return extension
+
+    def force(extension, last):
+        return extension - last
+
+
+class PrintingCoupling(il.CouplingLaw):
+    def force(extension):
+        print(extension)
+        return extension
+
+
+class PrintingOscillator(il.Oscillator):
+    def residual(displacement):
+        print(displacement)
+        return displacement
+
+
+class PrintingForce(il.Excitation):
+    def force(time):
+        print(time)
+        return time
+
+
+class PrintingNoise(il.Excitation):
+    def intensity(time):
+        print(time)
+        return 1.0 + time
+
+
+def with_contact(law):
+    return il.Network({"a": BODY}, {"c": il.Contact("a", il.WALL, law)})
+
+
+def with_coupling(law):
+    return il.Network({"a": BODY}, couplings={"c": il.Coupling("a", il.WALL, law)})
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        lambda: with_contact(PrintingContact()),
+        lambda: with_coupling(PrintingUpdate()),
+        lambda: with_coupling(PrintingCoupling()),
+        lambda: il.Network({"a": PrintingOscillator()}),
+        lambda: il.Network({"a": BODY}, {}, {"a": PrintingForce()}),
+        lambda: il.Network({"a": BODY}, {}, {"a": PrintingNoise()}),
+    ],
+)
+def test_kernels_of_all_kinds_are_refused_before_they_are_called(network, capsys):
+    with pytest.raises(il.InvalidInput, match=r"test_generate.py:\d+: the kernel Printing\w+\.\w+ has 'print"):
+        il.simulate(network(), 1.0, realizations=1, rng=1)
+    assert capsys.readouterr().out == ""
 
 
 def test_numbers_become_literals():

@@ -10,7 +10,6 @@ from scenes import phases
 from scipy.integrate import solve_ivp
 
 import impactlab as il
-from impactlab.integrators.exact_flow import FrictionFlow, RigidFlow
 from impactlab.linear.laws import lines_of
 from impactlab.plan.seed import seed_of
 
@@ -19,7 +18,7 @@ NAMED = il.ExactFlow, il.RungeKutta4, il.EulerMaruyama
 
 def concrete(cls=il.Integrator):
     """Return every integrator of the package that can be used with smooth forces."""
-    usable = cls.order is not None and cls not in (FrictionFlow, RigidFlow)
+    usable = cls.order is not None
     own = [cls] if usable and cls.__module__.startswith("impactlab.") else []
     return own + [item for child in cls.__subclasses__() for item in concrete(child)]
 
