@@ -21,6 +21,7 @@ class BlockResult:
     contacts: np.ndarray  # (batch, row, contact, lane)
     products: np.ndarray  # (batch, row, pair, lane)
     points: np.ndarray  # (batch, phase, row, point, lane)
+    laws: np.ndarray  # (batch, row, state, lane)
     endless: np.ndarray  # (rigid, lane) number of the first step, from 1 on, with too many impacts; 0 for none
     records: list[dict[str, np.ndarray]] = field(default_factory=list)  # one dictionary of arrays per record
 

@@ -12,7 +12,7 @@ from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import STATISTICS
+from impactlab.results.schema import statistic_of
 from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
 from impactlab.step_size.certified import alike
 
@@ -69,7 +69,7 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
-            f"At the step of {plan.clock.step:.3g} s {STATISTICS[name].long_name} of {label!r} is about "
+            f"At the step of {plan.clock.step:.3g} s {statistic_of(name).long_name} of {label!r} is about "
             f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
             f"as measured on this network; try step={error.better:.2g}."
         )
@@ -108,7 +108,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
             plan = plan_of(max(error.better, rules.clock.step), anything)
         else:
             plan = rules
-        if stationary and error.certain < math.inf:
+        if stationary and error.certain < math.inf and not len(rules.forces.states):
             foreseen = error.at(plan.clock.step)
             if does(plan, foreseen) and not foreseen.unclear(time):
                 return plan, foreseen

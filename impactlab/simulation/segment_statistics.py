@@ -11,7 +11,7 @@ from impactlab.assembly.model import Model
 from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, STATISTICS
+from impactlab.results.schema import BODY, CONTACT, STATE, statistic_of
 from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
@@ -25,11 +25,14 @@ ORDER, OF_STATES = 2.0, 1.5
 """Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
 of a step in which noise turns the motion back is as large as h^(3/2)."""
 
+GROWTH = "law_state_growth_rate"
+"""Statistic that is 0 for states whose motion is stationary."""
+
 _POWER, _LOAD, _BALANCE = "power of kicks", "load", "balance of the mean square velocity"
 """Names of what is known of units beside statistics."""
 
 Sums = tuple[np.ndarray, ...]
-"""Of bodies, contacts and pairs."""
+"""Of bodies, contacts, pairs and states of laws."""
 
 
 class Segments(NamedTuple):
@@ -116,7 +119,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
             return _error_in_time(values, coverage.left_out, limit)
         return _error(values, 1.0 if coarse.random else coverage.left_out, limit, fitted)
 
-    still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
+    still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1]), STATE: ~model.state_ends.any(moved[:-1])}
     bias, error, measured = {}, {}, {}
     for name in names:
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
@@ -128,6 +131,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         if name not in MAY_BE_ZERO:
             difference = difference + value[:, None] * kept
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
+        if statistic_of(name).dimension == STATE:
+            size = np.where(size == 0.0, np.inf, size)  # a state that stays 0 does so at any step
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / seen / size[:, None]
         if name == "contact_rate":
@@ -137,16 +142,38 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         bias[name] = relative.mean(axis=-1)
         error[name] = scatter(relative, fitted)
         error[name][unseen] = np.inf
-        bias[name][still[STATISTICS[name].dimension]] = error[name][still[STATISTICS[name].dimension]] = 0.0
+        at_rest = still[statistic_of(name).dimension]
+        bias[name][at_rest] = error[name][at_rest] = 0.0
         if name == "contact_ratio":  # a rest is known to a step, and has no duration where noise ends it
             bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
+    for values in (bias, error) if model.remembering else ():
+        _follow_growth(values, _grows(of_coarse[GROWTH], limit))
     velocity = of_coarse["mean_square_velocity"]
-    labels_of = {BODY: model.bodies, CONTACT: model.contacts}
+    labels_of = {BODY: model.bodies, CONTACT: model.contacts, STATE: tuple(label for label, _ in model.states)}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
-    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached)
+    order = OF_STATES if model.remembering else ORDER
+    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, order)
+
+
+def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
+    """Whether each state grows by more than chance, from its growth rates in all units, (state, unit)."""
+    number = rates.shape[-1]
+    if number < FEWEST:
+        return np.zeros(len(rates), dtype=bool)
+    return np.asarray(np.abs(rates.mean(axis=-1)) > limit * rates.std(axis=-1, ddof=1) / math.sqrt(number))
+
+
+def _follow_growth(values: dict[str, np.ndarray], grows: np.ndarray) -> None:
+    """Give means of states that grow the biases, or the errors of biases, of their growth rates, as a run will show.
+
+    Segments begin at one state, and see little of that. A state that does not grow does so at no step.
+    """
+    values[GROWTH][~grows] = 0.0
+    for name, times in (("mean_law_state", 1.0), ("mean_square_law_state", 2.0)):
+        values[name][grows] = times * values[GROWTH][grows]
 
 
 def _of_impacts(plan: Plan, finer: int, seen: float) -> np.ndarray:
@@ -245,8 +272,9 @@ def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, 
 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:
-    """Slots of bodies, or of one body of each contact."""
-    return model.first_of(model.ends) if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
+    """Slots of bodies, or of one body of each contact, or of the law of each state."""
+    links = {CONTACT: model.ends, STATE: model.state_ends}.get(statistic_of(name).dimension)
+    return np.arange(len(model.bodies)) if links is None else model.first_of(links)
 
 
 def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
@@ -258,8 +286,8 @@ def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) 
     ]
     segments, lanes = parts[0].shape[-2:]
     counts = np.stack([plan.counts(finer * begin, finer * begin + steps) for begin in coverage.begins], axis=1)
-    bodies, contacts, products = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
-    moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products)
+    bodies, contacts, products, laws = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
+    moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products, laws)
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
     return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance}
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from impactlab.results.schema import BODY, CONTACT, STATISTICS
+from impactlab.results.labels import labelled
+from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,10 +58,11 @@ BIASED = (
     "contact_ratio",
     "contact_rate",
     "mean_contact_force",
+    *OF_STATES,
 )
 """Statistics whose bias is measured."""
 
-MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement"}
+MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement", "mean_law_state": "mean_square_law_state"}
 """Means that may be 0: their bias is a part of the root of a mean square."""
 
 
@@ -83,6 +85,10 @@ class StepError:
         Standard error of the measured mean square velocity.
     reached : float
         Share of the run that is over where the measurement ends.
+    order : float
+        Power of the step with which biases are taken to fall.
+    seen_at : float
+        Larger step at which they were measured (s), if it is another.
     """
 
     step: float
@@ -92,6 +98,13 @@ class StepError:
     measured: dict[str, np.ndarray] = field(default_factory=dict)
     scatter: np.ndarray | float = 0.0
     reached: float = 1.0
+    order: float = 2.0
+    seen_at: float = 0.0
+
+    @property
+    def foreseen(self) -> bool:
+        """Whether it follows from a measurement at another step."""
+        return self.seen_at > self.step
 
     @classmethod
     def infinite(cls, step: float, bodies: tuple[str, ...], contacts: tuple[str, ...]) -> Self:
@@ -112,7 +125,7 @@ class StepError:
             excess = np.abs(bias) - limit * self.error[name]
             if excess.max(initial=beyond) > beyond:
                 place = int(excess.argmax())
-                label = self.labels[STATISTICS[name].dimension][place]
+                label = self.labels[statistic_of(name).dimension][place]
                 found, beyond = (name, label, float(bias[place]), float(self.error[name][place])), excess[place]
         return found
 
@@ -135,10 +148,10 @@ class StepError:
         with np.errstate(divide="ignore", invalid="ignore"):
             rates = self.measured.get("contact_rate", np.zeros(0))
             of_contacts = np.nan_to_num(1.0 / np.sqrt(time * rates), nan=np.inf)
-        beside = {BODY: np.zeros(1), CONTACT: of_contacts}
+        beside = {BODY: np.zeros(1), CONTACT: of_contacts, STATE: np.zeros(1)}
         for name, error in self.error.items():
             largest = np.where(np.isfinite(error), np.abs(self.bias[name]) + self.limit * error, 0.0)
-            if (largest > WORTH_SAYING + beside[STATISTICS[name].dimension]).any():
+            if (largest > WORTH_SAYING + beside[statistic_of(name).dimension]).any():
                 return True
         return False
 
@@ -149,17 +162,17 @@ class StepError:
         return self.step * max(0.25, 0.8 * math.sqrt(MOST_BIAS / bias)) if bias > MOST_BIAS else self.step
 
     def at(self, step: float) -> StepError:
-        """Return what is known of the bias of a smaller step (s): it falls with the first to second power of the step.
+        """Return what is known of the bias of a smaller step (s): it falls with a power of the step, from 1 to `order`.
 
-        The second is expected, and what the first would make of it counts as a standard error.
+        The order is expected, and what the first power would make of it counts as a standard error.
         """
         ratio = step / self.step
-        bias = {name: ratio**2 * item for name, item in self.bias.items()}
+        expected, beyond = ratio**self.order, ratio * (1.0 - ratio ** (self.order - 1.0))
+        bias = {name: expected * item for name, item in self.bias.items()}
         error = {
-            name: np.hypot(ratio**2 * item, ratio * (1.0 - ratio) * np.abs(self.bias[name]))
-            for name, item in self.error.items()
+            name: np.hypot(expected * item, beyond * np.abs(self.bias[name])) for name, item in self.error.items()
         }
-        return replace(self, step=step, bias=bias, error=error)
+        return replace(self, step=step, bias=bias, error=error, seen_at=max(self.step, self.seen_at))
 
     def allowance(self, name: str, usual: float = USUAL_BIAS) -> np.ndarray:
         """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
@@ -209,7 +222,7 @@ class StepError:
         """
 
         def ran(name: str) -> tuple[np.ndarray, np.ndarray]:
-            error = dataset[STATISTICS[name].error].values
+            error = dataset[statistic_of(name).error].values
             return dataset[name].values, error if sampled else np.nan_to_num(error)
 
         again = f"; compare with step={0.5 * self.step:.2g}."
@@ -238,9 +251,9 @@ class StepError:
                 unknown = may_be > UNSURE + 3.0 * error / size
                 unknown &= np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name]
             for place in np.flatnonzero(unknown & (value != 0.0) & (3.0 * error < KNOWN * size))[:1]:
-                label, known = self.labels[STATISTICS[name].dimension][place], self.error[name][place]
+                label, known = self.labels[statistic_of(name).dimension][place], self.error[name][place]
                 how = f"known to ± {100.0 * known:.2g} % only" if known < math.inf else "unknown: it was not seen"
-                return f"The bias of the step in {STATISTICS[name].long_name} of {label!r} is {how}{again}"
+                return f"The bias of the step in {statistic_of(name).long_name} of {label!r} is {how}{again}"
         return ""
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
@@ -253,10 +266,10 @@ class StepError:
         automatic : float
             The step that the rules allow (s): biases of larger ones are as much larger as the square of the step.
         """
-        usual = self.usual(automatic)
+        usual, where = self.usual(automatic), f" at a step of {self.seen_at:.3g} s, and reduced" * self.foreseen
         result = {}
         for name, bias in self.bias.items():
-            statistic = STATISTICS[name]
+            statistic = statistic_of(name)
             dimension, units, long_name = statistic.dimension, statistic.units, statistic.long_name
             part = "the root mean square" if name in MAY_BE_ZERO else "it"
             seen = self.error[name][np.isfinite(self.error[name])].max(initial=0.0)
@@ -266,19 +279,13 @@ class StepError:
                 {
                     "units": "1",
                     "long_name": f"bias of the step in {long_name}, as a part of {part}",
-                    "comment": f"measured on the network; standard error at most {seen:.1g}",
+                    "comment": f"measured on the network{where}; standard error at most {seen:.1g}",
                 },
             )
             allowance = self.allowance(name, usual) * size_of(name, lambda item: dataset[item].values)
-            result[statistic.allowance] = (
-                dimension,
-                allowance,
-                {
-                    "units": units,
-                    "long_name": f"part of the standard error of {long_name} that allows for the bias of the step",
-                    "comment": "root mean square of the bias, given what was measured of it",
-                },
-            )
+            text = f"part of the standard error of {long_name} that allows for the bias of the step"
+            result[statistic.allowance] = labelled((dimension,), allowance, units, text)
+            result[statistic.allowance][2]["comment"] = "root mean square of the bias, given what was measured of it"
             for variable in (statistic, statistic.direct):
                 if variable.name in dataset:
                     error = dataset[variable.error]
