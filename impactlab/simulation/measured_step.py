@@ -13,7 +13,7 @@ from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import statistic_of
-from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
+from impactlab.simulation.step_error import WORTH_SAYING, StepError
 from impactlab.step_size.certified import alike
 
 SURELY_FINE = 0.2
@@ -46,7 +46,9 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
     return given > beyond * plan.clock.automatic
 
 
-def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool) -> tuple[Plan, StepError]:
+def measured(
+    plan_of: Callable[..., Plan], measure: Measure, plan: Plan, sampled: Callable[[Plan], Plan] | None
+) -> tuple[Plan, StepError]:
     """Return a plan whose step causes no large bias, and the error of its step; warn if no such step is found.
 
     Parameters
@@ -59,13 +61,18 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
         Measures what the step of a plan does, as `impactlab.simulation.segments.step_error`.
     plan : Plan
         The plan with the step of the rules, or the one that is given.
-    free : bool
-        Whether the step may be changed.
+    sampled : callable, optional
+        Makes the plan with the records of the run from one without them, of which it may round the step down. Without
+        it the step may not be changed.
     """
     first = plan
-    plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
-    if math.isinf(error.certain):
-        return first, error  # the run will say where it diverges, or that this is unknown
+    plan, error = _chosen(plan_of, measure, plan) if sampled else (plan, measure(plan))
+    if math.isinf(error.certain):  # the run will say where it diverges, or that this is unknown
+        return sampled(first) if sampled else first, error
+    if sampled:
+        plan = sampled(plan)
+        if plan.clock.step < error.step * (1.0 - 1e-9):
+            error = measure(plan)
     if error.certain > WORTH_SAYING:
         name, label, bias, scatter = error.worst
         warn(
@@ -91,7 +98,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
         plan = larger if larger.clock.step > WORTHWHILE * rules.clock.step else rules
 
     def does(plan: Plan, error: StepError) -> bool:
-        return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.certain <= MOST_BIAS
+        return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.does
 
     known: StepError | None = None
     for _ in range(TRIALS):
@@ -104,7 +111,7 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
             return _larger(plan_of, measure, plan, error) if high else (plan, error)
         if not high:
             plan = plan_of(error.better)
-        elif MOST_BIAS < error.certain < math.inf:
+        elif not error.does and error.certain < math.inf:
             plan = plan_of(max(error.better, rules.clock.step), anything)
         else:
             plan = rules

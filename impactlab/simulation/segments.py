@@ -25,7 +25,7 @@ from impactlab.simulation.effort import FINER, FINEST, Effort
 from impactlab.simulation.request import Request
 from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, together
 from impactlab.simulation.smooth_path import Laws, SmoothPath
-from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
+from impactlab.simulation.step_error import WORTH_SAYING, StepError
 
 SEED = 7, 2023
 """Seed of all measurements: the step of a network does not depend on that of the run."""
@@ -67,7 +67,7 @@ def step_error(
             error = bias_of(coarse, fine, model, coverage, found)
             if error.certain > WORTH_SAYING or error.surely_small:
                 break
-            if number >= planned and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
+            if number >= planned and not (error.does and patient and error.unclear(time)):
                 break
         return error
     except Diverged:
