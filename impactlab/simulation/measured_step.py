@@ -101,11 +101,15 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
         return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.does
 
     known: StepError | None = None
+    last: StepError | None = None
     for _ in range(TRIALS):
         high = plan.clock.step > rules.clock.step
         tried, error = plan, measure(plan, anything if high else None, patient=not high)
         if known is not None and error.step < known.step:
             error = error.or_from(known)  # one event in a path may not be met again
+        if last is not None and error.follows_the_step(last):
+            return tried, error
+        last = error
         known = None if stationary or error.certain == math.inf else error
         if does(plan, error):
             return _larger(plan_of, measure, plan, error) if high else (plan, error)

@@ -11,7 +11,7 @@ from impactlab.assembly.model import Model
 from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, STATE, statistic_of
+from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
 from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
@@ -21,7 +21,7 @@ TOGETHER = 8
 UNITS = 32
 """Least number of independent units of a measurement: so many tell a standard error to 13 %."""
 
-ORDER, OF_STATES = 2.0, 1.5
+ORDER, ORDER_OF_STATES = 2.0, 1.5
 """Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
 of a step in which noise turns the motion back is as large as h^(3/2)."""
 
@@ -97,7 +97,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    seen = 1.0 - finer ** -(OF_STATES if model.remembering or model.interrupted.any() else ORDER)  # part of the bias
+    seen = 1.0 - finer ** -(ORDER_OF_STATES if model.remembering or model.interrupted.any() else ORDER)  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
@@ -110,7 +110,7 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         moved[:] = True
     moved[:-1] &= ~model.prescribed
 
-    names = [name for name in BIASED if name in of_coarse and len(of_coarse[name])]
+    names = [name for name in (*BIASED, *OF_STATES) if name in of_coarse and len(of_coarse[name])]
     limit = limit_of(sum(len(of_coarse[name]) for name in names))
 
     def scatter(values: np.ndarray, fitted: int) -> np.ndarray:
@@ -147,14 +147,14 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         if name == "contact_ratio":  # a rest is known to a step, and has no duration where noise ends it
             bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
-    for values in (bias, error) if model.remembering else ():
-        _follow_growth(values, _grows(of_coarse[GROWTH], limit))
+    if model.remembering:
+        _follow_growth(bias, error, _grows(of_coarse[GROWTH], limit))
     velocity = of_coarse["mean_square_velocity"]
     labels_of = {BODY: model.bodies, CONTACT: model.contacts, STATE: tuple(label for label, _ in model.states)}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
-    order = OF_STATES if model.remembering else ORDER
+    order = ORDER_OF_STATES if model.remembering else ORDER
     return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, order)
 
 
@@ -166,14 +166,15 @@ def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
     return np.asarray(np.abs(rates.mean(axis=-1)) > limit * rates.std(axis=-1, ddof=1) / math.sqrt(number))
 
 
-def _follow_growth(values: dict[str, np.ndarray], grows: np.ndarray) -> None:
-    """Give means of states that grow the biases, or the errors of biases, of their growth rates, as a run will show.
+def _follow_growth(bias: dict[str, np.ndarray], error: dict[str, np.ndarray], grows: np.ndarray) -> None:
+    """Give means of states that grow the biases of their growth rates, as a run will show: segments begin at one state.
 
-    Segments begin at one state, and see little of that. A state that does not grow does so at no step.
+    A state that does not grow does so at no step.
     """
-    values[GROWTH][~grows] = 0.0
-    for name, times in (("mean_law_state", 1.0), ("mean_square_law_state", 2.0)):
-        values[name][grows] = times * values[GROWTH][grows]
+    bias[GROWTH][~grows] = error[GROWTH][~grows] = 0.0
+    growth, doubt = bias[GROWTH][grows], error[GROWTH][grows]
+    bias["mean_law_state"][grows], error["mean_law_state"][grows] = growth, doubt
+    bias["mean_square_law_state"][grows], error["mean_square_law_state"][grows] = (2.0 + growth) * growth, 2.0 * doubt
 
 
 def _of_impacts(plan: Plan, finer: int, seen: float) -> np.ndarray:

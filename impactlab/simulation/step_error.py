@@ -44,6 +44,9 @@ REACHED = 0.95
 KNOWN = 0.1
 """Three standard errors, as a part of a statistic, up to which it counts what is not known of its bias."""
 
+UNIMPROVED = 0.8
+"""Part of the bias of a state that is left at half of a step, or less, where no step will do."""
+
 FEWEST = 8
 """Fewest segments that tell how long energies are correlated."""
 
@@ -58,9 +61,8 @@ BIASED = (
     "contact_ratio",
     "contact_rate",
     "mean_contact_force",
-    *OF_STATES,
 )
-"""Statistics whose bias is measured."""
+"""Statistics of bodies and contacts whose bias is measured, beside all of states of laws."""
 
 MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement", "mean_law_state": "mean_square_law_state"}
 """Means that may be 0: their bias is a part of the root of a mean square."""
@@ -174,6 +176,12 @@ class StepError:
         if not name or abs(bias) <= most_of(name):
             return self.step
         return self.step * max(0.25, 0.8 * math.sqrt(most_of(name) / abs(bias)))
+
+    def follows_the_step(self, before: StepError) -> bool:
+        """Whether a state is as far off as it was at a step twice as large or more, as a count of steps is."""
+        (name, label, bias, _), (*other, bias_before, _) = (item._worst(most_of) for item in (self, before))
+        halved = self.step <= 0.5 * before.step
+        return name in OF_STATES and [name, label] == other and halved and abs(bias) > UNIMPROVED * abs(bias_before)
 
     def at(self, step: float) -> StepError:
         """Return what is known of the bias of a smaller step (s): it falls with a power of the step, from 1 to `order`.

@@ -77,16 +77,16 @@ class Spring(il.CouplingLaw):
 
 
 class LateSpring(il.CouplingLaw):
-    """The same after 300 steps, and half as stiff before: what begins anew is another network."""
+    """The same after 12 s, and half as stiff before: what begins anew is another network."""
 
     stiffness: float = il.parameter(units="N m-1")
-    steps: float = il.state(0.0)
+    age: float = il.state(0.0, units="s")
 
-    def force(extension, stiffness, steps):
-        return stiffness * extension * (1.0 if steps > 300.0 else 0.5)
+    def force(extension, stiffness, age):
+        return stiffness * extension * (1.0 if age > 12.0 else 0.5)
 
-    def update(elapsed, steps):
-        return steps + (1.0 if elapsed > 0.0 else 0.0)
+    def update(elapsed, age):
+        return age + elapsed
 
 
 def held(law, body=SOFT, excitation=HEAT):
@@ -231,7 +231,7 @@ def test_the_bias_of_a_linear_element_is_that_of_its_linear_system():
 
 
 def test_the_fine_run_begins_with_the_states_of_the_coarse_one():
-    """A spring that knows how many steps it has made is seen as the plain spring that it has become."""
+    """A spring that knows its age is seen as the plain spring that it has become."""
     options = {"duration": 100.0, "realizations": 256, "step": 0.04, "spin_up": 60.0}
     late, plain = (measured(held(law), **options) for law in (LateSpring(60.0), Spring(60.0)))
     for name in ("mean_square_displacement", "mean_square_velocity"):
