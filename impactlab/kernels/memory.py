@@ -1,8 +1,9 @@
 """The states of laws in a block: behind the parameters of the forces, lane by lane, with the time since they held.
 
-A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand sums of
-the states over steps, of their squares, and the states, a row of lanes each; then the number of these rows, the time at
-which the last step was accepted, and last of all what has passed since.
+A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand sums over
+steps, of the states, of their squares and of the size of their changes, the states before the last step, and the states,
+a row of lanes each; then the number of states, the time at which the last step was accepted, and last of all what has
+passed since.
 """
 
 from __future__ import annotations
@@ -58,13 +59,15 @@ def _accept(function, x, v, contact_force, parameters, indices):  # type: ignore
 
 
 BEHIND = 3
-"""Numbers behind the states: how many rows they have, the time of the last accepted step, and what has passed since
-(s)."""
+"""Numbers behind the states: how many they are, the time of the last accepted step, and what has passed since (s)."""
+
+SUMS = 4
+"""Rows of each state before it: three sums, and its value before the last step."""
 
 
 def with_states(parameters: np.ndarray, states: np.ndarray, lanes: int, zeros: Callable[..., np.ndarray]) -> np.ndarray:
     """Return parameters with the states of some lanes at their start values, and the numbers behind them."""
-    numbers = zeros((len(parameters) + 3 * len(states) * lanes + BEHIND,))
+    numbers = zeros((len(parameters) + (1 + SUMS) * len(states) * lanes + BEHIND,))
     if numbers.flags.writeable:  # else memory is only counted
         numbers[: len(parameters)] = parameters
         states_in(numbers, len(states), lanes)[:] = states[:, None]
@@ -79,9 +82,9 @@ def states_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
 
 
 def sums_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
-    """Return their sums, and those of their squares, (2, state, lane)."""
+    """Return their sums, and the states before the last step, (`SUMS`, state, lane)."""
     end = len(parameters) - BEHIND - count * lanes
-    return parameters[end - 2 * count * lanes : end].reshape(2, count, lanes)
+    return parameters[end - SUMS * count * lanes : end].reshape(SUMS, count, lanes)
 
 
 @inlined
@@ -98,14 +101,18 @@ def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-unty
 
 @kernel
 def sum_states(parameters, block):  # type: ignore[no-untyped-def]
-    """Add the states of an accepted step, which have as many lanes as a block, and their squares to the sums."""
+    """Add the states of an accepted step, which have as many lanes as a block, to the sums."""
     count = int(parameters[parameters.shape[0] - BEHIND])
-    states = remembered(parameters, count, count, block)
-    sums, squares = remembered(parameters, 3 * count, count, block), remembered(parameters, 2 * count, count, block)
+    states, before = remembered(parameters, count, count, block), remembered(parameters, 2 * count, count, block)
+    changes, squares = remembered(parameters, 3 * count, count, block), remembered(parameters, 4 * count, count, block)
+    sums = remembered(parameters, 5 * count, count, block)
     for row in range(count):
         for lane in range(states.shape[1]):
-            sums[row, lane] += states[row, lane]
-            squares[row, lane] += states[row, lane] * states[row, lane]
+            value = states[row, lane]
+            sums[row, lane] += value
+            squares[row, lane] += value * value
+            changes[row, lane] += abs(value - before[row, lane])
+            before[row, lane] = value
 
 
 @kernel

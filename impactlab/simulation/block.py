@@ -14,7 +14,7 @@ from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.forces import evaluate, evaluator
 from impactlab.kernels.impacts import ENDLESS
-from impactlab.kernels.memory import accept, states_in, sums_in
+from impactlab.kernels.memory import SUMS, accept, states_in, sums_in
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.rows import F
 from impactlab.kernels.series import NEAR
@@ -209,13 +209,13 @@ class Block:
 
     def _of_laws(self) -> np.ndarray:
         """Return sums over steps of the states of laws and of their squares, by the trapezoidal rule from when sums
-        were cleared, and by how much the states have changed, (3, row, lane).
+        were cleared, by how much the states have changed, and the size of all changes, (`SUMS`, row, lane).
         """
         first, last = self.begun, self.states
         if not self.remembering:
-            return np.zeros((3, *last.shape))
-        sums, squares = sums_in(self.parameters, *last.shape)
-        return np.stack([sums - 0.5 * (last - first), squares - 0.5 * (last**2 - first**2), last - first])
+            return np.zeros((SUMS, *last.shape))
+        sums, squares, changes, _ = sums_in(self.parameters, *last.shape)
+        return np.stack([sums - 0.5 * (last - first), squares - 0.5 * (last**2 - first**2), last - first, changes])
 
     def _accept(self) -> None:
         """Bring the states of laws from their start values to the start, at once."""
@@ -433,7 +433,10 @@ class Block:
         sums.closings.peaks.before[LARGEST_FORCE] = np.nan
         if self.remembering:
             self.begun = self.states.copy()
-            sums_in(self.parameters, *self.begun.shape)[:] = 0.0
+            *totals, before = sums_in(self.parameters, *self.begun.shape)
+            before[:] = self.begun
+            for total in totals:
+                total[:] = 0.0
 
     def _collect_sums(self) -> None:
         """Bring all sums together."""

@@ -12,7 +12,7 @@ from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
-from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, StepError, limit_of, size_of
+from impactlab.simulation.step_error import BIASED, FEWEST, GROWTH, MAY_BE_ZERO, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
 TOGETHER = 8
@@ -25,10 +25,8 @@ ORDER, ORDER_OF_STATES = 2.0, 1.5
 """Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
 of a step in which noise turns the motion back is as large as h^(3/2)."""
 
-GROWTH = "law_state_growth_rate"
-"""Statistic that is 0 for states whose motion is stationary."""
-
 _POWER, _LOAD, _BALANCE = "power of kicks", "load", "balance of the mean square velocity"
+_CHANGES = "mean rate of all changes of states"
 """Names of what is known of units beside statistics."""
 
 Sums = tuple[np.ndarray, ...]
@@ -121,6 +119,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
 
     still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1]), STATE: ~model.state_ends.any(moved[:-1])}
     bias, error, measured = {}, {}, {}
+    grows = _grows(of_coarse[GROWTH], limit) if model.remembering else np.zeros(0, dtype=bool)
+    growth = np.zeros(0)
     for name in names:
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
         kept, fitted = gained[labels[_first_bodies(model, name)]], 1
@@ -131,6 +131,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
         if name not in MAY_BE_ZERO:
             difference = difference + value[:, None] * kept
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
+        if name == GROWTH:
+            growth = size = np.where(grows, size, of_fine[_CHANGES].mean(axis=-1))
         if statistic_of(name).dimension == STATE:
             size = np.where(size == 0.0, np.inf, size)  # a state that stays 0 does so at any step
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -148,14 +150,14 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
             bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
     if model.remembering:
-        _follow_growth(bias, error, _grows(of_coarse[GROWTH], limit))
+        _follow_growth(bias, error, grows)
     velocity = of_coarse["mean_square_velocity"]
     labels_of = {BODY: model.bodies, CONTACT: model.contacts, STATE: tuple(label for label, _ in model.states)}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
     order = ORDER_OF_STATES if model.remembering else ORDER
-    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, order)
+    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, growth, order)
 
 
 def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
@@ -167,11 +169,7 @@ def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
 
 
 def _follow_growth(bias: dict[str, np.ndarray], error: dict[str, np.ndarray], grows: np.ndarray) -> None:
-    """Give means of states that grow the biases of their growth rates, as a run will show: segments begin at one state.
-
-    A state that does not grow does so at no step.
-    """
-    bias[GROWTH][~grows] = error[GROWTH][~grows] = 0.0
+    """Give means of states that grow the biases of their growth rates, as a run will show: segments begin at one state."""
     growth, doubt = bias[GROWTH][grows], error[GROWTH][grows]
     bias["mean_law_state"][grows], error["mean_law_state"][grows] = growth, doubt
     bias["mean_square_law_state"][grows], error["mean_square_law_state"][grows] = (2.0 + growth) * growth, 2.0 * doubt
@@ -290,7 +288,8 @@ def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) 
     bodies, contacts, products, laws = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
     moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products, laws)
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
-    return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance}
+    changes = laws[3] / (steps * plan.clock.step)
+    return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance, _CHANGES: changes}
 
 
 def _memory(energy: np.ndarray, length: float) -> np.ndarray:

@@ -64,6 +64,9 @@ BIASED = (
 )
 """Statistics of bodies and contacts whose bias is measured, beside all of states of laws."""
 
+GROWTH = "law_state_growth_rate"
+"""Statistic whose bias is a part of the mean rate of all changes where it may be 0."""
+
 MAY_BE_ZERO = {"mean_displacement": "mean_square_displacement", "mean_law_state": "mean_square_law_state"}
 """Means that may be 0: their bias is a part of the root of a mean square."""
 
@@ -87,6 +90,8 @@ class StepError:
         Standard error of the measured mean square velocity.
     reached : float
         Share of the run that is over where the measurement ends.
+    growth : (state,) ndarray
+        What biases of growth rates of states are parts of.
     order : float
         Power of the step with which biases are taken to fall.
     seen_at : float
@@ -100,6 +105,7 @@ class StepError:
     measured: dict[str, np.ndarray] = field(default_factory=dict)
     scatter: np.ndarray | float = 0.0
     reached: float = 1.0
+    growth: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: float = 2.0
     seen_at: float = 0.0
 
@@ -266,7 +272,7 @@ class StepError:
             return f"The bias of the step was measured in the first {100.0 * self.reached:.2g} % of the run only{again}"
         for name, bias in self.bias.items():
             value, error = ran(name)
-            size = size_of(name, lambda item: dataset[item].values)
+            size = self._size(name, dataset)
             with np.errstate(divide="ignore", invalid="ignore"):
                 may_be = np.abs(bias) + self.limit * self.error[name]
                 unknown = may_be > UNSURE + 3.0 * error / size
@@ -276,6 +282,10 @@ class StepError:
                 how = f"known to ± {100.0 * known:.2g} % only" if known < math.inf else "unknown: it was not seen"
                 return f"The bias of the step in {statistic_of(name).long_name} of {label!r} is {how}{again}"
         return ""
+
+    def _size(self, name: str, dataset: xr.Dataset) -> np.ndarray:
+        """Return what the bias of a statistic of a run is a part of."""
+        return self.growth if name == GROWTH else size_of(name, lambda item: dataset[item].values)
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
         """Return a dataset with the biases, and with standard errors that allow for them.
@@ -293,6 +303,7 @@ class StepError:
             statistic = statistic_of(name)
             dimension, units, long_name = statistic.dimension, statistic.units, statistic.long_name
             part = "the root mean square" if name in MAY_BE_ZERO else "it"
+            part += ", or of the mean rate of all changes where it may be 0" * (name == GROWTH)
             seen = self.error[name][np.isfinite(self.error[name])].max(initial=0.0)
             result[statistic.step_bias] = (
                 dimension,
@@ -303,7 +314,7 @@ class StepError:
                     "comment": f"measured on the network{where}; standard error at most {seen:.1g}",
                 },
             )
-            allowance = self.allowance(name, usual) * size_of(name, lambda item: dataset[item].values)
+            allowance = self.allowance(name, usual) * self._size(name, dataset)
             text = f"part of the standard error of {long_name} that allows for the bias of the step"
             result[statistic.allowance] = labelled((dimension,), allowance, units, text)
             result[statistic.allowance][2]["comment"] = "root mean square of the bias, given what was measured of it"

@@ -89,7 +89,8 @@ def moments_of(
     others = {item.name: row if item.largest else row / steps for item, row in pairs}
     others["peak_contact_force"][plan.impacts.rigid.contacts] = np.nan  # impulses have no force
     if len(plan.forces.states):
-        others |= dict(zip(OF_STATES, laws / np.array([1.0, 1.0, plan.clock.step])[:, None, None] / steps, strict=True))
+        of_time = np.array([1.0, 1.0, plan.clock.step])[:, None, None] * steps
+        others |= dict(zip(OF_STATES, laws[:3] / of_time, strict=True))
     bodies = OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load)
     return Moments(bodies, {"contact_rate": rate, **others}, balances)
 
