@@ -206,10 +206,10 @@ class StepError:
         """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
 
         A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
-        s that is `usual`. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
+        s that is `usual`, more where steps with larger biases are chosen. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
         q = s²/(s² + σ²). What is beyond the `limit` is no unusual measurement but an unusual bias, and known: q = 1.
         """
-        bias, error = self.bias[name], self.error[name]
+        bias, error, usual = self.bias[name], self.error[name], usual * (most_of(name) / MOST_BIAS)
         known = np.where(np.abs(bias) > self.limit * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
         result: np.ndarray = np.hypot(known * bias, np.sqrt(1.0 - known) * usual)
         return result
