@@ -140,3 +140,31 @@ class Slider(il.Oscillator):
     def update(displacement, slip, spring, most):
         play = most / spring
         return min(max(slip, displacement - play), displacement + play)
+
+
+class WorkingContact(il.ContactLaw):
+    """Kelvin and Voigt's, with the work of its force by the rule that anybody would write."""
+
+    stiffness: float = il.parameter(units="N m-1")
+    damping: float = il.parameter(units="N s m-1")
+    work: float = il.state(0.0, units="J")
+
+    def force(indentation, rate, stiffness, damping):
+        return max(stiffness * indentation + damping * rate, 0.0)
+
+    def update(indentation, rate, elapsed, work, stiffness, damping):
+        force = max(stiffness * indentation + damping * rate, 0.0) if indentation > 0.0 else 0.0
+        return work + force * rate * elapsed
+
+
+class WorkingImpacts(il.LankaraniNikraveshContact):
+    """Impacts by their restitution, with the work of their force."""
+
+    work: float = il.state(0.0, units="J")
+
+    def update(indentation, rate, elapsed, closing, work, stiffness, exponent, loss):
+        first = closing if closing > 0.0 else max(rate, 0.0)
+        first = first if indentation > 0.0 else 0.0
+        damping = loss * min(max(rate / first, -1.0), 1.0) if first > 0.0 else 0.0
+        force = stiffness * indentation**exponent * max(1.0 + damping, 0.0) if indentation > 0.0 else 0.0
+        return first, work + force * rate * elapsed

@@ -141,7 +141,7 @@ def _generated(form: _Form, names: dict[Kind, str]) -> tuple[str, list[Read]]:
         parts += [write(loop) for loop in loops if loop.kind.role == role]
     remembering = [loop for loop in loops if loop.kind.states]
     if remembering:
-        parts += ["\n" + _ACCEPT, *map(accept_loop, remembering)]
+        parts += ["\n" + _ACCEPT, *map(accept_loop, remembering), "    sum_states(parameters, x)\n"]
     if rated:
         parts += ["\n" + _PEAKS, *map(peak_loop, rated)]
     for role, what in _TIMETABLES.items():
@@ -183,7 +183,7 @@ def _header(form: _Form, kernels: dict[str, str]) -> str:
         f"from impactlab.kernels.forces import FORCES, pointer{', resident' * resident}",
         *(["from impactlab.kernels.jit import timetable"] if tables else []),
         f"from impactlab.kernels.{kernels_from} import {', '.join(called) or 'clear'}",
-        *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered"] if remembering else []),
+        *(["from impactlab.kernels.memory import ACCEPT, accepting, remembered, sum_states"] if remembering else []),
         *(["from impactlab.kernels.peaks import PEAKS, reading"] if rated else []),
         *([f"from impactlab.kernels.scalars import {'cubic, ' * rated}scalar"] if kernels else []),
         *(["from impactlab.kernels.slowing import stretch"] if slowing else []),

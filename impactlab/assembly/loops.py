@@ -526,11 +526,14 @@ FORCE_LOOPS = {
 
 
 def accept_loop(loop: Loop) -> str:
-    """Write the loop that changes the states of a kind, to those with which the force was evaluated."""
-    begin: tuple[str, ...] = ()
-    slices: tuple[str, ...] = ()
-    sums: list[str] = []
-    if loop.kind.role == "residual":
+    """Write the loop that changes the states of a kind, to those with which the force was evaluated.
+
+    States that the force of a contact does not read, such as the work of its friction, are those at the mean rate of
+    the kick instead: force times rate is then the power of the kick.
+    """
+    kind, begin, slices, sums = loop.kind, (), (), []  # type: Kind, tuple[str, ...], tuple[str, ...], list[str]
+    targets = [f"{row}[member, lane]" for row in loop.rows]
+    if kind.role == "residual":
         values = {"displacement": "x[body + member, lane]", "velocity": "v[body + member, lane]"}
     else:
         begin, extension, rate = _ends(loop), "extension", "rate"
@@ -538,9 +541,21 @@ def accept_loop(loop: Loop) -> str:
             extension, rate = (_difference(loop, item) for item in "xv")
         else:
             sums = ["extension, rate = 0.0, 0.0", *_sums(loop, extension="x", rate="v")]
-        if loop.kind.rated:  # the rate without what this contact did to it, which has just closed or not, as in a kick
-            begin, slices = (*begin, "response = half_step * mobility"), ("forces_of = contact_force[slot]",)
-            rate = f"{rate} + response * forces_of[member, lane]"
         values = {"extension": extension, "indentation": f"{extension} - clearance", "rate": rate}
-    new = ", ".join(f"{row}[member, lane]" for row in loop.rows)
-    return loop.runs(*begin, slices=slices) + _over_lanes("x", [*sums, loop.update(values, new)])
+    lines = [loop.update(values, ", ".join(targets))]
+    if kind.rated and kind.reads_states:
+        begin, slices = (*begin, "response = half_step * mobility"), ("forces_of = contact_force[slot]",)
+        # the rate without what this contact did to it, which has just closed or not, as in a kick
+        values_of_force = {**values, "rate": f"{rate} + response * forces_of[member, lane]"}
+        read = [name in kind.component.arguments(kind.kernel)[1] for name in kind.states]
+        new, other = [[f"{name}_{k}" for k in range(len(read))] for name in ("new", "other")]
+        if all(read):
+            lines = [loop.update(values_of_force, ", ".join(targets))]
+        else:
+            chosen = [one if own else mean for own, one, mean in zip(read, new, other, strict=True)]
+            lines = [
+                loop.update(values_of_force, ", ".join(new)),
+                loop.update(values, ", ".join(other)),
+                f"{', '.join(targets)} = {', '.join(chosen)}",
+            ]
+    return loop.runs(*begin, slices=slices) + _over_lanes("x", [*sums, *lines])

@@ -281,6 +281,29 @@ class Model:
                 result += [(f"{name}.{state}", kind.component.units(state)) for state in kind.states for name in names]
         return tuple(result)
 
+    @cached_property
+    def state_ends(self) -> Pairs:
+        """Two bodies, or one and the wall, that the law of each state acts on, in the order of `Members.states`."""
+        result = [np.zeros((0, 2), dtype=np.int64)]
+        for kind, (leading, _) in zip(self.members.kinds, self.members.tables, strict=True):
+            if kind.states:
+                ends, cuts = self._ends_of(kind, leading), np.cumsum(runs(*leading.T)[-1])[:-1]
+                result += [part for part in np.split(ends, cuts) for _ in kind.states]
+        return Pairs(self.wall, np.concatenate(result))
+
+    def _ends_of(self, kind: Kind, leading: np.ndarray) -> np.ndarray:
+        """Return two bodies, or one and the wall, that each member of a kind acts on, (member, 2)."""
+        if kind.role == "coupling":
+            return leading[:, :2]
+        if kind.role == "residual":
+            first = leading[:, 0]
+        else:
+            links = (self.links if kind.role == "combination" else self.ends).chosen(leading[:, 0])
+            if links.plain:
+                return links.pairs
+            first = links.first()
+        return np.stack([first, np.full(len(first), self.wall)], axis=1)
+
     @property
     def remembering(self) -> bool:
         """Whether laws of contacts or couplings, or bodies have states."""

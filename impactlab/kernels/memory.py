@@ -1,7 +1,9 @@
 """The states of laws in a block: behind the parameters of the forces, lane by lane, with the time since they held.
 
-A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand the
-states, a row of lanes each, then the time at which the last step was accepted, and last of all what has passed since.
+A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand sums over
+steps, of the states, of their squares and of the size of their changes, the states before the last step, and the states,
+a row of lanes each; then the number of states, the time at which the last step was accepted, and last of all what has
+passed since.
 """
 
 from __future__ import annotations
@@ -56,29 +58,61 @@ def _accept(function, x, v, contact_force, parameters, indices):  # type: ignore
     call(function, address_of(borrow(Accepted(x, v, contact_force, 0.0, parameters, indices))), 0)
 
 
-TIMES = 2
-"""Numbers behind the states: the time of the last accepted step, and what has passed since (s)."""
+BEHIND = 3
+"""Numbers behind the states: how many they are, the time of the last accepted step, and what has passed since (s)."""
+
+SUMS = 4
+"""Rows of each state before it: three sums, and its value before the last step."""
 
 
 def with_states(parameters: np.ndarray, states: np.ndarray, lanes: int, zeros: Callable[..., np.ndarray]) -> np.ndarray:
-    """Return parameters with the states of some lanes at their start values, and the times behind them."""
-    numbers = zeros((len(parameters) + len(states) * lanes + TIMES,))
+    """Return parameters with the states of some lanes at their start values, and the numbers behind them."""
+    numbers = zeros((len(parameters) + (1 + SUMS) * len(states) * lanes + BEHIND,))
     if numbers.flags.writeable:  # else memory is only counted
         numbers[: len(parameters)] = parameters
-        numbers[len(parameters) : -TIMES] = np.repeat(states, lanes)
+        states_in(numbers, len(states), lanes)[:] = states[:, None]
+        numbers[-BEHIND] = len(states)
     return numbers
+
+
+def states_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
+    """Return so many states among parameters, which may be changed, (state, lane)."""
+    end = len(parameters) - BEHIND
+    return parameters[end - count * lanes : end].reshape(count, lanes)
+
+
+def sums_in(parameters: np.ndarray, count: int, lanes: int) -> np.ndarray:
+    """Return their sums, and the states before the last step, (`SUMS`, state, lane)."""
+    end = len(parameters) - BEHIND - count * lanes
+    return parameters[end - SUMS * count * lanes : end].reshape(SUMS, count, lanes)
 
 
 @inlined
 def remembered(parameters, place, count, block):  # type: ignore[no-untyped-def]
     """Return a state of members in a row, [member, lane]; `place` counts rows from the end, `block` has the lanes."""
     lanes = block.shape[1]
-    return rows_of_lanes(parameters, parameters.shape[0] - TIMES - place * lanes, count, lanes)
+    return rows_of_lanes(parameters, parameters.shape[0] - BEHIND - place * lanes, count, lanes)
 
 
 @instead_of(remembered)
 def _remembered_of_one(parameters, place, count, block):  # type: ignore[no-untyped-def]
-    return rows(parameters, parameters.shape[0] - TIMES - place, count)
+    return rows(parameters, parameters.shape[0] - BEHIND - place, count)
+
+
+@kernel
+def sum_states(parameters, block):  # type: ignore[no-untyped-def]
+    """Add the states of an accepted step, which have as many lanes as a block, to the sums."""
+    count = int(parameters[parameters.shape[0] - BEHIND])
+    states, before = remembered(parameters, count, count, block), remembered(parameters, 2 * count, count, block)
+    changes, squares = remembered(parameters, 3 * count, count, block), remembered(parameters, 4 * count, count, block)
+    sums = remembered(parameters, 5 * count, count, block)
+    for row in range(count):
+        for lane in range(states.shape[1]):
+            value = states[row, lane]
+            sums[row, lane] += value
+            squares[row, lane] += value * value
+            changes[row, lane] += abs(value - before[row, lane])
+            before[row, lane] = value
 
 
 @kernel

@@ -14,7 +14,7 @@ from impactlab.assembly.model import Model
 from impactlab.components.composition import Composition
 from impactlab.errors import InvalidInput
 from impactlab.kernels.forces import evaluate
-from impactlab.kernels.memory import TIMES, with_states
+from impactlab.kernels.memory import states_in, with_states
 from impactlab.plan.start import start_of
 from impactlab.results.snapshot import TIME, Snapshot
 
@@ -44,11 +44,11 @@ class Forces:
         indentation, force = np.zeros((2, 1, contacts, lanes))
         self._arrays = x, v, self._parameters, self._members.indices, indentation, force, total
         self.x, self.v, self.total, self.of_contacts = x[0, :-1], v[0, :-1], total[0, :-1], force[0]
-        self.states = self._parameters[len(own) : -TIMES].reshape(len(laws), lanes)
+        self.states = states_in(self._parameters, len(laws), lanes)
 
     def evaluate(self, t: float) -> None:
         """Look at the forces at a time (s)."""
-        self._parameters[-TIMES] = t
+        self._parameters[-2] = t
         evaluate(self._module.forces, *self._arrays)
 
     def given(self, t: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from impactlab.assembly.generate import generate
+from impactlab.assembly.links import Links
 from impactlab.assembly.model import Model
 from impactlab.integrators.kicks import kick_share, kick_width
 from impactlab.linear.laws import flowing_systems
@@ -22,6 +23,7 @@ class Forces:
     indices: np.ndarray
     states: np.ndarray  # of laws at the start; see `impactlab.assembly.members.Members`
     labels: tuple[tuple[str, str], ...]  # names of the states, and their units
+    state_ends: Links  # two bodies, or one and the wall, that the law of each state acts on
     timed: np.ndarray  # (body,) whether a law that depends on time acts on it
     timed_contacts: np.ndarray  # (contact,) whether its law is one
     passes: int  # how often a kick evaluates forces that depend on velocities, 0 where there are none
@@ -46,7 +48,7 @@ class Forces:
         """
         return cls(
             generate(model, single), model.members.parameters, model.members.indices, model.members.states,
-            model.states, model.timed, model.timed_contacts, model.passes, likely, _kicked(model, likely),
+            model.states, model.state_ends, model.timed, model.timed_contacts, model.passes, likely, _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 

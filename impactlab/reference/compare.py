@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from impactlab.errors import InvalidInput
-from impactlab.results.schema import OF_POINTS, STATISTICS, Statistic
+from impactlab.results.schema import STATISTICS, Statistic, every_statistic
 
 
 @runtime_checkable
@@ -53,8 +53,7 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     for dataset in (result, reference):
         if not isinstance(dataset, xr.Dataset):
             raise InvalidInput(f"compare takes the dataset of a simulation and a reference, not {dataset!r}.")
-    known = (*STATISTICS.values(), *OF_POINTS.values())
-    rows = [row for statistic in known for row in _rows(statistic, result, reference)]
+    rows = [row for statistic in every_statistic().values() for row in _rows(statistic, result, reference)]
     if not rows:
         raise InvalidInput(
             "The result and the reference have no statistic of the same body or contact in common; "

@@ -12,8 +12,8 @@ Variables = dict[str, Labelled]
 
 
 def labelled(dimensions: tuple[str, ...], values: np.ndarray, units: str, long_name: str) -> Labelled:
-    """Return a variable."""
-    return dimensions, values, {"units": units, "long_name": long_name}
+    """Return a variable, without units if these are empty."""
+    return dimensions, values, {**({"units": units} if units else {}), "long_name": long_name}
 
 
 def with_error(

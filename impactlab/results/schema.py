@@ -13,8 +13,8 @@ import xarray as xr
 from impactlab.errors import InvalidInput
 from impactlab.results.labels import Variables, with_error
 
-BODY, CONTACT, POINT = "oscillator", "contact", "point"
-"""Dimensions of the variables of bodies, of contacts, and of points of structures."""
+BODY, CONTACT, POINT, STATE = "oscillator", "contact", "point", "state"
+"""Dimensions of the variables of bodies, of contacts, of points of structures, and of states of laws."""
 
 
 class OfBodies(NamedTuple):
@@ -50,8 +50,12 @@ class Moments(NamedTuple):
 
     def values(self) -> dict[str, np.ndarray]:
         """Return the statistics that do not depend on the time of observation."""
-        known = stationary() if self.points is None else [*stationary(), *OF_POINTS.values()]
-        return {item.name: self.of(item) for item in known if item.formed or item.name in self.others}
+        return {item.name: self.of(item) for item in self.statistics()}
+
+    def statistics(self) -> list[Statistic]:
+        """Return those."""
+        known = [*stationary(), *(OF_POINTS.values() if self.points is not None else ()), *OF_STATES.values()]
+        return [item for item in known if item.formed or item.name in self.others]
 
     def formed_of(self, dimension: str) -> OfBodies:
         """Return what statistics of bodies, or of points, are formed of."""
@@ -70,7 +74,7 @@ class Moments(NamedTuple):
         """Return those of some bodies or contacts, without balances."""
         bodies = OfBodies(*(values[rows] for values in self.bodies)) if dimension == BODY else self.bodies
         points = OfBodies(*(values[rows] for values in self.formed_of(POINT))) if dimension == POINT else None
-        others = {name: item[rows] for name, item in self.others.items() if STATISTICS[name].dimension == dimension}
+        others = {name: item[rows] for name, item in self.others.items() if statistic_of(name).dimension == dimension}
         return Moments(bodies, others, {}, points)
 
     def of_every(self, rows: slice) -> Moments:
@@ -119,10 +123,10 @@ class Closing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """A variable of a dataset: a number for each body, contact or point."""
+    """A variable of a dataset: a number for each body, contact, point or state of a law."""
 
     statistic: str  # the statistic that it is, or belongs to
-    dimension: str  # `BODY`, `CONTACT` or `POINT`
+    dimension: str  # `BODY`, `CONTACT`, `POINT` or `STATE`
     units: str
     long_name: str
     prefix: str = ""  # of its name, before the statistic
@@ -271,6 +275,22 @@ OF_POINTS: dict[str, Statistic] = {
 """The default statistics of points by name, where structures have some."""
 
 
+OF_STATES: dict[str, Statistic] = {
+    statistic.name: statistic
+    for statistic in (
+        Statistic("mean_law_state", STATE, "", "mean state", square="mean_square_law_state"),
+        Statistic("mean_square_law_state", STATE, "", "mean square state"),
+        Statistic("law_state_growth_rate", STATE, "", "growth rate of the state"),
+    )
+}
+"""The default statistics of states of laws by name, where there are some; each state has units of its own."""
+
+
+def every_statistic() -> dict[str, Statistic]:
+    """Return all default statistics by name."""
+    return STATISTICS | OF_POINTS | OF_STATES
+
+
 def stationary() -> list[Statistic]:
     """Return the statistics of bodies and contacts that do not depend on the time of observation."""
     return [statistic for statistic in STATISTICS.values() if statistic.stationary]
@@ -278,14 +298,14 @@ def stationary() -> list[Statistic]:
 
 def statistic_of(name: str) -> Statistic:
     """Return the statistic of a name."""
-    return OF_POINTS[name] if name in OF_POINTS else STATISTICS[name]
+    return every_statistic()[name]
 
 
 def wanted_names(names: Any) -> tuple[str, ...] | None:
     """Return names of statistics, given as one or as a list of them, or refuse them; None stands for all."""
     if names is None:
         return None
-    known = {**STATISTICS, **OF_POINTS}
+    known = every_statistic()
     given = [names] if isinstance(names, str) else names
     if not isinstance(given, Sequence) or not given:
         raise InvalidInput(
@@ -299,7 +319,7 @@ def wanted_names(names: Any) -> tuple[str, ...] | None:
 
 def unwanted(names: Sequence[str]) -> set[str]:
     """Return the names of all variables of statistics beside some; balances, which are controls of all, are none."""
-    others = [item for item in (*STATISTICS.values(), *OF_POINTS.values()) if item.name not in names]
+    others = [item for item in every_statistic().values() if item.name not in names]
     found = {name for item in others for name in (item.step_bias, item.allowance)}
     if "contact_rate" not in names:
         found.add("contacts_per_sample")
@@ -324,8 +344,9 @@ def balances() -> list[Variable]:
 
 def variables() -> dict[str, Variable]:
     """Return everything that is estimated by name: values, plain means, balances."""
-    direct = [statistic.direct for statistic in (*stationary(), *OF_POINTS.values())]
-    return {variable.name: variable for variable in (*STATISTICS.values(), *OF_POINTS.values(), *direct, *balances())}
+    every = every_statistic().values()
+    direct = [statistic.direct for statistic in every if statistic.stationary]
+    return {variable.name: variable for variable in (*every, *direct, *balances())}
 
 
 def statistics(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impactlab.results.labels import Variables
-from impactlab.results.schema import BODY, CONTACT, POINT, Variable
+from impactlab.results.schema import BODY, CONTACT, POINT, STATE, Variable
 
 QUANTITIES = {
     quantity.name: quantity
@@ -30,7 +30,7 @@ AT_POINTS = {
 ALL = QUANTITIES | {quantity.name: quantity for quantity in AT_POINTS.values()}
 """Both, by name."""
 
-STATES = Variable("law_state", "state", "", "state of a law")
+STATES = Variable("law_state", STATE, "", "state of a law")
 """What else it holds where laws have states, each with units of its own."""
 
 PEAKS = Variable("largest_contact_force", CONTACT, "N", "largest contact force since the last snapshot")
@@ -130,16 +130,23 @@ class Snapshot(NamedTuple):
     @property
     def coordinates(self) -> Variables:
         """Names of the states, if there are any; those of bodies and contacts every dataset has."""
+        if not self.states:
+            return {}
         labels = np.array([name for name, _ in self.states])
-        return {STATES.dimension: ((STATES.dimension,), labels, {"long_name": "state"})} if self.states else {}
+        return {STATE: ((STATE,), labels, {"long_name": "state", "comment": self.units})}
+
+    @property
+    def units(self) -> str:
+        """The units of the states."""
+        units = dict.fromkeys(f"{name.rpartition('.')[2]} {units}" for name, units in self.states)
+        return f"units: {', '.join(units)}"
 
     def attributes(self, quantity: Variable) -> dict[str, str]:
         """Return the attributes of a quantity."""
         if quantity is not STATES:
             comment = {"comment": OF_RIGID} if quantity.name == "contact_force" and self.rigid else {}
             return {"units": quantity.units, "long_name": quantity.long_name, **comment}
-        units = dict.fromkeys(f"{name.rpartition('.')[2]} {units}" for name, units in self.states)
-        return {"long_name": quantity.long_name, "comment": f"units: {', '.join(units)}"}
+        return {"long_name": quantity.long_name, "comment": self.units}
 
     @property
     def impulsive(self) -> np.ndarray:

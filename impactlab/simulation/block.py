@@ -14,7 +14,7 @@ from impactlab.integrators.driver import colliding, filtering, sliding
 from impactlab.integrators.stretches import stretching, worth_compiling
 from impactlab.kernels.forces import evaluate, evaluator
 from impactlab.kernels.impacts import ENDLESS, SLOW
-from impactlab.kernels.memory import TIMES, accept
+from impactlab.kernels.memory import SUMS, accept, states_in, sums_in
 from impactlab.kernels.peaks import LARGEST as LARGEST_FORCE
 from impactlab.kernels.peaks import OF_BATCH
 from impactlab.kernels.rows import F
@@ -62,7 +62,7 @@ class Block:
         in_registers = layout is not None and worth_compiling(layout, plan.clock.all_steps)
         self.stretch = stretching(layout)[1] if in_registers else 0
         self.realizations = plan.realizations.of(index)
-        self.now = 0
+        self.now, self.begun = 0, np.zeros((0, len(self.realizations)))  # states of laws when sums were cleared
         lanes = len(self.realizations)
         # summed over the steps of each phase
         self.intensity = np.zeros((plan.method.integrator.phases, len(plan.noise.white)))
@@ -176,12 +176,12 @@ class Block:
         parameters, indices = self.parameters, self.plan.forces.indices
         if not self.plan.forces.clocked or laws is None:
             if self.plan.forces.clocked:
-                parameters[-TIMES:] = self.time, elapsed
+                parameters[-2:] = self.time, elapsed
             evaluate(self.module.forces, x, v, parameters, indices, *result)
             return
         parameters = parameters.copy()
         for index, (states, time) in enumerate(zip(*laws, strict=True)):
-            parameters[-TIMES:] = time, elapsed
+            parameters[-2:] = time, elapsed
             self._states_in(parameters)[:] = states
             here = (item[index : index + 1] for item in result)
             evaluate(self.module.forces, x[index : index + 1], v[index : index + 1], parameters, indices, *here)
@@ -207,15 +207,23 @@ class Block:
         return self._states_in(self.parameters)
 
     def _states_in(self, parameters: np.ndarray) -> np.ndarray:
-        first, lanes = len(self.plan.forces.parameters), len(self.realizations)
-        rows: np.ndarray = parameters[first : first + len(self.plan.forces.states) * lanes]
-        return rows.reshape(-1, lanes)
+        return states_in(parameters, len(self.plan.forces.states), len(self.realizations))
+
+    def _of_laws(self) -> np.ndarray:
+        """Return sums over steps of the states of laws and of their squares, by the trapezoidal rule from when sums
+        were cleared, by how much the states have changed, and the size of all changes, (`SUMS`, row, lane).
+        """
+        first, last = self.begun, self.states
+        if not self.remembering:
+            return np.zeros((SUMS, *last.shape))
+        sums, squares, changes, _ = sums_in(self.parameters, *last.shape)
+        return np.stack([sums - 0.5 * (last - first), squares - 0.5 * (last**2 - first**2), last - first, changes])
 
     def _accept(self) -> None:
         """Bring the states of laws from their start values to the start, at once."""
         kicks, state = self.plan.method.integrator.kicks, self.state
         place = (state.reading, state.velocity) if kicks else (state.x, state.v)
-        self.parameters[-TIMES:] = self.time, 0.0
+        self.parameters[-2:] = self.time, 0.0
         blocks = *place, state.contact_force
         accept(self.module.accept, self.plan.single, blocks, self.parameters, self.plan.forces.indices)
 
@@ -366,10 +374,11 @@ class Block:
             self._collect_sums()
             self.sums.bodies[:, :F] *= plan.method.interval  # states are added once per interval
             bodies = with_samples(self.sums.bodies, self.sums.samples)
-            totals = bodies, self.sums.contacts, self.sums.products, self.sums.points.sums
+            totals: tuple[np.ndarray, ...] = bodies, self.sums.contacts, self.sums.products, self.sums.points.sums
             if start is not None:
                 last = self._edge()
                 totals, start = over_time(plan, self.sums, self.intensity, begin, end, start, last), last
+            totals = *totals, self._of_laws()
             kept = kept or [np.empty((len(plan.clock.boundaries), *total.shape)) for total in totals]
             for total, sums in zip(totals, kept, strict=True):
                 sums[batch] = total
@@ -377,9 +386,8 @@ class Block:
         for keeper in keepers:
             if keeper.wants_end:
                 keeper.end(self._final())
-        bodies, contacts, products, points = kept
         endless = self.events.impacts.seen[[ENDLESS, SLOW]]
-        return BlockResult(bodies, contacts, products, points, endless, [keeper.result() for keeper in keepers])
+        return BlockResult(*kept, endless, [keeper.result() for keeper in keepers])
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""
@@ -403,8 +411,8 @@ class Block:
         self.sums.closings.before[0] = ends.gap(x) - clearance
         self.sums.closings.before[1] = ends.rates(x, v)
 
-    def segment(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Make some steps and return their sums over bodies, contacts and pairs, as a transient needs them."""
+    def segment(self, steps: int) -> tuple[np.ndarray, ...]:
+        """Make some steps and return their sums over bodies, contacts, pairs and laws, as a transient needs them."""
         begin, first = self.now - self.plan.clock.spin_up_steps, self._edge()
         self._clear_sums()
         self.advance(steps, lambda snapshots: None)
@@ -413,7 +421,7 @@ class Block:
         bodies, contacts, products, _ = over_time(
             self.plan, self.sums, self.intensity, begin, begin + steps, first, last
         )
-        return bodies, contacts, products
+        return bodies, contacts, products, self._of_laws()
 
     def _edge(self) -> Edge:
         """Return what the present state adds to the sums of a transient."""
@@ -429,6 +437,12 @@ class Block:
         for total in (sums.bodies, sums.contacts, sums.products, sums.samples, sums.points.sums):
             total[:] = 0.0
         sums.closings.peaks.before[[LARGEST_FORCE, OF_BATCH]] = np.nan
+        if self.remembering:
+            self.begun = self.states.copy()
+            *totals, before = sums_in(self.parameters, *self.begun.shape)
+            before[:] = self.begun
+            for total in totals:
+                total[:] = 0.0
 
     def _collect_sums(self) -> None:
         """Bring all sums together."""

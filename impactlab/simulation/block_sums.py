@@ -21,6 +21,7 @@ class BlockResult:
     contacts: np.ndarray  # (batch, row, contact, lane)
     products: np.ndarray  # (batch, row, pair, lane)
     points: np.ndarray  # (batch, phase, row, point, lane)
+    laws: np.ndarray  # (batch, row, state, lane)
     endless: np.ndarray
     """(2, rigid, lane) numbers, from 1 on, of the first step with too many impacts, and of the last one with impacts
     that are too slow to count; 0 for none."""

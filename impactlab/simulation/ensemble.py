@@ -212,6 +212,6 @@ def chatter(plan: Plan, speeds: np.ndarray) -> str:
 
 
 def merged(results: list[BlockResult]) -> tuple[np.ndarray, ...]:
-    """Join the sums of all blocks over bodies, contacts, pairs and points along the realizations, in order."""
-    sums = [(result.bodies, result.contacts, result.products, result.points) for result in results]
+    """Join the sums of all blocks over bodies, contacts, pairs, points and laws along the realizations, in order."""
+    sums = [(result.bodies, result.contacts, result.products, result.points, result.laws) for result in results]
     return sums[0] if len(sums) == 1 else tuple(np.concatenate(kind, axis=-1) for kind in zip(*sums, strict=True))

@@ -227,4 +227,4 @@ def _of_network(whole: BlockResult, place: int, number: int) -> BlockResult:
         np.ascontiguousarray(item[..., place::number, :]) for item in (whole.bodies, whole.contacts, whole.endless)
     )
     records: list[dict[str, Any]] = [item["networks"][place] for item in whole.records]  # type: ignore[misc]
-    return BlockResult(bodies, contacts, whole.products, whole.points, endless, records)
+    return BlockResult(bodies, contacts, whole.products, whole.points, whole.laws, endless, records)

@@ -35,6 +35,7 @@ def findings_of(
     given = dict(estimates.values.labelled())
     known = {name: found for name, found in given.items() if not found.value.size or not np.isnan(found.value).all()}
     coordinates = labels_of(plan.system.bodies, plan.system.contacts, plan.points.names)
+    coordinates |= plan.snapshot.coordinates
     variables = variables_of(known, coordinates)
     if plan.system.contacts:
         variables |= _of_contacts(plan, estimates)

@@ -12,8 +12,8 @@ from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import STATISTICS
-from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
+from impactlab.results.schema import statistic_of
+from impactlab.simulation.step_error import WORTH_SAYING, StepError
 from impactlab.step_size.certified import alike
 
 SURELY_FINE = 0.2
@@ -46,7 +46,9 @@ def worth_measuring(plan: Plan, model: Model, integrator: Integrator, given: flo
     return given > beyond * plan.clock.automatic
 
 
-def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: bool) -> tuple[Plan, StepError]:
+def measured(
+    plan_of: Callable[..., Plan], measure: Measure, plan: Plan, sampled: Callable[[Plan], Plan] | None
+) -> tuple[Plan, StepError]:
     """Return a plan whose step causes no large bias, and the error of its step; warn if no such step is found.
 
     Parameters
@@ -59,19 +61,24 @@ def measured(plan_of: Callable[..., Plan], measure: Measure, plan: Plan, free: b
         Measures what the step of a plan does, as `impactlab.simulation.segments.step_error`.
     plan : Plan
         The plan with the step of the rules, or the one that is given.
-    free : bool
-        Whether the step may be changed.
+    sampled : callable, optional
+        Makes the plan with the records of the run from one without them, of which it may round the step down. Without
+        it the step may not be changed.
     """
     first = plan
-    plan, error = _chosen(plan_of, measure, plan) if free else (plan, measure(plan))
-    if math.isinf(error.certain):
-        return first, error  # the run will say where it diverges, or that this is unknown
+    plan, error = _chosen(plan_of, measure, plan) if sampled else (plan, measure(plan))
+    if math.isinf(error.certain):  # the run will say where it diverges, or that this is unknown
+        return sampled(first) if sampled else first, error
+    if sampled:
+        plan = sampled(plan)
+        if plan.clock.step < error.step * (1.0 - 1e-9):
+            error = measure(plan)
     told = error.told()
     if told.certain > WORTH_SAYING:
         name, label, bias, scatter = told.worst
         warn(
             "step_bias",
-            f"At the step of {plan.clock.step:.3g} s {STATISTICS[name].long_name} of {label!r} is about "
+            f"At the step of {plan.clock.step:.3g} s {statistic_of(name).long_name} of {label!r} is about "
             f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
             f"as measured on this network; try step={error.better:.2g}.",
         )
@@ -93,24 +100,28 @@ def _chosen(plan_of: Callable[..., Plan], measure: Measure, rules: Plan) -> tupl
         plan = larger if larger.clock.step > WORTHWHILE * rules.clock.step else rules
 
     def does(plan: Plan, error: StepError) -> bool:
-        return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.certain <= MOST_BIAS
+        return error.will_do(rules.clock.step) if plan.clock.step > rules.clock.step else error.does
 
     known: StepError | None = None
+    last: StepError | None = None
     for _ in range(TRIALS):
         high = plan.clock.step > rules.clock.step
         tried, error = plan, measure(plan, anything if high else None, patient=not high)
         if known is not None and error.step < known.step:
             error = error.or_from(known)  # one event in a path may not be met again
+        if last is not None and error.follows_the_step(last):
+            return tried, error
+        last = error
         known = None if stationary or error.certain == math.inf else error
         if does(plan, error):
             return _larger(plan_of, measure, plan, error) if high else (plan, error)
         if not high:
             plan = plan_of(error.better)
-        elif MOST_BIAS < error.certain < math.inf:
+        elif not error.does and error.certain < math.inf:
             plan = plan_of(max(error.better, rules.clock.step), anything)
         else:
             plan = rules
-        if stationary and error.certain < math.inf:
+        if stationary and error.certain < math.inf and not len(rules.forces.states):
             foreseen = error.at(plan.clock.step)
             if does(plan, foreseen) and not foreseen.unclear(time):
                 return plan, foreseen

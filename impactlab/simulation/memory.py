@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from impactlab.errors import InvalidInput
+from impactlab.kernels.memory import SUMS
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, POINT_ROWS, TRANSIENT_ROWS
 from impactlab.machine import available
 from impactlab.plan.plan import Plan
@@ -30,7 +31,7 @@ def sizes(plan: Plan) -> tuple[int, int]:
     rows = (TRANSIENT_ROWS if whole else plan.rows) + len(sampled_of(BODY))
     of_sums = 8 * plan.method.integrator.phases * rows * bodies
     of_sums += 8 * (FLUX + 1 + len(sampled_of(CONTACT))) * contacts + 8 * (1 + whole) * PAIR_ROWS * pairs
-    of_sums += 8 * plan.method.integrator.phases * POINT_ROWS * len(plan.points)
+    of_sums += 8 * plan.method.integrator.phases * POINT_ROWS * len(plan.points) + 8 * SUMS * len(plan.forces.states)
     counted = Counted()
     allocate(plan, 1, counted)
     for part in plan.tiles:

@@ -13,10 +13,10 @@ from impactlab.assembly.model import Model
 from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, STATISTICS
+from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
 from impactlab.simulation.effort import FINEST
 from impactlab.simulation.separation import error_of_means
-from impactlab.simulation.step_error import BIASED, FEWEST, MAY_BE_ZERO, STILL, StepError, limit_of, size_of
+from impactlab.simulation.step_error import BIASED, FEWEST, GROWTH, MAY_BE_ZERO, STILL, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
 
 TOGETHER = 8
@@ -25,7 +25,7 @@ TOGETHER = 8
 UNITS = 32
 """Least number of independent units of a measurement: so many tell a standard error to 13 %."""
 
-ORDER, OF_STATES = 2.0, 1.5
+ORDER, ORDER_OF_STATES = 2.0, 1.5
 """Power of the step with which biases are taken to fall, and the same where laws have states: what a law does not see
 of a step in which noise turns the motion back is as large as h^(3/2)."""
 
@@ -38,10 +38,11 @@ SEPARATED = 0.1
 more of the rest of the run than independent ones."""
 
 _POWER, _LOAD, _BALANCE = "power of kicks", "load", "balance of the mean square velocity"
+_CHANGES = "mean rate of all changes of states"
 """Names of what is known of units beside statistics."""
 
 Sums = tuple[np.ndarray, ...]
-"""Of bodies, contacts and pairs."""
+"""Of bodies, contacts, pairs and states of laws."""
 
 
 class Segments(NamedTuple):
@@ -111,7 +112,9 @@ def bias_of(
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    seen = 1.0 - finer ** -(OF_STATES if model.remembering or model.interrupted.any() else ORDER)  # part of the bias
+    seen = 1.0 - finer ** -(
+        ORDER_OF_STATES if model.remembering or model.interrupted.any() else ORDER
+    )  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
@@ -125,7 +128,7 @@ def bias_of(
         moved[:] = True
     moved[:-1] &= ~model.prescribed
 
-    names = [name for name in BIASED if name in of_coarse and len(of_coarse[name])]
+    names = [name for name in (*BIASED, *OF_STATES) if name in of_coarse and len(of_coarse[name])]
     limit = limit_of(sum(len(of_coarse[name]) for name in names))
 
     def scatter(values: np.ndarray, fitted: int) -> np.ndarray:
@@ -136,14 +139,16 @@ def bias_of(
             return _error_in_time(values, coverage.left_out, limit)
         return _error(values, 1.0 if apart else coverage.left_out, limit, fitted)
 
-    still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1])}
+    still = {BODY: ~moved[:-1], CONTACT: ~model.ends.any(moved[:-1]), STATE: ~model.state_ends.any(moved[:-1])}
     of_rest = np.zeros((2, len(labels)), dtype=bool)
     if not coarse.random:
         of_rest = _at_rest(coarse, (of_coarse, of_fine), labels)
         gained[np.bincount(labels, ~of_rest[0]) == 0.0] = 0.0
     slow, at_zero = of_rest
-    resting = {BODY: slow, CONTACT: model.ends.all(slow)}
+    resting = {BODY: slow, CONTACT: model.ends.all(slow), STATE: model.state_ends.all(slow)}
     bias, error, measured = {}, {}, {}
+    grows = _grows(of_coarse[GROWTH], limit) if model.remembering else np.zeros(0, dtype=bool)
+    growth = np.zeros(0)
     for name in names:
         difference, value = of_coarse[name] - of_fine[name], of_fine[name].mean(axis=-1)
         kept, fitted = gained[labels[_first_bodies(model, name)]], 1
@@ -154,6 +159,10 @@ def bias_of(
         if name not in MAY_BE_ZERO:
             difference = difference + value[:, None] * kept
         size = size_of(name, lambda item: of_fine[item].mean(axis=-1))
+        if name == GROWTH:
+            growth = size = np.where(grows, size, of_fine[_CHANGES].mean(axis=-1))
+        if statistic_of(name).dimension == STATE:
+            size = np.where(size == 0.0, np.inf, size)  # a state that stays 0 does so at any step
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = difference / seen / size[:, None]
         if name == "contact_rate":
@@ -163,19 +172,40 @@ def bias_of(
         bias[name] = relative.mean(axis=-1)
         error[name] = scatter(relative, fitted)
         error[name][unseen] = np.inf
-        dimension = STATISTICS[name].dimension
+        dimension = statistic_of(name).dimension
         rests = at_zero if name in ("mean_displacement", "mean_square_displacement") else resting[dimension]
         bias[name][still[dimension] | rests] = error[name][still[dimension] | rests] = 0.0
         if name == "contact_ratio":  # a rest is known to a step, and has no duration where noise ends it
             bias[name][model.rigid] = error[name][model.rigid] = 0.0
         measured[name] = of_coarse[name].mean(axis=-1)
+    if model.remembering:
+        _follow_growth(bias, error, grows)
     velocity = of_coarse["mean_square_velocity"]
-    labels_of = {BODY: model.bodies, CONTACT: model.contacts}
+    labels_of = {BODY: model.bodies, CONTACT: model.contacts, STATE: tuple(label for label, _ in model.states)}
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
     unsure = {} if coarse.random else _unsure(coarse, model, bias, measured)
-    return StepError(coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure)
+    order = ORDER_OF_STATES if model.remembering else ORDER
+    return StepError(
+        coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure,
+        growth=growth, order=order,
+    )  # fmt: skip
+
+
+def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
+    """Whether each state grows by more than chance, from its growth rates in all units, (state, unit)."""
+    number = rates.shape[-1]
+    if number < FEWEST:
+        return np.zeros(len(rates), dtype=bool)
+    return np.asarray(np.abs(rates.mean(axis=-1)) > limit * rates.std(axis=-1, ddof=1) / math.sqrt(number))
+
+
+def _follow_growth(bias: dict[str, np.ndarray], error: dict[str, np.ndarray], grows: np.ndarray) -> None:
+    """Give means of states that grow the biases of their growth rates: all segments begin at one state."""
+    growth, doubt = bias[GROWTH][grows], error[GROWTH][grows]
+    bias["mean_law_state"][grows], error["mean_law_state"][grows] = growth, doubt
+    bias["mean_square_law_state"][grows], error["mean_square_law_state"][grows] = (2.0 + growth) * growth, 2.0 * doubt
 
 
 def _of_impacts(plan: Plan, finer: int, seen: float, chattering: np.ndarray) -> np.ndarray:
@@ -332,8 +362,9 @@ def _with_variance(units: dict[str, np.ndarray], mean: np.ndarray) -> dict[str, 
 
 
 def _first_bodies(model: Model, name: str) -> np.ndarray:
-    """Slots of bodies, or of one body of each contact."""
-    return model.first_of(model.ends) if STATISTICS[name].dimension == CONTACT else np.arange(len(model.bodies))
+    """Slots of bodies, or of one body of each contact, or of the law of each state."""
+    links = {CONTACT: model.ends, STATE: model.state_ends}.get(statistic_of(name).dimension)
+    return np.arange(len(model.bodies)) if links is None else model.first_of(links)
 
 
 def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) -> dict[str, np.ndarray]:
@@ -345,10 +376,13 @@ def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) 
     ]
     segments, lanes = parts[0].shape[-2:]
     counts = np.stack([plan.counts(finer * begin, finer * begin + steps) for begin in coverage.begins], axis=1)
-    bodies, contacts, products = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
-    moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products)
+    bodies, contacts, products, laws = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
+    moments = moments_of(
+        plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products, laws
+    )
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
-    return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance}
+    changes = laws[3] / (steps * plan.clock.step)
+    return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance, _CHANGES: changes}
 
 
 def _memory(energy: np.ndarray, length: float) -> np.ndarray:

@@ -27,7 +27,7 @@ from impactlab.simulation.request import Request
 from impactlab.simulation.segment_statistics import Coverage, Segments, bias_of, rows_of, together
 from impactlab.simulation.separation import SHIFT, in_pieces, separate
 from impactlab.simulation.smooth_path import Laws, SmoothPath
-from impactlab.simulation.step_error import MOST_BIAS, WORTH_SAYING, StepError
+from impactlab.simulation.step_error import WORTH_SAYING, StepError
 
 SEED = 7, 2023
 """Seed of all measurements: the step of a network does not depend on that of the run."""
@@ -68,9 +68,9 @@ def step_error(
             error = bias_of(coarse, fine, model, coverage, found, _chattering(pairs))
             if error.certain > WORTH_SAYING or error.surely_small:
                 break
-            if number >= planned and not (error.certain <= MOST_BIAS and patient and error.unclear(time)):
+            if number >= planned and not (error.does and patient and error.unclear(time)):
                 break
-        if effort.whole and MOST_BIAS < error.certain < np.inf:
+        if effort.whole and not error.does and error.certain < np.inf:
             return _along_paths(error, coarse, fine, model)
         return error
     except Diverged:
@@ -153,17 +153,27 @@ class _Pair:
                 self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_State.of(self.fine))
-        energy = self._energy(x, v, *self.fine_path.at(*_joined(ends)), laws)
+        *of_fine, fine_laws = _joined(ends)
+        energy = self._energy(x, v, *self.fine_path.at(*of_fine, fine_laws), laws, fine_laws)
         return Segments(coarse, fine, together(energy * (not follow)))  # then nothing is kept that is not seen
 
-    def _energy(self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: Laws) -> np.ndarray:
-        """Return the energy of states less that of others, by connected part: conservative forces do the work."""
+    def _energy(
+        self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: Laws, from_laws: Laws
+    ) -> np.ndarray:
+        """Return the energy of states less that of others, by connected part: conservative forces do the work.
+
+        Laws with states do the mean of what they do from either end: from one alone a spring that has slipped on would
+        be pulled back by all of its stiffness.
+        """
         plan, middle = self.coarse.plan, 0.5 * (x + from_x)
+        work = self.coarse_path.work(from_x, x, laws)
+        if self.coarse.remembering:
+            work = 0.5 * (work - self.fine_path.work(x, from_x, from_laws))
         mass, _, stiffness = (item[:, None] for item in plan.system.linear)
         pull = stiffness * middle
         for group in plan.method.groups:  # with the couplings that do not kick
             pull[:, group.slots] = group.system.stiffness @ middle[:, group.slots]
-        energy = 0.5 * mass * (v**2 - from_v**2) + pull * (x - from_x) - self.coarse_path.work(from_x, x, laws)
+        energy = 0.5 * mass * (v**2 - from_v**2) + pull * (x - from_x) - work
         result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
         np.add.at(result, self.labels, energy.swapaxes(0, 1))
         return result.swapaxes(0, 1)

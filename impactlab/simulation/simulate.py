@@ -369,18 +369,25 @@ class Part:
         return worth_measuring(self.plan, self.model, self.request.integrator, self.request.step)
 
     def measure(self) -> None:
-        """Measure what the step does; choose another where it was not given."""
+        """Measure what the step does; choose another where it was not given, whatever the records."""
         from impactlab.simulation.segments import step_error  # loaded only here
 
-        model, request = self.model, self.request
+        model, free, velocities = self.model, self.request.step is None, dict[Plan, np.ndarray | None]()
+        alone = replace(self.request, records=[]) if free else self.request
 
-        def tried(longest_step: float, velocity: np.ndarray | None = None) -> Plan:
+        def tried(longest_step: float, velocity: np.ndarray | None = None, request: Request = alone) -> Plan:
             with unheard():  # the first plan has said it
-                return make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
+                plan = make_plan(model, replace(request, longest_step=longest_step, mean_square_velocity=velocity))
+            velocities[plan] = velocity
+            return plan
+
+        def sampled(plan: Plan) -> Plan:
+            return tried(plan.clock.step, velocities[plan], self.request) if self.request.records else plan
 
         with self._explained(self.plan):
-            measure = partial(step_error, partial(make_plan, model), model, request.initial)
-            self.plan, self.error = measured(tried, measure, self.plan, request.step is None)
+            measure = partial(step_error, partial(make_plan, model), model, alone.initial)
+            first = tried(math.inf) if free and self.request.records else self.plan
+            self.plan, self.error = measured(tried, measure, first, sampled if free else None)
 
     def grow(self, number: int, progress: Callable[[float], None], file: Path | None) -> None:
         """Run the realizations that are missing of so many."""

@@ -18,7 +18,7 @@ from impactlab.integrators.intervals import in_one_piece
 from impactlab.linear.laws import linear_variances
 from impactlab.nonlinear.relaxation import undamped
 from impactlab.plan.clock import BATCHES
-from impactlab.results.schema import OF_POINTS, STATISTICS, statistic_of, variables
+from impactlab.results.schema import OF_POINTS, OF_STATES, STATISTICS, statistic_of, variables
 from impactlab.simulation.pairs import EnsembleOf, Errors, Numbers, Report, Trial, order_of, within
 from impactlab.simulation.request import Request
 
@@ -58,6 +58,11 @@ def checked(tolerance: Any, model: Model) -> dict[str, float]:
         raise InvalidInput(f'tolerance must be like {{"mean_square_displacement": 1e-3}}, not {tolerance!r}.')
     for name, value in tolerance.items():
         known = STATISTICS | OF_POINTS if model.points else STATISTICS
+        if name in OF_STATES:
+            raise InvalidInput(
+                f"tolerance: {name} has states beside each other that may be 0 or grow; name a statistic of bodies or "
+                "contacts, or give duration= instead."
+            )
         if name not in known:
             raise InvalidInput(f"tolerance: there is no statistic {name!r}; {suggestion(name, known)}")
         if not known[name].stationary:

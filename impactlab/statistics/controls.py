@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from impactlab.assembly.links import Links
-from impactlab.results.schema import BODY, CONTACT, OF_POINTS, POINT, STATISTICS, Estimate, Moments, stationary
+from impactlab.results.schema import BODY, CONTACT, POINT, STATISTICS, Estimate, Moments, every_statistic
 from impactlab.statistics.regression import Mean, Regression
 
 UNITS_PER_CONTROL = 8
@@ -47,14 +47,14 @@ def unbalanced(balances: Mapping[str, Estimate], bodies: tuple[str, ...], random
 
 
 def controlled(near: Near, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
-    """Return the statistics of bodies, contacts or points at balance 0, by name.
+    """Return the statistics of bodies, contacts, points or states at balance 0, by name.
 
     Balances of bodies that are `near` may be controls, if they are `usable`, (body, balance) of bool. The moments are
     of independent units, whose plain mean is `mean`.
     """
     balances = np.stack(list(moments.balances.values()), axis=1)
     most = len(mean.weights) // UNITS_PER_CONTROL
-    own = [statistic for statistic in (*stationary(), *OF_POINTS.values()) if statistic.dimension == near.dimension]
+    own = [item for item in every_statistic().values() if item.stationary and item.dimension == near.dimension]
     result = {statistic.name: Estimate(*np.empty((2, len(near.doubtful)))) for statistic in own}
     for rows, chosen in near.choices(usable, most):
         average = AtBalance(Regression(balances[chosen], mean.weights), mean, near.doubtful[rows])
@@ -79,7 +79,7 @@ class AtBalance:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Bodies whose balances may be controls of each body, contact or point."""
+    """Bodies whose balances may be controls of each body, contact, point or state."""
 
     dimension: str
     pairs: np.ndarray  # (pair, 2) of int: a body or contact, and a body: all pairs of one in turn, the nearest first
@@ -123,10 +123,10 @@ def neighbours(links: np.ndarray, kicked: np.ndarray) -> Near:
     return Near(BODY, pairs[~np.append(False, several)], kicked)
 
 
-def touching(ends: Links) -> Near:
-    """Return, for each contact, its bodies, the first body first."""
+def touching(ends: Links, dimension: str = CONTACT) -> Near:
+    """Return, for each contact, or state of a law, its bodies, the first body first."""
     pairs = np.stack([ends.rows, ends.slots], axis=1)
-    return Near(CONTACT, pairs[ends.slots < ends.count], np.ones(len(ends), dtype=bool))
+    return Near(dimension, pairs[ends.slots < ends.count], np.ones(len(ends), dtype=bool))
 
 
 def moving(shares: Links, moments: Moments, bodies: Near) -> Near:

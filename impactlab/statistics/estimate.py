@@ -18,7 +18,7 @@ from impactlab.errors import warn
 from impactlab.kernels.rows import FF, FLUX, F
 from impactlab.plan.clock import BATCH_TIMES, BATCHES, batches_wanted
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, OF_POINTS, POINT, STATISTICS, Moments, sampled_of
+from impactlab.results.schema import BODY, CONTACT, POINT, STATE, STATISTICS, Moments, sampled_of
 from impactlab.statistics.drift import drift_of
 from impactlab.statistics.ergodicity import Memory, memory_of
 from impactlab.statistics.heating import Heating, heating_of
@@ -42,14 +42,15 @@ class Units:
 
     @classmethod
     def of(
-        cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
-    ) -> Units:
+        cls, plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
+        laws: np.ndarray,
+    ) -> Units:  # fmt: skip
         """Return those of a run, from the sums of its batches; see `estimate`."""
         ends, realizations = (0, *plan.clock.boundaries), bodies.shape[-1]
         steps = np.diff(ends).astype(float)
         counts = np.array([plan.counts(*pair) for pair in pairwise(ends)]).T
         total = np.repeat(counts.sum(axis=1)[:, None], realizations, axis=1)
-        sums = contacts, products, points
+        sums = contacts, products, points, laws
         whole = [item.sum(axis=0) for item in sums]
         for row, statistic in enumerate(sampled_of(CONTACT), FLUX + 1):
             if statistic.largest:
@@ -122,15 +123,16 @@ class Estimates:
 
 def estimate(
     plan: Plan, bodies: np.ndarray, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
-    *, rows: Rows | None = None,
+    laws: np.ndarray, *, rows: Rows | None = None,
 ) -> Estimates:  # fmt: skip
     """Estimate all default statistics from sums over the steps of each batch, of which rows may be known.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
-    products of pairs, (batch, row, pair, realization), and of points, (batch, phase, row, point, realization).
+    products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of states
+    of laws, (batch, row, state, realization).
     """
     if rows is None:
-        (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points))
+        (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points, laws))
     units, events, values = rows.units, rows.events, rows.values
     random, trusted = plan.random, plan.realizations.trusted
     if random and not trusted:
@@ -159,10 +161,11 @@ def estimate(
 
 
 def _moments(
-    plan: Plan, counts: np.ndarray, bodies: SumsOf, contacts: np.ndarray, products: np.ndarray, points: np.ndarray
-) -> Moments:
-    """Return the moments of bodies, contacts and points, if there are any."""
-    moments = moments_of(plan, bodies, counts, contacts, products)
+    plan: Plan, counts: np.ndarray, bodies: SumsOf, contacts: np.ndarray, products: np.ndarray, points: np.ndarray,
+    laws: np.ndarray,
+) -> Moments:  # fmt: skip
+    """Return the moments of bodies, contacts, points and states, if there are any."""
+    moments = moments_of(plan, bodies, counts, contacts, products, laws)
     return with_points(plan, moments, bodies(slice(None)), counts, points) if plan.points else moments
 
 
@@ -190,7 +193,7 @@ def _closed(plan: Plan, units: Units) -> np.ndarray:
 
 def _by_realization(units: Units) -> dict[str, np.ndarray]:
     """Return statistics and balances of the realizations."""
-    known = (*STATISTICS.values(), *(OF_POINTS.values() if units.whole.points is not None else ()))
+    known = [*units.whole.statistics(), *(item for item in STATISTICS.values() if not item.stationary)]
     statistics = {item.name: units.whole.of(item) for item in known}
     balances = {STATISTICS[name].balance.name: item for name, item in units.whole.balances.items()}
     return {name: item.T for name, item in (statistics | balances).items()}
@@ -201,7 +204,12 @@ def _forget(plan: Plan, values: Values) -> None:
     random = plan.noise.random
     if random.all():
         return
-    stills = {BODY: ~random, CONTACT: ~plan.system.ends.any(random), POINT: ~plan.points.shares.any(random)}
+    stills = {
+        BODY: ~random,
+        CONTACT: ~plan.system.ends.any(random),
+        POINT: ~plan.points.shares.any(random),
+        STATE: ~plan.forces.state_ends.any(random),
+    }
     for variable, (value, error) in values.labelled():
         still = stills[variable.dimension]
         error[still] = np.where(value[still] != 0.0, np.nan, 0.0)
@@ -212,13 +220,14 @@ def _widen(plan: Plan, units: Units, events: Events, memory: Memory, values: Val
     kinetic = values.combined["mean_square_velocity"].value
     widen_contacts(plan, events, kinetic, values.of_dimension(CONTACT))
     widen_bodies(plan, events, kinetic, values.of_dimension(BODY))
-    for statistic, (_, error) in values.of_dimension(CONTACT):
+    for statistic, (_, error) in (*values.of_dimension(CONTACT), *values.of_dimension(STATE)):
         moments = units.moments if statistic.stationary else units.whole
         same = np.ptp(moments.of(statistic), axis=-1) == 0.0
-        error[same | (events.closings == 0.0)] = np.nan  # what was the same in all units is not known exactly
+        never = events.closings == 0.0 if statistic.dimension == CONTACT else False
+        error[same | never] = np.nan  # what was the same in all units is not known exactly
     widening = memory.widening(len(units.weights))
-    ends, shares = plan.system.ends, plan.points.shares
-    widenings = {BODY: widening, CONTACT: ends.largest(widening, 1.0), POINT: shares.largest(widening, 1.0)}
+    links = {CONTACT: plan.system.ends, POINT: plan.points.shares, STATE: plan.forces.state_ends}
+    widenings = {BODY: widening, **{name: item.largest(widening, 1.0) for name, item in links.items()}}
     for variable, (_, error) in values.labelled():
         error *= widenings[variable.dimension]
 

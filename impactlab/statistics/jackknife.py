@@ -9,7 +9,7 @@ import xarray as xr
 
 from impactlab.errors import InvalidInput
 from impactlab.plan.clock import BATCHES
-from impactlab.results.schema import OF_POINTS, STATISTICS, Statistic, balances, scatter_of, statistic_of
+from impactlab.results.schema import STATISTICS, Statistic, balances, every_statistic, scatter_of, statistic_of
 from impactlab.statistics.controls import UNITS_PER_CONTROL
 from impactlab.statistics.regression import Regression
 
@@ -43,8 +43,7 @@ def jackknife(dataset: xr.Dataset, function: Callable[[xr.Dataset], xr.DataArray
         If the statistics of the realizations are not there, there are too few, or the function does not keep
         their dimension.
     """
-    every = (*STATISTICS.values(), *OF_POINTS.values())
-    known = [statistic for statistic in every if statistic.by_realization in dataset]
+    known = [statistic for statistic in every_statistic().values() if statistic.by_realization in dataset]
     if not known:
         raise InvalidInput(
             "jackknife needs the statistics of each realization: simulate with record=il.PerRealization()."

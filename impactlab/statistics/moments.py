@@ -10,7 +10,7 @@ import numpy as np
 from impactlab.integrators.kicks import kick_share
 from impactlab.kernels.rows import BEGUN, FF, FLUX, FV, FX, INTENSITY, TURN, VV, XV, XX, F, V, X
 from impactlab.plan.plan import Plan
-from impactlab.results.schema import BODY, CONTACT, Moments, OfBodies, sampled_of
+from impactlab.results.schema import BODY, CONTACT, OF_STATES, Moments, OfBodies, sampled_of
 from impactlab.statistics.balances import balances_of
 from impactlab.statistics.chain import Chain, weighted_sum
 from impactlab.statistics.joint_moments import joint_moments, mean_load
@@ -64,11 +64,13 @@ Formed = tuple[Motion, dict[str, np.ndarray], np.ndarray]
 """Moments and balances of some bodies, and their sums of what statistics sample, (row, body, unit)."""
 
 
-def moments_of(plan: Plan, sums: SumsOf, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray) -> Moments:
-    """Turn sums into moments, (body or contact, unit) each.
+def moments_of(
+    plan: Plan, sums: SumsOf, counts: np.ndarray, contacts: np.ndarray, products: np.ndarray, laws: np.ndarray
+) -> Moments:
+    """Turn sums into moments, (body, contact or state, unit) each.
 
-    `counts` says over how many steps of each phase sums are, (phase, unit). Sums of contacts and products are
-    (row, contact or pair, unit).
+    `counts` says over how many steps of each phase sums are, (phase, unit). Sums of contacts, products and laws are
+    (row, contact, pair or state, unit).
     """
     steps, number = counts.sum(axis=0), len(plan.system.bodies)
     moved, of_pairs = None if plan.method.flows is None else Moved.of(plan), products / steps
@@ -86,6 +88,9 @@ def moments_of(plan: Plan, sums: SumsOf, counts: np.ndarray, contacts: np.ndarra
     pairs = [*zip(of_bodies, samples, strict=True), *zip(of_contacts, contacts[FLUX + 1 :], strict=True)]
     others = {item.name: row if item.largest else row / steps for item, row in pairs}
     others["peak_contact_force"][plan.impacts.rigid.contacts] = np.nan  # impulses have no force
+    if len(plan.forces.states):
+        of_time = np.array([1.0, 1.0, plan.clock.step])[:, None, None] * steps
+        others |= dict(zip(OF_STATES, laws[:3] / of_time, strict=True))
     bodies = OfBodies(mass, damping, stiffness, x, xx, variance, v, vv, motion.load)
     return Moments(bodies, {"contact_rate": rate, **others}, balances)
 

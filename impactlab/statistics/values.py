@@ -9,13 +9,13 @@ import numpy as np
 
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import (
-    OF_POINTS,
+    STATE,
     STATISTICS,
     Estimate,
     Moments,
     Statistic,
     Variable,
-    stationary,
+    every_statistic,
     statistic_of,
 )
 from impactlab.statistics.controls import controlled, moving, neighbours, touching, unbalanced
@@ -46,8 +46,7 @@ class Values:
             unbalanced(_every(balances, place, number), network.system.bodies, network.noise.random)
             for place, network in enumerate(networks)
         ]
-        known = [*stationary(), *(OF_POINTS.values() if plan.points else ())]
-        plain = {item.name: item.averaged(moments, mean) for item in known}
+        plain = {item.name: item.averaged(moments, mean) for item in moments.statistics()}
         errors = [error for _, error in balances.values()]
         usable = np.array([np.isfinite(error) & (error > 0.0) & ~seldom for error in errors]).T
         used = [
@@ -73,7 +72,7 @@ class Values:
 
     def labelled(self) -> Iterator[tuple[Variable, Estimate]]:
         """Give all with what they are called in a dataset."""
-        for statistic in (*STATISTICS.values(), *OF_POINTS.values()):
+        for statistic in every_statistic().values():
             if statistic.name in self.combined:
                 yield statistic, self.combined[statistic.name]
         for name, estimate in self.direct.items():
@@ -82,7 +81,7 @@ class Values:
             yield STATISTICS[name].balance, estimate
 
     def of_dimension(self, dimension: str) -> Iterator[tuple[Statistic, Estimate]]:
-        """Give values and plain means of bodies or of contacts."""
+        """Give values and plain means of bodies, contacts or states of laws."""
         for estimates in (self.combined, self.direct):
             for name, estimate in estimates.items():
                 if statistic_of(name).dimension == dimension:
@@ -96,12 +95,13 @@ def _every(estimates: Mapping[str, Estimate], place: int, number: int) -> dict[s
 
 
 def _at_balance(plan: Plan, moments: Moments, mean: Mean, usable: np.ndarray) -> dict[str, Estimate]:
-    """Return the statistics of bodies, contacts and points at balance 0; see `controlled`."""
+    """Return the statistics of bodies, contacts, points and states at balance 0; see `controlled`."""
     bodies = neighbours(plan.system.links.pairs, _kicked(plan))
     contacts = touching(plan.system.ends)
     points = [moving(plan.points.shares, moments, bodies)] if plan.points else []
+    states = [touching(plan.forces.state_ends, STATE)] if len(plan.forces.states) else []
     result: dict[str, Estimate] = {}
-    for near in (bodies, contacts, *points):
+    for near in (bodies, contacts, *points, *states):
         result |= controlled(near, moments, mean, usable)
     return result
 

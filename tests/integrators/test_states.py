@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from laws import Slider
+from laws import Slider, WorkingContact, WorkingImpacts
 
 import impactlab as il
 from impactlab.assembly.generate import generate
@@ -44,6 +44,45 @@ def test_a_law_of_a_few_lines_rebounds_as_theory_says():
         options = {"integrator": method, "initial": {"velocity": {"a": 1.0}}, "record": il.Trajectory(0.2)}
         result = il.simulate(network, 0.2, step=1e-5, **options)
         assert float(result.velocity.isel(time=-1).squeeze()) == pytest.approx(-0.5, abs=2e-5)
+
+
+def test_work_by_the_rule_that_anybody_would_write():
+    """Force times rate times step is the energy that the body loses in a collision, to second order in the step."""
+    body = il.LinearOscillator(mass=0.5)
+    network = il.Network(
+        {"a": body}, {"w": il.Contact("a", il.WALL, WorkingContact(1e6, damping=200.0), clearance=1e-3)}
+    )
+    off = []
+    for step in (1e-4, 5e-5):  # 0.14 and 0.07 of the time scale of the contact
+        starts = {"velocity": {"a": np.linspace(0.5, 1.5, 64)}}  # that meet the wall at all phases of a step
+        options = {"step": step, "integrator": EXACT, "initial": starts, "record": il.FinalState()}
+        last = il.simulate(network, 0.01, realizations=64, **options)
+        lost = 0.25 * (starts["velocity"]["a"] ** 2 - last.final_velocity.values[:, 0] ** 2)
+        work = last.final_law_state.values[:, 0]
+        assert (lost > 0.03).all()
+        off.append(np.abs(work / lost - 1.0).mean())
+    assert off[0] < 1e-3  # with the rate before the push of the contact it is 0.2
+    assert off[1] < 0.4 * off[0]
+
+
+@pytest.mark.campaign
+def test_states_that_the_force_reads_and_others_each_have_their_rate():
+    """Impacts are those of the law without the work, bit by bit, and the work is the energy that is lost."""
+    off = []
+    for step in (4e-5, 2e-5):
+        runs = []
+        for law in (WorkingImpacts(1e6, restitution=0.5), il.LankaraniNikraveshContact(1e6, restitution=0.5)):
+            stop = il.Contact("a", il.WALL, law, clearance=1e-3)
+            starts = {"velocity": {"a": np.linspace(0.5, 1.5, 64)}}
+            options = {"step": step, "integrator": EXACT, "initial": starts, "record": il.FinalState()}
+            network = il.Network({"a": il.LinearOscillator(mass=0.5)}, {"w": stop})
+            runs.append(il.simulate(network, 0.01, realizations=64, **options))
+        assert np.array_equal(*(run.final_velocity for run in runs))
+        lost = 0.25 * (starts["velocity"]["a"] ** 2 - runs[0].final_velocity.values[:, 0] ** 2)
+        work = runs[0].final_law_state.sel(state="w.work").values
+        off.append(np.abs(work / lost - 1.0).mean())
+    assert off[0] < 0.005
+    assert off[1] < 0.6 * off[0]
 
 
 class Counting(il.CouplingLaw):
@@ -116,7 +155,14 @@ def everything(factor=1.0):
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore:Too few")
 def test_blocks_lanes_and_workers_give_the_same_numbers():
-    options = {"duration": 2.0, "spin_up": 1.0, "step": 2e-3, "rng": 3, "record": il.Trajectory(0.5)}
+    options = {
+        "duration": 2.0,
+        "spin_up": 1.0,
+        "step": 2e-3,
+        "rng": 3,
+        "record": il.Trajectory(0.5),
+        "integrator": EXACT,
+    }
     many = il.simulate(everything(), realizations=9, **options)
     with ThreadPoolExecutor(3) as pool:
         again = il.simulate(everything(), realizations=9, executor=pool, **options)

@@ -126,6 +126,46 @@ def test_which_biases_will_do(bias, error, automatic, fine):
     assert found.will_do(automatic) == fine
 
 
+def of_states(step, bias, name="law_state_growth_rate", **options):
+    """Return the bias of one state."""
+    return StepError(step, {name: np.array([bias])}, {name: np.zeros(1)}, {"state": ("g.worn",)}, **options)
+
+
+def test_what_is_foreseen_says_so():
+    """Biases of a smaller step fall with a power of it, and the first power is no surprise."""
+    for order in (1.5, 2.0):
+        found = of_states(0.4, 0.08, order=order, growth=np.ones(1))
+        smaller = found.at(0.1)
+        (bias,), (error,) = smaller.bias["law_state_growth_rate"], smaller.error["law_state_growth_rate"]
+        assert bias == pytest.approx(0.08 / 4.0**order)
+        assert bias + error == pytest.approx(0.08 / 4.0)
+        comments = []
+        for item in (found, smaller):
+            data = {item: ("state", np.ones(1)) for item in of_names("law_state_growth_rate")}
+            comments.append(item.added_to(xr.Dataset(data), 0.1).law_state_growth_rate_step_bias.attrs["comment"])
+        assert comments[0].startswith("measured on the network; standard error")
+        assert comments[1].startswith("measured on the network at a step of 0.4 s, and reduced; standard error")
+
+
+def of_names(name):
+    return name, f"{name}_standard_error"
+
+
+def test_states_will_do_with_what_need_not_be_said():
+    assert of_states(0.1, 0.004).will_do(0.1)
+    assert not of_states(0.1, 0.006).will_do(0.1)
+    assert of_states(0.1, 0.004).better == 0.1
+    assert of_states(0.1, 0.02).better == pytest.approx(0.04)
+
+
+def test_a_state_that_follows_the_step_is_not_hunted():
+    count = of_states(0.1, -0.5)
+    assert of_states(0.025, -0.5).follows_the_step(count)
+    assert not of_states(0.09, -0.5).follows_the_step(count)  # no other step
+    assert not of_states(0.025, -0.2).follows_the_step(count)
+    assert not of_states(0.025, -0.5, name="mean_law_state").follows_the_step(count)
+
+
 @pytest.mark.parametrize(
     ("name", "error", "rate", "time", "unclear"),
     [

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from laws import Cosine, Slider
+from laws import Cosine, Slider, WorkingContact
 from scenes import off, plan_of
 from scipy.linalg import solve_continuous_lyapunov
 
 import impactlab as il
 from impactlab.assembly.model import Model
-from impactlab.results.schema import scatter_of
+from impactlab.results.schema import OF_STATES, scatter_of
 from impactlab.simulation.planning import make_plan
 from impactlab.simulation.segments import step_error
 
@@ -77,16 +77,16 @@ class Spring(il.CouplingLaw):
 
 
 class LateSpring(il.CouplingLaw):
-    """The same after 300 steps, and half as stiff before: what begins anew is another network."""
+    """The same after 12 s, and half as stiff before: what begins anew is another network."""
 
     stiffness: float = il.parameter(units="N m-1")
-    steps: float = il.state(0.0)
+    age: float = il.state(0.0, units="s")
 
-    def force(extension, stiffness, steps):
-        return stiffness * extension * (1.0 if steps > 300.0 else 0.5)
+    def force(extension, stiffness, age):
+        return stiffness * extension * (1.0 if age > 12.0 else 0.5)
 
-    def update(elapsed, steps):
-        return steps + (1.0 if elapsed > 0.0 else 0.0)
+    def update(elapsed, age):
+        return age + elapsed
 
 
 def held(law, body=SOFT, excitation=HEAT):
@@ -231,7 +231,7 @@ def test_the_bias_of_a_linear_element_is_that_of_its_linear_system():
 
 
 def test_the_fine_run_begins_with_the_states_of_the_coarse_one():
-    """A spring that knows how many steps it has made is seen as the plain spring that it has become."""
+    """A spring that knows its age is seen as the plain spring that it has become."""
     options = {"duration": 100.0, "realizations": 256, "step": 0.04, "spin_up": 60.0}
     late, plain = (measured(held(law), **options) for law in (LateSpring(60.0), Spring(60.0)))
     for name in ("mean_square_displacement", "mean_square_velocity"):
@@ -262,3 +262,110 @@ def test_a_tolerance_is_reached_with_states():
     matrix = np.array([[0.0, 1.0, 0.0], [-10.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
     exact = solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0]))[1, 1]
     assert float(result.mean_square_velocity.item()) == pytest.approx(exact, rel=0.02)
+
+
+def test_statistics_of_states_are_those_of_their_paths():
+    """Means over time by the trapezoidal rule, of batches too, and changes over the time that they take."""
+    network, _ = SCENES["Maxwell element"]
+    options = {"step": 0.01, "integrator": PLAIN, "rng": 1, "record": [il.Trajectory(0.01), il.PerRealization()]}
+    for realizations, duration in ((3, 10.0), (1, 13.0)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", il.AccuracyWarning)  # few samples
+            found = il.simulate(network, duration, realizations=realizations, **options)
+        path = found.law_state.transpose("realization", "state", "time").values
+        means = [np.trapezoid(values, dx=0.01) / duration for values in (path, path**2)]
+        expected = dict(zip(OF_STATES, [*means, (path[..., -1] - path[..., 0]) / duration], strict=True))
+        for name, values in expected.items():
+            np.testing.assert_allclose(found[f"{name}_by_realization"], values, rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(found[name], values.mean(axis=0), rtol=1e-9, atol=1e-12)
+    assert found.state.values.tolist() == ["h.pull", "h.last"]
+    assert found.state.attrs["comment"] == "units: pull N, last m"
+
+
+def test_statistics_of_states_have_errors_and_biases():
+    """Of a linear element the mean square is known; all changes of its states come back."""
+    network, _ = SCENES["Maxwell element"]
+    matrix = np.array([[0.0, 1.0, 0.0], [-10.0, -0.2, -1.0], [0.0, 60.0, -20.0]])
+    exact = np.diag(solve_continuous_lyapunov(matrix, -np.diag([0.0, 2.0 * np.pi, 0.0])))
+    found = il.simulate(network, 200.0, realizations=256, rng=1)
+    error = found.mean_square_law_state_standard_error.values
+    assert (error < 0.01 * exact[[2, 0]]).all()
+    assert (np.abs(found.mean_square_law_state - exact[[2, 0]]) < 3.0 * error).all()
+    for name in ("mean_law_state", "law_state_growth_rate"):
+        assert (np.abs(found[name]) < 4.0 * found[f"{name}_standard_error"]).all(), name
+    for name in OF_STATES:
+        assert (np.abs(found[f"{name}_step_bias"]) < 0.01).all(), name
+
+
+def test_networks_without_states_have_no_such_statistics():
+    found = il.simulate(stopped(il.HertzContact(1e3)), 1.0, realizations=64, rng=1, spin_up=0.0, initial="rest")
+    assert "state" not in found.dims
+    assert not {*OF_STATES} & {*found}
+
+
+@pytest.mark.campaign
+def test_the_growth_of_work_is_what_noise_puts_in():
+    """At the automatic step, and the bias of a step that is too large is told."""
+    network = stopped(WorkingContact(1e4, damping=20.0))
+    found = il.simulate(network, 100.0, realizations=256, rng=1)
+    work, error = (found[f"law_state_growth_rate{item}"].item() for item in ("", "_standard_error"))
+    put_in = math.pi - BODY.damping * found.mean_square_velocity.item()
+    doubt = math.hypot(error, BODY.damping * found.mean_square_velocity_standard_error.item())
+    assert doubt < 0.02 * put_in
+    assert abs(work - put_in) < 3.0 * doubt
+    with pytest.warns(
+        il.AccuracyWarning, match=r"At the step of .* s (growth rate of the|mean square) state of 'w.work' is about"
+    ):
+        il.simulate(network, 100.0, realizations=256, rng=1, step=0.014)
+
+
+SLOW = il.Network(
+    {"a": il.LinearOscillator(mass=1.0, damping=0.02)}, {}, {"a": il.WhiteNoise(0.2)},
+    {"k": il.Coupling(il.WALL, "a", il.BoucWenCoupling(1.0, yield_displacement=1.0, ratio=0.05, shape=0.7))},
+)  # fmt: skip
+"""A spring that slips by five yield displacements for tens of seconds."""
+
+
+@pytest.mark.campaign
+def test_slow_hysteresis_is_measured():
+    """E[v²] = 1.9187 ± 0.0008 and E[z²] = 0.5200 ± 0.0006 are those of 4000 × 800 s at a step of 0.02 s."""
+    options = {"duration": 400.0, "realizations": 1024}
+    true = {"mean_square_velocity": (1.9187, 0.0008), "mean_square_law_state": (0.5200, 0.0006)}
+    for step in (1.0 / 3.0, 1.0 / 6.0):
+        found, run = (
+            measured(SLOW, **options, step=step),
+            il.simulate(SLOW, **options, step=step, integrator=PLAIN, rng=5),
+        )
+        for name, (value, doubt) in true.items():
+            bias, error = run[name].values[0] / value - 1.0, math.hypot(scatter_of(run, name).values[0], doubt) / value
+            assert bias > 4.0 * error
+            assert abs(found.bias[name][0] - bias) < 3.0 * math.hypot(error, found.error[name][0]), (step, name)
+    chosen = il.simulate(SLOW, **options, rng=11)
+    for name, (value, doubt) in true.items():
+        error = math.hypot(chosen[f"{name}_standard_error"].values[0], doubt)
+        assert abs(chosen[name].values[0] - value) < 3.0 * error, name
+
+
+SAMPLED = (
+    "Maxwell element", "impacts on a soft wall", "slider", "slider under a given force", "hysteresis",
+    "hysteresis from a given start", "body that slips", "two slopes", "one drop", "Maxwell element beside a contact",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "scene", [pytest.param(name, marks=() if name in QUICK else pytest.mark.campaign) for name in SAMPLED]
+)
+@pytest.mark.filterwarnings("ignore::impactlab.AccuracyWarning")
+def test_records_change_the_step_no_more_than_their_interval_wants(scene):
+    """It is rounded down, to divide the interval; without an interval it stays."""
+    network, options = SCENES[scene]
+    options = {**options, "realizations": min(options.get("realizations", 1), 64)}
+    step = il.simulate(network, **options, rng=1).attrs["step"]
+    for record in (il.PerRealization(), il.FinalState()):
+        assert il.simulate(network, **options, rng=1, record=record).attrs["step"] == step
+    for parts in (7, 40):
+        interval = options["duration"] / parts
+        found = il.simulate(network, **options, rng=1, record=il.Trajectory(interval))
+        assert found.attrs["step"] == pytest.approx(interval / math.ceil(interval / step * (1.0 - 1e-9)), rel=1e-9)
+        if "mean_square_velocity_step_bias" in found:
+            assert "reduced" not in found.mean_square_velocity_step_bias.attrs["comment"]
