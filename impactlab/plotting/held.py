@@ -24,7 +24,7 @@ LABELS = (BODY, CONTACT, POINT)
 
 
 def known_dataset(result: Any) -> xr.Dataset:
-    """Return a result, a point of a sweep as a simulation has it; refuse what is none, and a point without one."""
+    """Return a result along its own axes; refuse what is none, and a point of a sweep that was not simulated."""
     if not isinstance(result, xr.Dataset):
         raise InvalidInput(f"A plot takes the dataset that il.simulate or il.sweep returned, not {type(result)!r}.")
     if "status" in result and result["status"].ndim == 0 and result["status"].item() != DONE:

@@ -33,7 +33,7 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
     xarray.Dataset
         One row along ``comparison`` for each statistic and each label that both have,
         with the coordinates ``statistic``, ``label`` (of the body or the contact) and
-        ``units`` and the variables
+        ``units``, the first columns of `to_dataframe`, and the variables
 
         - ``value`` and ``standard_error``: of the result, NaN if it has none;
         - ``reference``;

@@ -96,9 +96,10 @@ def on_own_axes(dataset: xr.Dataset) -> xr.Dataset:
 def _filled(variable: xr.Variable, dimension: str) -> int:
     """Return how many places there are along a dimension up to the last that is not empty."""
     length = variable.sizes[dimension]
-    while length and variable.isel({dimension: length - 1}).isnull().all():
-        length -= 1
-    return length
+    if length and bool(variable.isel({dimension: -1}).notnull().any()):
+        return length
+    others = [name for name in variable.dims if name != dimension]
+    return int(np.flatnonzero(variable.notnull().any(others)).max(initial=-1)) + 1
 
 
 def _axes(found: Sequence[Findings]) -> tuple[Variables, set[str]]:
