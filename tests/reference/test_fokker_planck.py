@@ -191,11 +191,11 @@ def changed_by(parts):
 def test_each_statistic_has_an_error_of_its_own():
     """A cold body that the grid does not resolve leaves the others their errors; its own are the largest of its two."""
     errors = changed_by({"mean_square_velocity": [1e-4, 0.6], "mean_contact_force": 2e-3})
-    share = SHARES["second"]
-    np.testing.assert_allclose(errors.total["mean_square_velocity"], share * np.array([1e-4, 0.6 * 0.2]))
-    np.testing.assert_allclose(errors.total["mean_square_displacement"], share * np.array([2e-4, 0.6 * 0.1]))
-    np.testing.assert_allclose(errors.total["mean_displacement"], share * 2e-3)
-    assert errors.together() == pytest.approx(share * 0.6)  # the tolerance is for all
+    of_first, of_contact, most = (SHARES["second"] * change for change in (1.5 * 1e-4, 1.5 * 2e-3, 0.6))
+    np.testing.assert_allclose(errors.total["mean_square_velocity"], [of_first, most * 0.2])
+    np.testing.assert_allclose(errors.total["mean_square_displacement"], [of_first * 2.0, most * 0.1])
+    np.testing.assert_allclose(errors.total["mean_displacement"], of_contact)
+    assert errors.together() == pytest.approx(most)  # the tolerance is for all
 
 
 def test_a_cold_heavy_body_is_resolved():

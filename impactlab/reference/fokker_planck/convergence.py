@@ -18,6 +18,10 @@ _OF_RATE = 2.0
 """Error of the rate of contacts over its changes: a density at one place has errors of its own, as large as its
 changes at a frequency ratio of 128."""
 
+_OF_FEW = 1.5
+"""Error of some statistics over what their own changes tell, at most that of all: the largest of few is more often too
+small. In 100 comparisons of coarse grids with exact laws, five errors were up to 1.36 times as large."""
+
 _OF_BODIES = "mean_square_displacement", "variance_displacement", "mean_square_velocity"
 """Statistics that are second moments of a body; others are means of contact, those of displacements too."""
 
@@ -64,8 +68,9 @@ class Convergence:
 
         Second moments of a body have one relative error, and so have means of contact.
         """
+        most = self.together()
         errors = [
-            _sum(self._relative({name: changes[group] for name, changes in self._changes.items()}))
+            min(_OF_FEW * _sum(self._relative({name: changes[group] for name, changes in self._changes.items()})), most)
             for group in range(3)
         ]
         result = {
