@@ -187,7 +187,7 @@ class _Solver:
         for part, settled in _PILOTS:
             pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
             density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = _MARGIN * self.pair.mass * found.values["mean_square_velocity"]
+            kinetic = _MARGIN * (self.pair.mass * found.values["mean_square_velocity"])
             well, last = self.pair.well(min(float(kinetic[bodies].max()), hottest), kinetic), pilot
         return last, density, well
 
