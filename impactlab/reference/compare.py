@@ -39,8 +39,8 @@ def compare(result: xr.Dataset, reference: xr.Dataset | Reference) -> xr.Dataset
         - ``reference``;
         - ``difference``: value minus reference;
         - ``relative_difference``: divided by the size of the reference, NaN if that is 0;
-        - ``z``: difference in standard errors, which include those of the reference if it
-          has some; NaN where there are none, or where they are 0.
+        - ``z``: difference in standard errors, which include those of the reference, or the numerical
+          errors of `fokker_planck`, if it has some; NaN where there are none, or where they are 0.
 
     Raises
     ------
@@ -97,14 +97,16 @@ def _rows(statistic: Statistic, result: xr.Dataset, reference: xr.Dataset) -> li
     for label in labels:
         place = {dimension: label}
         value, expected = (float(dataset[name].sel(place)) for dataset in (result, reference))
-        error, other = (_standard_error(dataset, statistic.error, place) for dataset in (result, reference))
+        error, other = (_standard_error(dataset, statistic, place) for dataset in (result, reference))
         combined = np.nan if error is None and other is None else np.hypot(error or 0.0, other or 0.0)
         rows.append((name, label, statistic.units, value, np.nan if error is None else error, expected, combined))
     return rows
 
 
-def _standard_error(dataset: xr.Dataset, error: str, place: dict[str, str]) -> float | None:
-    return float(dataset[error].sel(place)) if error in dataset else None
+def _standard_error(dataset: xr.Dataset, statistic: Statistic, place: dict[str, str]) -> float | None:
+    """Return the standard error, or the numerical one, of a statistic; None if it has neither."""
+    found = [name for name in (statistic.error, f"{statistic.name}_error") if name in dataset]
+    return float(dataset[found[0]].sel(place)) if found else None
 
 
 def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:

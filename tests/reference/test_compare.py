@@ -104,3 +104,9 @@ def test_nothing_to_compare():
         compare("result.nc", one)
     with pytest.raises(il.InvalidInput, match="select one"):
         compare(one.expand_dims(clearance=[0.1, 0.2]), exact(network()))
+
+
+def test_numerical_errors_of_a_reference_count():
+    reference = result({"contact_ratio": [0.20]}).assign(contact_ratio_error=("contact", [0.03]))
+    table = compare(result({"contact_ratio": [0.25]}, {"contact_ratio": [0.04]}), reference)
+    assert float(row(table, "contact_ratio", "contact_0").z) == pytest.approx(1.0)

@@ -11,11 +11,13 @@ import impactlab as il
 from impactlab.kernels.phases import turn
 from impactlab.linear.transitions import transition
 from impactlab.reference.fokker_planck import cost, settings
+from impactlab.reference.fokker_planck.convergence import Convergence
 from impactlab.reference.fokker_planck.follower import Hermite, propagator_of
 from impactlab.reference.fokker_planck.march import March
 from impactlab.reference.fokker_planck.pair import Pair
 from impactlab.reference.fokker_planck.propagator import Basis, Shears
 from impactlab.reference.fokker_planck.reading import Reading
+from impactlab.reference.fokker_planck.settings import LADDER, SHARES
 
 pytestmark = pytest.mark.campaign
 
@@ -171,6 +173,46 @@ def test_the_chain_is_that_of_simulations(unequal):
     beyond = np.abs(rows.difference.values) - numerical
     known = rows.standard_error.values > 0.0
     assert (beyond[known] <= 4.0 * rows.standard_error.values[known]).all()
+
+
+def changed_by(parts):
+    """Statistics, and coarser ones, of which one direction changes some by parts of them."""
+    values = {
+        "mean_displacement": np.array([-1.0, 1.0]), "mean_square_displacement": np.array([2.0, 0.1]),
+        "mean_square_velocity": np.array([1.0, 0.2]), "contact_rate": np.array([0.3]),
+        "mean_contact_force": np.array([4.0]),
+    }  # fmt: skip
+    coarser = dict.fromkeys(LADDER, values)
+    coarser["second"] = {name: value * (1.0 + np.array(parts.get(name, 0.0))) for name, value in values.items()}
+    balances = {"balance_force": np.zeros(2), "balance_power": np.zeros(1)}
+    return Convergence(values, coarser, balances)
+
+
+def test_each_statistic_has_an_error_of_its_own():
+    """A cold body that the grid does not resolve leaves the others their errors; its own are the largest of its two."""
+    errors = changed_by({"mean_square_velocity": [1e-4, 0.6], "mean_contact_force": 2e-3})
+    of_first, of_contact, most = (SHARES["second"] * change for change in (1.5 * 1e-4, 1.5 * 2e-3, 0.6))
+    np.testing.assert_allclose(errors.total["mean_square_velocity"], [of_first, most * 0.2])
+    np.testing.assert_allclose(errors.total["mean_square_displacement"], [of_first * 2.0, most * 0.1])
+    np.testing.assert_allclose(errors.total["mean_displacement"], of_contact)
+    assert errors.together() == pytest.approx(most)  # the tolerance is for all
+
+
+def test_a_cold_heavy_body_is_resolved():
+    """Temperatures 1 : 0.02 and masses 1 : 20, to 1 %, against an ensemble."""
+    mass, stiffness, damping = (1.0, 20.0), (2.25, 20.0), (0.24, 12.0)
+    parts = zip("ab", mass, damping, stiffness, strict=True)
+    bodies = {name: il.LinearOscillator(mass=m, damping=c, stiffness=k) for name, m, c, k in parts}
+    noises = {"a": il.WhiteNoise(0.24 / math.pi), "b": il.WhiteNoise(0.24 / math.pi)}
+    network = il.Network(bodies, {"g": il.Contact("a", "b", il.LinearContact(30.0), clearance=0.4)}, noises)
+    solved = il.fokker_planck(network, tolerance=0.01)
+    ds = il.simulate(network, 300.0, realizations=512, rng=1)
+    table = il.compare(ds, solved)
+    assert solved.basis["gap"] * solved.basis["center"] * solved.basis["first"] * solved.basis["second"] < 1.5e6
+    assert (np.abs(table.z.values[np.isfinite(table.z.values)]) < 4.0).all()
+    data = solved.statistics()
+    for name in ("mean_square_displacement", "mean_square_velocity", "mean_contact_force"):
+        assert (data[f"{name}_error"] < 0.01 * data[name]).all()
 
 
 def test_balances_close(unequal):

@@ -53,7 +53,8 @@ class FokkerPlanckReference(Densities):
         -------
         xarray.Dataset
             Variables as those of `simulate`; each has an ``<name>_error``, the sum of the errors of
-            all directions of the basis, at least that of the balances. The attribute ``basis`` holds
+            all directions of the basis, at least that of the balances. Second moments of a body share one
+            relative error, and so do the means of contact and of displacements. The attribute ``basis`` holds
             the basis.
         """
         dataset = self._dataset(self.errors.values)

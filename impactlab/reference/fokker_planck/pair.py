@@ -27,6 +27,9 @@ _SLOW, _LITTLE, _MOVED = 0.5, 0.15, 0.45
 """A body follows the other one if the frequency of the closed contact, in its own one, and its standard deviation, in
 penetrations, are at most these, and the force at one penetration moves it by at most so many standard deviations."""
 
+_COLD = 0.1
+"""Temperature of a body alone, relative to that of the box, below which it has a range and cells of its own."""
+
 _FADE = (0.43, 0.62), (0.56, 0.96)
 """Energies between which densities are faded out, to the left and to the right."""
 
@@ -109,9 +112,9 @@ class Pair:
         power = math.log2(twice / force) if force > 0.0 and twice > 0.0 else 1.0
         return float(brentq(lambda place: _hurwitz(min(max(power, 0.5), 4.0), place), 0.0, 0.5))
 
-    def well(self, temperature: float) -> Well:
-        """Return where the gap is at a temperature (J)."""
-        return Well(self, temperature)
+    def well(self, temperature: float, own: np.ndarray | None = None) -> Well:
+        """Return where the gap is at a temperature (J); the bodies alone are at their own, or at given ones, (2,)."""
+        return Well(self, temperature, self.temperatures if own is None else np.maximum(own, self.temperatures))
 
     @cached_property
     def gaussian(self) -> float:
@@ -134,6 +137,46 @@ class Well:
 
     pair: Pair
     temperature: float
+    own: np.ndarray  # (2,) temperatures of the bodies (J)
+
+    @cached_property
+    def cold(self) -> np.ndarray:
+        """Whether each body is much colder than the gap, (2,) of bool: its velocity and the center are then narrow."""
+        return np.asarray(self.pair.temperatures < _COLD * self.temperature) & (not self.pair.gaussian)
+
+    def _variances(self, temperatures: np.ndarray) -> np.ndarray:
+        """Return mean square velocities at some temperatures of cold bodies, others at that of the gap, (2,)."""
+        return np.asarray(np.where(self.cold, temperatures, self.temperature) / self.pair.mass)
+
+    @cached_property
+    def speeds(self) -> np.ndarray:
+        """Standard deviations of velocities by which their ranges are measured, (2,) (m s-1).
+
+        A cold body is hit by the other one, whose velocities then are its own times ``2 μ/m``.
+        """
+        speeds = np.sqrt(self._variances(self.own))
+        hits = 2.0 * self.pair.reduced_mass / self.pair.mass * speeds[::-1]
+        return np.asarray(np.where(self.cold, np.maximum(speeds, hits), speeds))
+
+    @cached_property
+    def cores(self) -> np.ndarray:
+        """Standard deviations of the velocities of the bodies alone, (2,) (m s-1)."""
+        return np.asarray(np.sqrt(self._variances(self.pair.temperatures)))
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Weight of each displacement in the center, which they make hardly correlated with the gap."""
+        strength = self.pair.stiffness
+        if self.cold.any():
+            strength = strength / np.where(self.cold, self.pair.temperatures, self.temperature)
+        return np.asarray(strength / strength.sum())
+
+    def center(self, speeds: np.ndarray) -> float:
+        """Return the standard deviation of the center where velocities have some, (2,) (m)."""
+        if not self.cold.any():
+            return math.sqrt(self.temperature / self.pair.stiffness.sum())
+        variances = speeds**2 * self.pair.mass / self.pair.stiffness
+        return math.sqrt(1.0 / (1.0 / variances).sum())
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

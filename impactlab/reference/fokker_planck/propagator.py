@@ -99,13 +99,12 @@ class Propagator:
     @cached_property
     def center(self) -> np.ndarray:
         """Nodes of y (m)."""
-        half = self.basis.box * math.sqrt(self.well.temperature / self.pair.stiffness.sum())
-        return symmetric(half, self.basis.center)
+        return symmetric(self.basis.box * self.well.center(self.well.speeds), self.basis.center)
 
     @cached_property
     def velocities(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of v₁ and v₂ (m s-1)."""
-        halves = self.basis.box * np.sqrt(self.well.temperature / self.pair.mass)
+        halves = self.basis.box * self.well.speeds
         return symmetric(halves[0], self.basis.first), symmetric(halves[1], self.basis.second)
 
     @property
@@ -120,7 +119,7 @@ class Propagator:
     @property
     def weights(self) -> np.ndarray:
         """Weight of each displacement in the center."""
-        return np.asarray(self.pair.stiffness / self.pair.stiffness.sum())
+        return self.well.weights
 
     @cached_property
     def displacements(self) -> np.ndarray:
@@ -277,14 +276,16 @@ class Propagator:
         np.matmul(back, rows_one, out=rows_two)
 
     def start(self) -> np.ndarray:
-        """Return the Gibbs density at the temperature of the box."""
+        """Return the Gibbs density at the temperature of the box, for a cold body at its own."""
         energy = np.exp(-self.well.energy(self.gap)) * self.grid.cells
         return self.normalized(np.einsum("a,b,c,d->abcd", energy, *self._gibbs()).astype(self.pair.real))
 
     def _gibbs(self) -> list[np.ndarray]:
         """Return the Gibbs densities of y, v₁ and v₂."""
-        temperature, pair = self.well.temperature, self.pair
-        coefficients = (pair.stiffness.sum(), *pair.mass)
+        temperature, pair, well = self.well.temperature, self.pair, self.well
+        coefficients: tuple[float, ...] = (pair.stiffness.sum(), *pair.mass)
+        if well.cold.any():
+            coefficients = tuple(temperature / deviation**2 for deviation in (well.center(well.speeds), *well.speeds))
         nodes = (self.center, *self.velocities)
         return [np.exp(-0.5 * each / temperature * x**2) for each, x in zip(coefficients, nodes, strict=True)]
 

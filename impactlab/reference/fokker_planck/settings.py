@@ -26,8 +26,9 @@ LADDER = (*Basis._fields, "step twice")
 FUNCTIONS, _FREE = 9.0, 1.2
 """Hermite functions of a body that follows the other one, and the step over its natural frequency."""
 
-_BOX, _GAP, _CENTER, _VELOCITY = 5.5, 7.5, 0.48, 0.43
-"""Half the box in standard deviations, cells of the gap to a penetration, other cells in standard deviations."""
+_BOX, _GAP, _CENTER, _VELOCITY, _COLD = 5.5, 7.5, 0.48, 0.43, 0.65
+"""Half the box in standard deviations, cells of the gap to a penetration, other cells in standard deviations; the last
+is for a cold body, in those of the body alone."""
 
 
 def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
@@ -44,12 +45,14 @@ def rule(pair: Pair, well: Well, part: float = 1.0) -> Basis:
     gap = Grid.nodes_within(well, box, min(well.penetration, well.width) / (_GAP * size))
     cold = 1.0 - np.minimum(pair.temperatures / well.temperature, 1.0)
     first, second = _VELOCITY / ((1.0 + 0.2 * cold.max()) * (1.0 + 0.25 * cold))
+    narrow = _CENTER / (1.0 + 0.15 * cold.max())
+    if well.cold.any():  # ranges are those of hits, and cells those of the bodies alone
+        first, second = np.where(well.cold, _COLD, (first, second)) * well.cores / well.speeds
+        narrow = _COLD * well.center(well.cores) / well.center(well.speeds)
     closed = math.sqrt(max(well.tangent / pair.reduced_mass, 1e-300))
     follows = pair.gaussian > 0.0
     step = min(0.32 / closed, (_FREE if follows else 0.8) / math.sqrt(pair.stiffness[0] / pair.mass[0]))
-    center, first, second = (
-        _odd(2.0 * box * size / cell) for cell in (_CENTER / (1.0 + 0.15 * cold.max()), first, second)
-    )
+    center, first, second = (_odd(2.0 * box * size / cell) for cell in (narrow, first, second))
     if follows:
         center = first = _odd(FUNCTIONS * part)
     return Basis(_odd(gap), center, first, second, box, step / math.sqrt(size))

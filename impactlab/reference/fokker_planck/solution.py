@@ -187,8 +187,8 @@ class _Solver:
         for part, settled in _PILOTS:
             pilot = self._propagator(well, rule(self.pair, well, part)._replace(**given))
             density, found = self._stationary(pilot, pilot.taken_from(last, density), settled)
-            kinetic = float((self.pair.mass * found.values["mean_square_velocity"])[bodies].max())
-            well, last = self.pair.well(min(_MARGIN * kinetic, hottest)), pilot
+            kinetic = _MARGIN * (self.pair.mass * found.values["mean_square_velocity"])
+            well, last = self.pair.well(min(float(kinetic[bodies].max()), hottest), kinetic), pilot
         return last, density, well
 
     def _in_time(self, well: Well, given: Mapping[str, Any]) -> tuple[Basis, float]:
