@@ -15,6 +15,7 @@ from impactlab.assembly.model import Model, kept
 from impactlab.components.component import Component
 from impactlab.components.evaluation import TIME, UPDATE, call_each
 from impactlab.components.filters import filter_of
+from impactlab.errors import InvalidInput
 from impactlab.linear.laws import coupled_systems, joined_systems
 from impactlab.linear.systems import LinearSystem
 
@@ -168,28 +169,28 @@ def _period(law: Component, kernel: str) -> float:
     _, used, fields = law.kernel(kernel)
     if TIME not in used or law.has_kernel(UPDATE):
         return 0.0
-    force = _force(law, kernel)
     values = [(law.units(name), getattr(law, name)) for name in fields]
     numbers = [(units, abs(value)) for units, value in values if isinstance(value, float | int) and value]
     periods = [2.0 * math.pi / value for units, value in numbers if units == "rad s-1"]
     periods += [1.0 / value for units, value in numbers if units in ("Hz", "s-1")]
     periods += [float(value) for units, value in numbers if units == "s"]
-    for period in sorted(periods):
-        times = period * _TIMES
-        stiffness, damping = _strengths(law, kernel, times)
-        x, v, time = (item.ravel() for item in np.meshgrid(_SIZES, _SIZES[::3], np.arange(len(times))))
-        time = time.astype(int)
-        push = force(0.0, 0.0, times)[time]
-        linear = push + stiffness[time] * x + damping[time] * v
-        size = np.abs(push) + np.abs(stiffness).max() * np.abs(x) + np.abs(damping).max() * np.abs(v)
-        with np.errstate(all="ignore"):
-            kept = np.abs(force(x, v, times[time]) - linear) <= SAME * size
-            later = np.abs(force(x, v, times[time] + 3.0 * period) - linear) <= SAME * size
-        if not kept.all():
-            return 0.0
-        if later.all():
-            return period
-    return 0.0
+    try:
+        return next((period for period in sorted(periods) if _is_linear(law, kernel, period)), 0.0)
+    except InvalidInput:  # it is not defined everywhere, as a linear one is
+        return 0.0
+
+
+def _is_linear(law: Component, kernel: str, period: float) -> bool:
+    """Whether a force is linear, and the same after a period."""
+    force, times = _force(law, kernel), period * _TIMES
+    stiffness, damping = _strengths(law, kernel, times)
+    x, v, time = (item.ravel() for item in np.meshgrid(_SIZES, _SIZES[::3], np.arange(len(times))))
+    push = force(0.0, 0.0, times)[time]
+    linear = push + stiffness[time] * x + damping[time] * v
+    size = np.abs(push) + np.abs(stiffness).max() * np.abs(x) + np.abs(damping).max() * np.abs(v)
+    with np.errstate(all="ignore"):
+        found = np.stack([force(x, v, times[time]), force(x, v, times[time] + period)])
+        return bool((np.abs(found - linear) <= SAME * size).all())
 
 
 def _common(periods: Sequence[float]) -> float | None:

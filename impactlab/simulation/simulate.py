@@ -111,7 +111,7 @@ def simulate(
         or given.
     initial : str, mapping, Dataset or path, optional
         "stationary" (default: the law without contacts, drawn again while a contact is
-        closed; where there is none, rest before the spin-up), "rest", or ``{"displacement": {name: value},
+        closed; where there is none, rest before the spin-up), "rest" (at t = 0), or ``{"displacement": {name: value},
         "velocity": {name: value}}`` (m, m s-1), 0 where nothing is named; a value is a number, or one for each
         realization. Or the result of a run with `FinalState`, or the path of its file: each realization then
         goes on from the end of its own, at t = 0 and with new noise.

@@ -38,6 +38,24 @@ class SofteningSpring(PulsatingSpring):
         return stiffness * (1.0 + depth * math.cos(2.0 * math.pi * frequency * time)) * math.tanh(extension)
 
 
+class TwiceSpring(PulsatingSpring):
+    """Of the period of one frequency, a third of which is that of another field."""
+
+    other: float = il.parameter(units="Hz")
+
+    @staticmethod
+    def force(extension, time, stiffness, frequency, other):
+        return stiffness * (2.0 + math.cos(2.0 * math.pi * frequency * time)) * extension + 0.0 * other
+
+
+class PoleSpring(PulsatingSpring):
+    """Linear nowhere, and not defined at an extension of 1 m."""
+
+    @staticmethod
+    def force(extension, time, stiffness, frequency):
+        return stiffness * math.cos(2.0 * math.pi * frequency * time) * extension / (1.0 - extension)
+
+
 def pumped(depth, pump=PUMP, stiffness=STIFFNESS):
     return il.ParametricOscillator(depth, frequency=pump, mass=1.0, damping=DAMPING, stiffness=stiffness)
 
@@ -99,8 +117,10 @@ def test_what_varies_far_from_resonance_changes_nothing():
     "law",
     [
         SofteningSpring(STIFFNESS, depth=0.198, frequency=PUMP / (2.0 * math.pi)),
+        PoleSpring(STIFFNESS, depth=0.0, frequency=1.0),
         il.LinearCoupling(1.0),
     ],
+    ids=lambda law: type(law).__name__,
 )
 def test_only_linear_springs_of_a_common_period_count(law):
     body = il.LinearOscillator(mass=1.0, damping=DAMPING)
@@ -109,6 +129,13 @@ def test_only_linear_springs_of_a_common_period_count(law):
     apart = network(b=pumped(0.1, PUMP * math.sqrt(2.0)))
     apart = apart.replace(couplings={"k": il.Coupling("a", "b", il.LinearCoupling(0.2))})
     assert not periodic(Model.of(apart))
+
+
+def test_the_period_is_that_of_the_force():
+    law = TwiceSpring(STIFFNESS, depth=0.0, frequency=1.0, other=3.0)
+    body = il.LinearOscillator(mass=1.0, damping=DAMPING)
+    (motion,) = periodic(Model.of(il.Network({"a": body}, couplings={"k": il.Coupling("a", il.WALL, law)})))
+    assert motion.period == 1.0
 
 
 def test_growth_is_refused_where_nothing_limits_it():
