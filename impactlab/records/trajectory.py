@@ -11,7 +11,8 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, RecordedRun
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Labelled, Variables
 from impactlab.results.snapshot import ALL, STATES, TIME, Kept, Snapshot, owner_of
 
