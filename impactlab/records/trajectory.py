@@ -81,11 +81,11 @@ class Trajectory(Record):
 
     def resolved(self, model: Model) -> Record:
         states = [name for name, _ in model.states]
-        known = [*model.bodies, *model.network.contacts, *(name for name, _ in model.points), *states]
-        known += [owner_of(name) for name in known if owner_of(name)]
+        members = [*model.bodies, *model.network.contacts, *(name for name, _ in model.points), *states]
+        known = dict.fromkeys([*members, *filter(None, map(owner_of, members))])
         for name in self.names or ():
             if name not in known:
-                hint = suggestion(name, dict.fromkeys(known))
+                hint = suggestion(name, known)
                 raise InvalidInput(f"Trajectory: there is no oscillator, contact, point or state {name!r}; {hint}")
         snapshot = Snapshot(model.bodies, tuple(model.network.contacts), tuple(model.states), model.points)
         if not self.kept(snapshot):

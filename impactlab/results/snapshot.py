@@ -82,10 +82,11 @@ class Kept(NamedTuple):
     names: tuple[str, ...]
     dimension: str
     reader: Reader
+    rows: slice | list[int]
 
     def values(self, snapshots: np.ndarray) -> np.ndarray:
         """Return the quantity from snapshots [sample, quantity, lane], [sample, name, lane]."""
-        found: np.ndarray = self.reader(snapshots)[:, self.reader.rows]
+        found: np.ndarray = self.reader(snapshots)[:, self.rows]
         return found
 
 
@@ -157,13 +158,18 @@ class Snapshot(NamedTuple):
 
     def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:
         """Return quantities of some names, all by default; ``name`` is also that of all ``name.…``."""
-        result = []
+        result, wanted = [], set(names or ())
         for item in self.quantities:
+            if quantities is not None and item.name not in quantities:
+                continue
             known = self.names(item.name)
-            own = known if names is None else tuple(name for name in known if {name, owner_of(name)} & {*names})
+            if names is None and item.dimension != POINT:  # views of the rows, which may be many
+                result.append(Kept(item, known, item.dimension, Reader([]), self.place(item.name)))
+                continue
+            own = known if names is None else tuple(name for name in known if wanted & {name, owner_of(name)})
             dimension = item.dimension if names is None else recorded(item.dimension)
-            if own and (quantities is None or item.name in quantities):
-                result.append(Kept(item, own, dimension, self.reader(item.name, own)))
+            reader = self.reader(item.name, own)
+            result += [Kept(item, own, dimension, reader, reader.rows)] if own else []
         return result
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:
@@ -175,7 +181,11 @@ class Snapshot(NamedTuple):
         points = dict(self.points)
         of_contacts = {"contact_force", STATES.name}
         if not any(name in points and quantity not in of_contacts for quantity, name in items):
-            return Reader([self.row(quantity, name) for quantity, name in items])
+            rows = {
+                quantity: dict(zip(self.names(quantity), range(self.size)[self.place(quantity)], strict=True))
+                for quantity in {quantity for quantity, _ in items}
+            }
+            return Reader([rows[quantity][name] for quantity, name in items])
         slots, sums = {name: ((slot, 1.0),) for slot, name in enumerate(self.bodies)} | points, []
         for quantity, name in items:
             first = self.place(quantity.removeprefix("point_")).start
