@@ -105,7 +105,7 @@ from impactlab.records.phase import PhaseDensity as PhaseDensity
 from impactlab.records.phase import PhaseMeans as PhaseMeans
 from impactlab.records.record import Keeper as Keeper
 from impactlab.records.record import Record as Record
-from impactlab.records.record import RecordedRun as RecordedRun
+from impactlab.records.recorded_run import RecordedRun as RecordedRun
 from impactlab.records.spectrum import Spectrum as Spectrum
 from impactlab.records.trajectory import PerRealization as PerRealization
 from impactlab.records.trajectory import Trajectory as Trajectory

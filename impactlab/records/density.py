@@ -18,7 +18,8 @@ from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 from impactlab.plan.plan import Plan
 from impactlab.records.reach import reach_of_moved
-from impactlab.records.record import Keeper, Record, RecordedRun, names_of
+from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.schema import BODY
 from impactlab.results.snapshot import ALL, places_of, with_points

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from impactlab.records.record import Keeper, Record, RecordedRun
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 from impactlab.results.snapshot import QUANTITIES, STATES
 

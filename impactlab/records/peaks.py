@@ -16,7 +16,8 @@ from impactlab.kernels.histogram import add_crossings, find_peaks
 from impactlab.linear.laws import extent
 from impactlab.nonlinear.tangent_stiffness import Stiffening, energies, moments
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, RecordedRun
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import PEAKS, places_of
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization

@@ -14,7 +14,8 @@ from impactlab.errors import InvalidInput, unheard
 from impactlab.kernels.histogram import count_samples
 from impactlab.plan.plan import Plan
 from impactlab.records.density import Counts, Density
-from impactlab.records.record import Keeper, Record, RecordedRun, names_of
+from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of
 from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization

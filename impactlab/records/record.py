@@ -9,110 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from impactlab.assembly.model import Model
-from impactlab.components.component import Component, known_name, suggestion
+from impactlab.components.component import Component, suggestion
 from impactlab.errors import InvalidInput
-from impactlab.plan.plan import Plan
 from impactlab.results.labels import Variables
-from impactlab.results.snapshot import ALL, QUANTITIES, STATES, Snapshot, places_of
-from impactlab.statistics.subsamples import in_subsamples, mean_of_subsamples, samples_per_realization
-
-
-class RecordedRun:
-    """The part of a run that a record may use; a block of it has some of the realizations.
-
-    Parameters
-    ----------
-    plan : Plan
-        The whole plan of the run. It is private to impactlab and changes without notice.
-    """
-
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-
-    @property
-    def realizations(self) -> int:
-        """Number of realizations of all blocks."""
-        return self.plan.realizations.number
-
-    @property
-    def step(self) -> float:
-        """Time step (s)."""
-        return self.plan.clock.step
-
-    @property
-    def duration(self) -> float:
-        """Time over which statistics are taken, from t = 0 on (s)."""
-        return self.plan.clock.duration
-
-    @property
-    def parts(self) -> int:
-        """Independent samples that a realization is cut into: 1, or its batches where realizations are few."""
-        return samples_per_realization(self.plan)
-
-    def interval(self, ratio: int) -> float:
-        """Return the time between every `ratio`-th snapshot (s)."""
-        return self.plan.interval(ratio)
-
-    def names(self, quantity: str) -> tuple[str, ...]:
-        """Return the names of the bodies, contacts, points or states that have a quantity, in their order.
-
-        Parameters
-        ----------
-        quantity : str
-            "displacement", "velocity", "contact_force", "law_state", "point_displacement" or "point_velocity".
-        """
-        known_name("quantity", quantity, (*ALL, STATES.name))
-        return self.plan.snapshot.names(quantity)
-
-    def values(self, snapshots: np.ndarray, quantity: str, names: Sequence[str] | None = None) -> np.ndarray:
-        """Return a quantity from snapshots.
-
-        Parameters
-        ----------
-        snapshots : (sample, row, lane) ndarray
-            As keepers get them; a lane is a realization.
-        quantity : str
-            As for `names`.
-        names : sequence of str, optional
-            Bodies, contacts, points or states; all by default.
-
-        Returns
-        -------
-        (sample, name, lane) ndarray
-            Forces of rigid contacts are means since the keeper's sample before.
-
-        Raises
-        ------
-        InvalidInput
-            If the quantity or a name is unknown.
-        """
-        known = self.names(quantity)
-        for name in names or ():
-            known_name(ALL[quantity].dimension if quantity in ALL else STATES.dimension, name, known)
-        reader = self.plan.snapshot.reader(quantity, known if names is None else names)
-        found: np.ndarray = reader(snapshots)[:, reader.rows]
-        return found
-
-    def mean(self, sums: Sequence[np.ndarray], samples: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean over all samples, and its standard error, as the statistics have theirs.
-
-        Parameters
-        ----------
-        sums : sequence of (lane, part, …) ndarray
-            Sums over samples, block by block.
-        samples : sequence of (lane, part) ndarray
-            How many samples there are in each.
-
-        Returns
-        -------
-        mean, error : (…) ndarray
-            The error is NaN where independent samples are too few.
-        """
-        parts, number = in_subsamples(list(sums)), in_subsamples(list(samples))
-        shape = parts.shape[1:]
-        columns = parts.reshape(len(parts), -1)
-        mean, error, _ = mean_of_subsamples(columns, number[:, None], self.plan.realizations.trusted, slice(None))
-        return mean.reshape(shape), error.reshape(shape)
+from impactlab.results.snapshot import ALL, QUANTITIES, Snapshot, places_of
 
 
 class Keeper:
@@ -204,12 +104,12 @@ class Record(Component):
     """Whether it needs samples within contact-free intervals, which are crossed at once otherwise."""
 
     @abstractmethod
-    def keeper(self, run: RecordedRun, realizations: np.ndarray, ratio: int) -> Keeper:
+    def keeper(self, run: Any, realizations: np.ndarray, ratio: int) -> Keeper:
         """Return the keeper of a block.
 
         Parameters
         ----------
-        run : RecordedRun
+        run : impactlab.RecordedRun
             The run.
         realizations : (lane,) ndarray
             Indices of the realizations of the block.
@@ -218,12 +118,12 @@ class Record(Component):
         """
 
     @abstractmethod
-    def label(self, run: RecordedRun, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
+    def label(self, run: Any, results: list[dict[str, np.ndarray]], interval: float) -> Variables:
         """Return the variables of the dataset.
 
         Parameters
         ----------
-        run : RecordedRun
+        run : impactlab.RecordedRun
             The run.
         results : list of dict
             What the keepers returned, block by block in the order of the realizations.
@@ -287,11 +187,11 @@ class Record(Component):
         """Longest step that its samples should have where any step is exact (s)."""
         return float("inf")
 
-    def bytes_per_realization(self, run: RecordedRun, interval: float) -> int:
+    def bytes_per_realization(self, run: Any, interval: float) -> int:
         """Bytes that keepers return of a realization, if these may be many; a run beyond the memory is refused."""
         return 0
 
-    def bytes_per_block(self, run: RecordedRun) -> int:
+    def bytes_per_block(self, run: Any) -> int:
         """Bytes of what is `summed` over the blocks."""
         return 0
 

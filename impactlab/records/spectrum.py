@@ -15,7 +15,8 @@ from impactlab.components.literature import article
 from impactlab.errors import InvalidInput, warn
 from impactlab.linear.decay import relaxation_time
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, RecordedRun, names_of
+from impactlab.records.record import Keeper, Record, names_of
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables, labelled, with_error
 from impactlab.results.snapshot import ALL, places_of, with_points
 from impactlab.statistics.subsamples import OF_BAND, in_subsamples, mean_of_subsamples, samples_per_realization

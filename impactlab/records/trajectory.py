@@ -11,7 +11,8 @@ from impactlab.components.component import suggestion
 from impactlab.components.fields import parameter
 from impactlab.errors import InvalidInput
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, RecordedRun
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Labelled, Variables
 from impactlab.results.snapshot import ALL, STATES, TIME, Kept, Snapshot, owner_of
 
@@ -80,11 +81,11 @@ class Trajectory(Record):
 
     def resolved(self, model: Model) -> Record:
         states = [name for name, _ in model.states]
-        known = [*model.bodies, *model.network.contacts, *(name for name, _ in model.points), *states]
-        known += [owner_of(name) for name in known if owner_of(name)]
+        members = [*model.bodies, *model.network.contacts, *(name for name, _ in model.points), *states]
+        known = dict.fromkeys([*members, *filter(None, map(owner_of, members))])
         for name in self.names or ():
             if name not in known:
-                hint = suggestion(name, dict.fromkeys(known))
+                hint = suggestion(name, known)
                 raise InvalidInput(f"Trajectory: there is no oscillator, contact, point or state {name!r}; {hint}")
         snapshot = Snapshot(model.bodies, tuple(model.network.contacts), tuple(model.states), model.points)
         if not self.kept(snapshot):

@@ -14,7 +14,8 @@ import numpy as np
 from impactlab.errors import Interrupted, InvalidInput
 from impactlab.machine import tuning
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, RecordedRun
+from impactlab.records.record import Keeper
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import Sampler, Trajectory, sample_count, trajectory_of, trajectory_size
 from impactlab.results.dataset import LOCK, told
 from impactlab.results.labels import Variables

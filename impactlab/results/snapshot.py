@@ -93,10 +93,11 @@ class Kept(NamedTuple):
     names: tuple[str, ...]
     dimension: str
     reader: Reader
+    rows: slice | list[int]
 
     def values(self, snapshots: np.ndarray) -> np.ndarray:
         """Return the quantity from snapshots [sample, quantity, lane], [sample, name, lane]."""
-        found: np.ndarray = self.reader(snapshots)[:, self.reader.rows]
+        found: np.ndarray = self.reader(snapshots)[:, self.rows]
         return found
 
 
@@ -177,13 +178,18 @@ class Snapshot(NamedTuple):
 
     def kept(self, names: Sequence[str] | None, quantities: Sequence[str] | None) -> list[Kept]:
         """Return quantities of some names, all by default; ``name`` is also that of all ``name.…``."""
-        result = []
+        result, wanted = [], set(names or ())
         for item in self.quantities:
+            if quantities is not None and item.name not in quantities:
+                continue
             known = self.names(item.name)
-            own = known if names is None else tuple(name for name in known if {name, owner_of(name)} & {*names})
+            if names is None and item.dimension != POINT:  # views of the rows, which may be many
+                result.append(Kept(item, known, item.dimension, Reader([]), self.place(item.name)))
+                continue
+            own = known if names is None else tuple(name for name in known if wanted & {name, owner_of(name)})
             dimension = item.dimension if names is None else recorded(item.dimension)
-            if own and (quantities is None or item.name in quantities):
-                result.append(Kept(item, own, dimension, self.reader(item.name, own)))
+            reader = self.reader(item.name, own)
+            result += [Kept(item, own, dimension, reader, reader.rows)] if own else []
         return result
 
     def reader(self, quantity: str, names: Sequence[str]) -> Reader:

@@ -24,7 +24,8 @@ from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.driving import GivenMotion
 from impactlab.plan.in_registers import layout_of
 from impactlab.plan.plan import Plan
-from impactlab.records.record import IntervalMeans, RecordedRun
+from impactlab.records.record import IntervalMeans
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.simulation.arrays import allocate
 from impactlab.simulation.block_sums import BlockResult, Edge, edge_of, over_time, with_samples
 from impactlab.simulation.filter_states import filter_states

@@ -17,7 +17,8 @@ from impactlab.machine import cores
 from impactlab.nonlinear.force_checks import LARGEST
 from impactlab.plan.plan import Plan
 from impactlab.plan.side_by_side import Planned, obstacle, side_by_side, structure
-from impactlab.records.record import Keeper, RecordedRun
+from impactlab.records.record import Keeper
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.simulation.block import Block, Tick, compiled
 from impactlab.simulation.block_sums import BlockResult
 from impactlab.simulation.ensemble import add_sums, merged

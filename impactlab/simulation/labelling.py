@@ -10,7 +10,7 @@ from impactlab.components.citations import entries
 from impactlab.components.literature import in_one_line
 from impactlab.components.stored import json_of
 from impactlab.plan.plan import Plan
-from impactlab.records.record import RecordedRun
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.records.trajectory import PerRealization
 from impactlab.results.dataset import provenance
 from impactlab.results.labels import Variables, labelled

@@ -7,7 +7,7 @@ from impactlab.kernels.memory import SUMS
 from impactlab.kernels.rows import FLUX, PAIR_ROWS, POINT_ROWS, TRANSIENT_ROWS
 from impactlab.machine import available
 from impactlab.plan.plan import Plan
-from impactlab.records.record import RecordedRun
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.schema import BODY, CONTACT, sampled_of
 from impactlab.simulation.arrays import Counted, allocate
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 
-from impactlab.plan.clock import BATCHES
-from impactlab.plan.plan import Plan
+from impactlab.plan.clock import BATCHES, Clock
+from impactlab.plan.realizations import Realizations
 from impactlab.statistics.bands import KNOWN, band_factor
 
 MOST = 256
@@ -21,19 +22,31 @@ OF_BAND = {
 """Attributes of a band factor."""
 
 
-def subsample_count(plan: Plan) -> int:
+class Divided(Protocol):
+    """The parts of a plan that say how realizations are divided."""
+
+    @property
+    def realizations(self) -> Realizations:
+        """The realizations."""
+
+    @property
+    def clock(self) -> Clock:
+        """The batches."""
+
+
+def subsample_count(plan: Divided) -> int:
     """Return the number of subsamples of a run."""
     return min(plan.realizations.number * len(plan.clock.boundaries), MOST)
 
 
-def subsamples_of(plan: Plan, realizations: np.ndarray) -> np.ndarray:
+def subsamples_of(plan: Divided, realizations: np.ndarray) -> np.ndarray:
     """Subsample of every realization in every batch, (batch, lane)."""
     batches = len(plan.clock.boundaries)
     units = realizations.astype(np.int64)[None, :] * batches + np.arange(batches)[:, None]
     return np.ascontiguousarray(units * subsample_count(plan) // (plan.realizations.number * batches))
 
 
-def samples_per_realization(plan: Plan) -> int:
+def samples_per_realization(plan: Divided) -> int:
     """Return into how many independent samples a realization is cut: its batches, if there are few realizations."""
     return 1 if plan.realizations.number >= BATCHES else len(plan.clock.boundaries)
 

@@ -15,7 +15,8 @@ from impactlab.assembly.model import Model
 from impactlab.errors import InvalidInput
 from impactlab.kernels.jit import kernel
 from impactlab.plan.plan import Plan
-from impactlab.records.record import Keeper, Record, RecordedRun
+from impactlab.records.record import Keeper, Record
+from impactlab.records.recorded_run import RecordedRun
 from impactlab.results.labels import Variables
 
 BODIES = ("mean_displacement", "mean_square_displacement", "mean_velocity", "mean_square_velocity")
