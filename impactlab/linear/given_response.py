@@ -17,8 +17,9 @@ from impactlab.linear.systems import ZERO, LinearSystem
 MOST, FEWEST = 2**15, 2**11
 """Times at which a response is found in a stretch of a run, and the fewest of them."""
 
-WORK = 4e8
-"""What solving for all frequencies may take: their number times the cube of the bodies."""
+WORK, MANY = 4e8, 64
+"""What solving for all frequencies may take, their number times the cube of the bodies; and bodies that move together
+up to which it is done: for more the response is that of slow forces."""
 
 FINE, FINE_FORCE = 0.25, 0.5
 """Angles between two times of the fastest motion, and of a force whose frequencies are known."""
@@ -108,6 +109,8 @@ def _range(system: LinearSystem, forces: list[_Driven], begin: float, end: float
     for strengths in map(np.linalg.eigvalsh, (system.stiffness, system.damping)):
         if strengths[0] < -ZERO * strengths[-1] or not end > max(begin, 0.0):
             return np.zeros((2, 2, bodies))
+    if bodies > MANY:
+        return _slow_range(system, forces, begin, end)
     fastest, known = system.scales[0], max(item.function.highest_frequency for item in forces)
     rates = fastest / FINE, known / FINE_FORCE, FEWEST / (end - begin)
     interval = 1.0 / max(rate for rate in rates if math.isfinite(rate))
@@ -141,6 +144,16 @@ def _range(system: LinearSystem, forces: list[_Driven], begin: float, end: float
         found.append([item[late if late.any() else slice(None)] for item in motion])
     result: np.ndarray = _ends(*(np.concatenate(item) for item in zip(*found, strict=True)))
     return result if np.isfinite(result).all() else np.zeros_like(result)
+
+
+def _slow_range(system: LinearSystem, forces: list[_Driven], begin: float, end: float) -> np.ndarray:
+    """Return the same where the forces vary slowly."""
+    result, times = np.zeros((2, 2, len(system.mass))), irregular_times(max(begin, 0.0), end, FEWEST)
+    yielding = np.linalg.pinv(system.stiffness, rcond=ZERO, hermitian=True)
+    for function, weights, _, span in forces:
+        values = function.call("force", np.clip(times, *span))
+        result[0] += np.sort(np.outer([values.min(), values.max()], yielding @ weights), axis=0)
+    return result
 
 
 def _receptance(system: LinearSystem, along: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
