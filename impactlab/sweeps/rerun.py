@@ -58,8 +58,9 @@ def rerun(source: xr.Dataset | str | os.PathLike[str], *, executor: Executor | N
         name = study.get("name") if isinstance(study, Mapping) else None
         advice = f" It is a result of the study {name!r}: use il.run_study." if name else ""
         raise InvalidInput(f"The stored configuration describes no simulation.{advice}")
-    spin_up = dataset["spin_up"].item() if "spin_up" in dataset else dataset.attrs.get("spin_up")
-    return _repeat(configuration, executor, recorded=spin_up)
+    of_point = "spin_up" in dataset and dataset["spin_up"].ndim == 0  # of a sweep
+    recorded = dataset["spin_up"].item() if of_point else dataset.attrs.get("spin_up")
+    return _repeat(configuration, executor, recorded=recorded)
 
 
 def network_of(source: xr.Dataset | str | os.PathLike[str]) -> impactlab.Network:

@@ -114,6 +114,19 @@ def test_a_free_body_starts_at_rest_since_it_has_no_law():
     assert ds.attrs["initial"] == "rest"
 
 
+def test_means_over_a_transient_from_rest_are_told_unless_it_is_asked_for(recwarn):
+    options = {"realizations": 1024, "initial": "rest", "rng": 1}
+    ds = il.simulate(linear(), 5.0, spin_up=0.0, **options)
+    il.simulate(linear(), 5.0, **{**options, "initial": {}})
+    il.simulate(linear(), 5.0, record=il.Trajectory(1.0), **options)
+    assert ds.drift > 6.0
+    assert not recwarn
+    with pytest.warns(il.AccuracyWarning, match=r"transient from rest: the two halves .* differ by \d+\.\d") as told:
+        again = il.simulate(linear(), 5.0, **options)
+    assert len(told) == 1
+    assert again.mean_square_displacement.equals(ds.mean_square_displacement)
+
+
 def test_steps_and_durations_are_kept():
     ds = il.simulate(linear(), 10.0, step=0.125, realizations=64, rng=1)
     assert ds.attrs["step"] == 0.125

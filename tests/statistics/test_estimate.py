@@ -164,19 +164,6 @@ def test_a_start_far_from_stationary_is_seen():
         il.simulate(linear(), 5.0, realizations=1024, spin_up=0.5, initial="rest", rng=1)
 
 
-def test_means_over_a_transient_from_rest_are_told_unless_it_is_asked_for(recwarn):
-    options = {"realizations": 1024, "initial": "rest", "rng": 1}
-    ds = il.simulate(linear(), 5.0, spin_up=0.0, **options)
-    il.simulate(linear(), 5.0, **{**options, "initial": {}})
-    il.simulate(linear(), 5.0, record=il.Trajectory(1.0), **options)
-    assert ds.drift > 6.0
-    assert not recwarn
-    with pytest.warns(il.AccuracyWarning, match=r"transient from rest: the two halves .* differ by \d+\.\d") as told:
-        again = il.simulate(linear(), 5.0, **options)
-    assert len(told) == 1
-    assert again.mean_square_displacement.equals(ds.mean_square_displacement)
-
-
 @pytest.mark.parametrize("rng", range(5))
 def test_a_stationary_run_shows_no_drift(rng):
     ds = il.simulate(base(), 20.0, realizations=128, rng=rng)
