@@ -14,7 +14,6 @@ from impactlab.kernels.rows import FV
 from impactlab.nonlinear.relaxation import correlation_of_neighbours
 from impactlab.plan.plan import Plan
 from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
-from impactlab.simulation.effort import FINEST
 from impactlab.simulation.separation import error_of_means
 from impactlab.simulation.step_error import BIASED, FEWEST, GROWTH, MAY_BE_ZERO, STILL, StepError, limit_of, size_of
 from impactlab.statistics.moments import moments_of
@@ -185,11 +184,12 @@ def bias_of(
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
-    unsure = {} if coarse.random else _unsure(coarse, model, bias, measured)
-    order = ORDER_OF_STATES if model.remembering else ORDER
+    unsure = {} if coarse.random else _unsure(coarse, model, measured)
     return StepError(
         coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure,
-        growth=growth, order=order,
+        doubt_of_order=0.0 if coarse.random else 1.0 / finer,  # all that a bias of first order leaves
+        growth=growth,
+        order=ORDER_OF_STATES if model.remembering else ORDER,
     )  # fmt: skip
 
 
@@ -247,23 +247,19 @@ def _at_rest(plan: Plan, units: tuple[dict[str, np.ndarray], ...], labels: np.nd
     return np.array([slow, slow & (x2 < STILL * square)])
 
 
-def _unsure(
-    plan: Plan, model: Model, bias: dict[str, np.ndarray], measured: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Return what a path without noise leaves unsure of biases, as standard errors: see `ONE_MORE` and `ORDER`."""
-    result = {name: np.abs(item) * float(FINEST) ** -ORDER for name, item in bias.items()}
+def _unsure(plan: Plan, model: Model, measured: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return what a path without noise leaves unsure of biases of contacts, as standard errors; see `ONE_MORE`."""
     rate, time = measured.get("contact_rate"), plan.clock.duration
     if rate is None:
-        return result
+        return {}
     with np.errstate(divide="ignore", invalid="ignore"):
         one = np.nan_to_num(ONE_MORE / (time * rate), posinf=0.0)
         step = np.nan_to_num(ONE_MORE * plan.clock.step * rate / measured["contact_ratio"], posinf=0.0)
-    more = {
+    return {
         "contact_rate": one,
         "contact_ratio": np.hypot(step, one) * ~model.rigid,  # a rest is known to a step, and is not told
         "mean_contact_force": one * model.rigid,
     }
-    return {name: np.hypot(item, more.get(name, 0.0)) for name, item in result.items()}
 
 
 def rows_of(model: Model, parts: np.ndarray, names: Iterable[str]) -> dict[str, np.ndarray]:

@@ -411,9 +411,9 @@ class Part:
             return found
         dataset = found.dataset()
         sampled = self.plan.random and not self.plan.realizations.trusted
-        if message := self.error.doubt(dataset, sampled, self.plan.steady):
+        if message := self.error.doubt(dataset, sampled, self.plan.steady, self.plan.clock.automatic):
             warn("unknown_step_bias", message)
-        return Findings.of(self.error.told().added_to(dataset, self.plan.clock.automatic))
+        return Findings.of(self.error.told().with_order().added_to(dataset, self.plan.clock.automatic))
 
     @contextlib.contextmanager
     def _explained(self, plan: Plan) -> Iterator[None]:

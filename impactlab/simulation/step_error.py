@@ -34,6 +34,9 @@ CERTAIN, LOOKED_AT = 2.5, 10
 UNLIKE = 2.0
 """Ratio of the mean square velocity of a run to that in the measurement beyond which this says nothing of the run."""
 
+REPRESENTATIVE, LIKE = {"mean_square_displacement", "mean_square_velocity", "contact_rate", "mean_contact_force"}, 0.25
+"""Statistics, and the part by which those of a measurement may differ from those of the run that it stands for."""
+
 UNSURE = 6.0 * WORTH_SAYING
 """Bias that must be excluded, beside three standard errors of the run, where motion is not stationary; at a third of it
 ten of 75 networks raised a warning, and no value was off."""
@@ -96,7 +99,9 @@ class StepError:
         Standard errors of the biases beside `error`, of what the compared paths cannot tell. They do not count where a
         step is chosen.
     apart : dict of str to (body or contact,) ndarray of bool
-        Whether the compared paths do not come together at smaller steps; errors are then those of averages along them.
+        Whether small changes grow until paths are apart; errors are then those of averages along them.
+    doubt_of_order : float
+        Part of a bias that is unsure, since it may fall with another power of the step than is expected.
     growth : (state,) ndarray
         What biases of growth rates of states are parts of.
     order : float
@@ -114,6 +119,7 @@ class StepError:
     reached: float = 1.0
     unsure: dict[str, np.ndarray] = field(default_factory=dict)
     apart: dict[str, np.ndarray] = field(default_factory=dict)
+    doubt_of_order: float = 0.0
     growth: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: float = 2.0
     seen_at: float = 0.0
@@ -205,9 +211,14 @@ class StepError:
         )
 
     def told(self) -> StepError:
-        """Return these biases with all that is unsure of them in their standard errors."""
+        """Return these biases with what the compared paths cannot tell in their standard errors."""
         error = {name: np.hypot(own, self.unsure.get(name, 0.0)) for name, own in self.error.items()}
         return replace(self, error=error, unsure={})
+
+    def with_order(self) -> StepError:
+        """Return these biases with errors that allow for another power of the step; none is less certain for that."""
+        error = {name: np.hypot(own, self.doubt_of_order * self.bias[name]) for name, own in self.error.items()}
+        return replace(self, error=error, doubt_of_order=0.0)
 
     @property
     def wandering(self) -> str:
@@ -272,7 +283,7 @@ class StepError:
         )
         return replace(self, bias=bias, error=error)
 
-    def doubt(self, dataset: xr.Dataset, sampled: bool, steady: bool) -> str:
+    def doubt(self, dataset: xr.Dataset, sampled: bool, steady: bool, automatic: float = 0.0) -> str:
         """Return a warning of what the measurement may not tell of a run, or nothing.
 
         Parameters
@@ -283,6 +294,8 @@ class StepError:
             Whether standard errors are missing for want of samples, not because nothing is random.
         steady : bool
             Whether the motion is stationary.
+        automatic : float
+            The step that the rules allow (s); up to it, a bias that is not known well is that of the rules.
         """
 
         def ran(name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -305,7 +318,7 @@ class StepError:
             )
         if steady:
             return ""
-        if self.reached < REACHED:
+        if self.reached < REACHED and self._unlike(ran):
             return f"The bias of the step was measured in the first {100.0 * self.reached:.2g} % of the run only{again}"
         no = np.zeros((), dtype=bool)
         for name, bias in self.bias.items():
@@ -314,6 +327,8 @@ class StepError:
             with np.errstate(divide="ignore", invalid="ignore"):
                 may_be = np.abs(bias) + self.limit * self.error[name]
                 unknown = may_be > UNSURE + 3.0 * error / size
+                if self.step <= automatic * (1.0 + 1e-9):
+                    unknown &= np.isinf(self.error[name])
                 unknown &= (np.abs(bias) <= WORTH_SAYING + self.limit * self.error[name]) & ~self.apart.get(name, no)
             for place in np.flatnonzero(unknown & (value != 0.0) & (3.0 * error < KNOWN * size))[:1]:
                 label, known = self.labels[statistic_of(name).dimension][place], self.error[name][place]
@@ -324,6 +339,18 @@ class StepError:
     def _size(self, name: str, dataset: xr.Dataset) -> np.ndarray:
         """Return what the bias of a statistic of a run is a part of."""
         return self.growth if name == GROWTH else size_of(name, lambda item: dataset[item].values)
+
+    def _unlike(self, ran: Callable[[str], tuple[np.ndarray, np.ndarray]]) -> bool:
+        """Whether what was measured may differ from the whole run, from values of the run and their errors by name.
+
+        Motion that is as strong as in the run, with contacts that close as often and as hard, has the same biases.
+        """
+        for name in REPRESENTATIVE & self.measured.keys():
+            (value, error), seen = ran(name), self.measured[name]
+            both = np.maximum(np.abs(value), np.abs(seen))
+            if (np.abs(value - seen) > LIKE * both + self.limit * np.nan_to_num(error)).any():
+                return True
+        return False
 
     def added_to(self, dataset: xr.Dataset, automatic: float) -> xr.Dataset:
         """Return a dataset with the biases, and with standard errors that allow for them.
