@@ -92,7 +92,7 @@ def _step_with_impacts(forces, tables, driven, state, history, steps, index):  #
     flight = Flight(begin, slot.x, state.v, last_force, impacts, steps.step, row)
     call(impacts.function, address_of(flight), now)
     kick(forces, tables, steps.passes, state.still, state.v, state.reading, slot)
-    show_impacts(impacts, steps, index, slot.indentation, slot.contact_force)
+    show_impacts(impacts, steps, slot.indentation, slot.contact_force)
     _end_step(tables, state, slot, last_force, steps, index)
     if steps.every:
         gather_impulses(impacts, steps, sampled(steps, index), state.contact_force)

@@ -453,13 +453,13 @@ def collisions(place, now):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def show_impacts(impacts, steps, index, indentation, contact_force):  # type: ignore[no-untyped-def]
+def show_impacts(impacts, steps, indentation, contact_force):  # type: ignore[no-untyped-def]
     """Write forces of rigid contacts, means over a step, and indentations, as small as can be where they rest.
 
     Impacts are counted here; contacts that come to rest are so by their indentation, unless impacts have to be fast to
-    count and led to the rest.
+    count.
     """
-    seen, counted, number = impacts.seen, impacts.depths.shape[0] > 0, steps.first + index + 1.0
+    seen, counted = impacts.seen, impacts.depths.shape[0] > 0
     for rigid in range(seen.shape[1]):
         contact = impacts.rigid.contacts[rigid]
         for lane in range(contact_force.shape[1]):
@@ -467,8 +467,7 @@ def show_impacts(impacts, steps, index, indentation, contact_force):  # type: ig
             indentation[contact, lane] = TOUCHING if seen[RESTING, rigid, lane] > 0.0 else -math.inf
         if counted and impacts.rigid.numbers[COUNTED, rigid] > 0.0:
             for lane in range(contact_force.shape[1]):
-                if seen[IMPACTS, rigid, lane] > 0.0 or seen[SLOW, rigid, lane] == number:
-                    impacts.depths[contact, lane] = TOUCHING
+                impacts.depths[contact, lane] = TOUCHING
         if steps.summing:
             for lane in range(contact_force.shape[1]):
                 impacts.closings[contact, lane] += seen[IMPACTS, rigid, lane]

@@ -201,7 +201,7 @@ def slow_impacts(plan: Plan, results: list[BlockResult]) -> np.ndarray:
 def chatter(plan: Plan, speeds: np.ndarray) -> str:
     """Say of which rigid contact the slowest impacts do not count, and from which closing velocity on they do."""
     found = np.flatnonzero(np.isfinite(speeds))
-    if not found.size or "contact_rate" in plan.observed.left_out:
+    if not found.size:
         return ""
     others = f", nor of {found.size - 1} other contact(s)" if found.size > 1 else ""
     return (

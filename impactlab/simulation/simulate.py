@@ -471,6 +471,8 @@ def _estimated(
     if message := endless_chatter(plan, results):
         warn("chatter", message)
     slowest_counted = slow_impacts(plan, results)
+    if request.statistics is not None and "contact_rate" not in request.statistics:
+        slowest_counted[:] = np.nan
     if message := chatter(plan, slowest_counted):
         warn("small_impacts", message)
     drifting = plan.steady and estimates.drift > DRIFT

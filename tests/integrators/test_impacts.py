@@ -68,6 +68,107 @@ def test_ball_bounces_and_comes_to_rest(restitution, step):
     assert float(result.mean_contact_force[0]) * duration == pytest.approx(10.0 * duration + final, rel=1e-9)
 
 
+@pytest.mark.parametrize("step", [0.01, 0.037])
+@pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8])
+def test_fast_impacts_of_a_ball_are_counted(restitution, step):
+    """Of endlessly many those that close with ``e^k √(2gh)`` above a threshold; beginnings of rests are none."""
+    with bouncing("table"):
+        result = path(ball(restitution), {"ball": 1.0}, {"ball": 0.0}, 10.0, step)
+    threshold = float(result.impact_velocity_threshold[0])
+    number = 1 + math.floor(math.log(threshold / math.sqrt(20.0)) / math.log(restitution))
+    assert float(result.contact_rate[0]) * result.attrs["duration"] == pytest.approx(number)
+    assert "only faster impacts count" in result.contact_rate.attrs["comment"]
+
+
+def test_no_rate_no_word_of_its_threshold():
+    """Without `contact_rate`, without loss and where nothing is too slow to count."""
+    fall = path(ball(0.5), {"ball": 1.0}, {"ball": 0.0}, 2.0, 0.01, statistics="mean_contact_force", realizations=32)
+    elastic = path(ball(1.0), {"ball": 1.0}, {"ball": 0.0}, 2.0, 0.01)
+    short = path(ball(0.5), {"ball": 1.0}, {"ball": 0.0}, 0.5, 0.01)  # one impact
+    for result in (fall, elastic, short):
+        assert "impact_velocity_threshold" not in result
+    assert float(short.contact_rate[0]) * 0.5 == pytest.approx(1.0)
+
+
+def located_impacts(restitution, threshold, frequency, periods):
+    """Fast impacts of a driven body beside a stop in the last of some periods, each located by DOP853."""
+
+    def hit(t, y):
+        return y[0] - 0.1
+
+    def motion(t, y):
+        return [y[1], math.sin(frequency * t) - y[0] - 0.1 * y[1]]
+
+    hit.terminal, hit.direction = True, 1
+    length, number = 2.0 * math.pi / frequency, 0
+    time, state, end = 0.0, [0.0, 0.0], periods * length
+    while time < end:
+        part = solve_ivp(motion, (time, end), state, method="DOP853", events=hit, rtol=1e-12, atol=1e-14)
+        time, closing = part.t[-1], part.y[1, -1]
+        number += part.status == 1 and closing >= threshold and time > end - length
+        state = [0.1 - 1e-15, -restitution * closing]
+        pressed = math.sin(frequency * time) > 0.1
+        if closing < 1e-7 and pressed:  # at rest until the force no longer holds it
+            time += (math.pi - math.asin(0.1) - frequency * time) % (2.0 * math.pi) / frequency
+            state = [0.1 - 1e-15, 0.0]
+    return number
+
+
+@pytest.mark.parametrize("frequency", [0.3, 0.5])
+def test_fast_impacts_of_a_stop_that_is_driven_to_chatter(frequency):
+    """Their number in a period does not depend on the step, and is that of located impacts."""
+    network = wall(0.5, 0.1, excitations={"a": il.Harmonic(1.0, frequency=frequency)})
+    period, found = 2.0 * math.pi / frequency, []
+    for step in (0.1, 0.05, 0.02):
+        options = {"step": period / round(period / step), "spin_up": 10.0 * period, "integrator": PLAIN}
+        with bouncing("c"):
+            result = il.simulate(network, 5.0 * period, **options)
+        found.append(float(result.contact_rate[0]) * period)
+    threshold = float(result.impact_velocity_threshold[0])
+    assert found == pytest.approx([located_impacts(0.5, threshold, frequency, 5)] * 3)
+
+
+def gusts(restitution):
+    """A body that coloured noise presses against a stop."""
+    noise = il.Source(il.OrnsteinUhlenbeckNoise(0.05, correlation_time=0.5), on="a")
+    contact = il.Contact("a", il.WALL, il.RigidContact(restitution), clearance=0.05)
+    return il.Network({"a": il.LinearOscillator.from_frequency(2.0, 0.05)}, {"c": contact}, {"s": noise})
+
+
+def fast_impacts_under_gusts(restitution, threshold, step=5e-4, paths=2000, spin_up=30.0, duration=60.0):
+    """Rate of the fast impacts of `gusts` and its standard error, from small steps that share no code."""
+    rng, deviation, kept = np.random.default_rng(5), math.sqrt(0.1 * math.pi), math.exp(-2.0 * step)
+    x, v, force = np.full(paths, -0.3), np.zeros(paths), deviation * rng.standard_normal(paths)
+    number = np.zeros(paths)
+    for count in range(round((spin_up + duration) / step)):
+        force = kept * force + deviation * math.sqrt(1.0 - kept**2) * rng.standard_normal(paths)
+        v += step * (force - 4.0 * x - 0.2 * v)
+        x += step * v
+        beyond = np.flatnonzero(x > 0.05)
+        closing, late = v[beyond], x[beyond] - 0.05
+        x[beyond] = 0.05 - np.where(closing > 0.0, restitution * late, 0.0)
+        v[beyond] = np.where(closing > 0.0, -restitution * closing, closing)
+        if count * step >= spin_up:
+            number[beyond] += closing >= threshold
+    return float(number.mean() / duration), float(number.std() / duration / math.sqrt(paths))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("restitution", [0.2, 0.6])
+def test_rate_of_fast_impacts_under_coloured_noise(restitution):
+    """It has a limit, which the automatic step reaches without many steps."""
+    rates = []
+    for step in (None, 0.02, 0.005):
+        with bouncing("c"):
+            result = il.simulate(gusts(restitution), 60.0, realizations=2048, step=step, rng=1)
+        assert result.attrs["step"] > 0.01 or step == 0.005
+        rates.append((float(result.contact_rate[0]), float(result.contact_rate_standard_error[0])))
+    rates.append(fast_impacts_under_gusts(restitution, float(result.impact_velocity_threshold[0])))
+    for (one, one_error), (other, other_error) in pairwise(rates):
+        assert abs(one - other) < 3.5 * math.hypot(one_error, other_error)
+        assert math.hypot(one_error, other_error) < 0.01 * one
+
+
 def test_path_between_impacts_is_of_third_order():
     """An undamped body on a spring swings between a wall and its turning point."""
     network = wall(1.0, 0.5, 0.0, excitations={})
@@ -470,7 +571,7 @@ def test_impacts_that_no_step_resolves_are_told():
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("number", [3, 6])
 def test_stack_rests(number, restitution):
-    """Balls that lie on each other stay there: each contact carries the weight above it, and comes to rest once."""
+    """Balls that lie on each other stay there: each contact carries the weight above it, and no impact counts."""
     names, law = [f"ball {k}" for k in range(number)], il.RigidContact(restitution=restitution)
     contacts = {f"under {above}": il.Contact(below, above, law) for below, above in pairwise([il.WALL, *names])}
     weights = dict.fromkeys(names, il.ConstantForce(load=-10.0))
@@ -480,7 +581,7 @@ def test_stack_rests(number, restitution):
     np.testing.assert_allclose(result.mean_contact_force, 10.0 * np.arange(number, 0, -1), rtol=1e-9)
     np.testing.assert_array_equal(result.contact_ratio, 1.0)
     if restitution < 1.0:
-        np.testing.assert_allclose(result.contact_rate * result.attrs["duration"], 1.0)
+        np.testing.assert_array_equal(result.contact_rate, 0.0)
 
 
 def test_high_stack_that_does_not_settle_within_a_step_is_held():
