@@ -95,7 +95,9 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     finer, labels = round(coarse.clock.step / fine.clock.step), model.connected()
     energy = np.concatenate([item.energy for item in found], axis=-1)
     segments, _, lanes = energy.shape
-    seen = 1.0 - finer ** -(ORDER_OF_STATES if model.remembering or model.interrupted.any() else ORDER)  # part of the bias
+    seen = 1.0 - finer ** -(
+        ORDER_OF_STATES if model.remembering or model.interrupted.any() else ORDER
+    )  # part of the bias
     of_coarse = _joined(coarse, coverage, 1, [item.coarse for item in found])
     of_fine = _joined(fine, coverage, finer, [item.fine for item in found])
     gained = _gained(coarse, of_coarse, labels, energy, coverage)
@@ -169,7 +171,7 @@ def _grows(rates: np.ndarray, limit: float) -> np.ndarray:
 
 
 def _follow_growth(bias: dict[str, np.ndarray], error: dict[str, np.ndarray], grows: np.ndarray) -> None:
-    """Give means of states that grow the biases of their growth rates, as a run will show: segments begin at one state."""
+    """Give means of states that grow the biases of their growth rates: segments begin at one state, and see little."""
     growth, doubt = bias[GROWTH][grows], error[GROWTH][grows]
     bias["mean_law_state"][grows], error["mean_law_state"][grows] = growth, doubt
     bias["mean_square_law_state"][grows], error["mean_square_law_state"][grows] = (2.0 + growth) * growth, 2.0 * doubt
@@ -286,7 +288,9 @@ def _joined(plan: Plan, coverage: Coverage, finer: int, sums: list[list[Sums]]) 
     segments, lanes = parts[0].shape[-2:]
     counts = np.stack([plan.counts(finer * begin, finer * begin + steps) for begin in coverage.begins], axis=1)
     bodies, contacts, products, laws = (item.reshape(*item.shape[:-2], segments * lanes) for item in parts)
-    moments = moments_of(plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products, laws)
+    moments = moments_of(
+        plan, lambda rows: bodies[:, :, rows], np.repeat(counts, lanes, axis=1), contacts, products, laws
+    )
     power, balance = bodies[:, FV].sum(axis=0) / steps, moments.balances["mean_square_velocity"]
     changes = laws[3] / (steps * plan.clock.step)
     return moments.values() | {_POWER: power, _LOAD: moments.bodies.load, _BALANCE: balance, _CHANGES: changes}

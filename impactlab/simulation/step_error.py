@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from impactlab.results.labels import labelled
+from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
 
 if TYPE_CHECKING:
@@ -197,17 +197,16 @@ class StepError:
         ratio = step / self.step
         expected, beyond = ratio**self.order, ratio * (1.0 - ratio ** (self.order - 1.0))
         bias = {name: expected * item for name, item in self.bias.items()}
-        error = {
-            name: np.hypot(expected * item, beyond * np.abs(self.bias[name])) for name, item in self.error.items()
-        }
+        error = {name: np.hypot(expected * item, beyond * np.abs(self.bias[name])) for name, item in self.error.items()}
         return replace(self, step=step, bias=bias, error=error, seen_at=max(self.step, self.seen_at))
 
     def allowance(self, name: str, usual: float = USUAL_BIAS) -> np.ndarray:
         """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
 
         A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
-        s that is `usual`, more where steps with larger biases are chosen. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
-        q = s²/(s² + σ²). What is beyond the `limit` is no unusual measurement but an unusual bias, and known: q = 1.
+        s that is `usual`, more of states, with whose larger biases a step will do. Measured as b̂ ± σ, it has the mean
+        q b̂ and the variance q σ² = (1 − q) s², with q = s²/(s² + σ²). What is beyond the `limit` is no unusual
+        measurement but an unusual bias, and known: q = 1.
         """
         bias, error, usual = self.bias[name], self.error[name], usual * (most_of(name) / MOST_BIAS)
         known = np.where(np.abs(bias) > self.limit * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
@@ -298,7 +297,7 @@ class StepError:
             The step that the rules allow (s): biases of larger ones are as much larger as the square of the step.
         """
         usual, where = self.usual(automatic), f" at a step of {self.seen_at:.3g} s, and reduced" * self.foreseen
-        result = {}
+        result: Variables = {}
         for name, bias in self.bias.items():
             statistic = statistic_of(name)
             dimension, units, long_name = statistic.dimension, statistic.units, statistic.long_name
@@ -306,7 +305,7 @@ class StepError:
             part += ", or of the mean rate of all changes where it may be 0" * (name == GROWTH)
             seen = self.error[name][np.isfinite(self.error[name])].max(initial=0.0)
             result[statistic.step_bias] = (
-                dimension,
+                (dimension,),
                 bias,
                 {
                     "units": "1",
@@ -323,7 +322,7 @@ class StepError:
                     error = dataset[variable.error]
                     comment = f"of the scatter, and beside it {statistic.allowance}: square root of the sum of squares"
                     attrs = {**error.attrs, "comment": comment}
-                    result[variable.error] = dimension, np.hypot(error.values, allowance), attrs
+                    result[variable.error] = (dimension,), np.hypot(error.values, allowance), attrs
         return dataset.assign(result)
 
 

@@ -128,8 +128,8 @@ def estimate(
     """Estimate all default statistics from sums over the steps of each batch, of which rows may be known.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
-    products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of states
-    of laws, (batch, row, state, realization).
+    products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of
+    states of laws, (batch, row, state, realization).
     """
     if rows is None:
         (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points, laws))
@@ -204,7 +204,12 @@ def _forget(plan: Plan, values: Values) -> None:
     random = plan.noise.random
     if random.all():
         return
-    stills = {BODY: ~random, CONTACT: ~plan.system.ends.any(random), POINT: ~plan.points.shares.any(random), STATE: ~plan.forces.state_ends.any(random)}
+    stills = {
+        BODY: ~random,
+        CONTACT: ~plan.system.ends.any(random),
+        POINT: ~plan.points.shares.any(random),
+        STATE: ~plan.forces.state_ends.any(random),
+    }
     for variable, (value, error) in values.labelled():
         still = stills[variable.dimension]
         error[still] = np.where(value[still] != 0.0, np.nan, 0.0)

@@ -49,7 +49,9 @@ def test_a_law_of_a_few_lines_rebounds_as_theory_says():
 def test_work_by_the_rule_that_anybody_would_write():
     """Force times rate times step is the energy that the body loses in a collision, to second order in the step."""
     body = il.LinearOscillator(mass=0.5)
-    network = il.Network({"a": body}, {"w": il.Contact("a", il.WALL, WorkingContact(1e6, damping=200.0), clearance=1e-3)})
+    network = il.Network(
+        {"a": body}, {"w": il.Contact("a", il.WALL, WorkingContact(1e6, damping=200.0), clearance=1e-3)}
+    )
     off = []
     for step in (1e-4, 5e-5):  # 0.14 and 0.07 of the time scale of the contact
         starts = {"velocity": {"a": np.linspace(0.5, 1.5, 64)}}  # that meet the wall at all phases of a step
@@ -153,7 +155,14 @@ def everything(factor=1.0):
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore:Too few")
 def test_blocks_lanes_and_workers_give_the_same_numbers():
-    options = {"duration": 2.0, "spin_up": 1.0, "step": 2e-3, "rng": 3, "record": il.Trajectory(0.5), "integrator": EXACT}
+    options = {
+        "duration": 2.0,
+        "spin_up": 1.0,
+        "step": 2e-3,
+        "rng": 3,
+        "record": il.Trajectory(0.5),
+        "integrator": EXACT,
+    }
     many = il.simulate(everything(), realizations=9, **options)
     with ThreadPoolExecutor(3) as pool:
         again = il.simulate(everything(), realizations=9, executor=pool, **options)

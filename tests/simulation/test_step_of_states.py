@@ -313,7 +313,9 @@ def test_the_growth_of_work_is_what_noise_puts_in():
     doubt = math.hypot(error, BODY.damping * found.mean_square_velocity_standard_error.item())
     assert doubt < 0.02 * put_in
     assert abs(work - put_in) < 3.0 * doubt
-    with pytest.warns(il.AccuracyWarning, match=r"At the step of .* s (growth rate of the|mean square) state of 'w.work' is about"):
+    with pytest.warns(
+        il.AccuracyWarning, match=r"At the step of .* s (growth rate of the|mean square) state of 'w.work' is about"
+    ):
         il.simulate(network, 100.0, realizations=256, rng=1, step=0.014)
 
 
@@ -330,7 +332,10 @@ def test_slow_hysteresis_is_measured():
     options = {"duration": 400.0, "realizations": 1024}
     true = {"mean_square_velocity": (1.9187, 0.0008), "mean_square_law_state": (0.5200, 0.0006)}
     for step in (1.0 / 3.0, 1.0 / 6.0):
-        found, run = measured(SLOW, **options, step=step), il.simulate(SLOW, **options, step=step, integrator=PLAIN, rng=5)
+        found, run = (
+            measured(SLOW, **options, step=step),
+            il.simulate(SLOW, **options, step=step, integrator=PLAIN, rng=5),
+        )
         for name, (value, doubt) in true.items():
             bias, error = run[name].values[0] / value - 1.0, math.hypot(scatter_of(run, name).values[0], doubt) / value
             assert bias > 4.0 * error
