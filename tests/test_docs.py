@@ -13,7 +13,7 @@ import pytest
 
 import impactlab as il
 from impactlab.command_line.main import parser
-from impactlab.results.schema import STATISTICS
+from impactlab.results.schema import OF_STATES, STATISTICS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -152,7 +152,7 @@ def test_reference_lists_the_public_names_and_the_statistics() -> None:
     page = text_of(ROOT / "docs" / "reference.md")
     assert sorted(re.findall(r"^\| `il\.(\w+)", page, re.MULTILINE)) == sorted(il.__all__)
     variables = page.partition("## Variables of a result")[2].partition("Records add")[0]
-    assert re.findall(r"^\| `(\w+)`", variables, re.MULTILINE) == list(STATISTICS)
+    assert re.findall(r"^\| `(\w+)`", variables, re.MULTILINE) == [*STATISTICS, *OF_STATES]
 
 
 def test_architecture_names_every_module() -> None:

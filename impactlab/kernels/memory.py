@@ -1,8 +1,8 @@
 """The states of laws in a block: behind the parameters of the forces, lane by lane, with the time since they held.
 
 A block whose laws have states, or depend on time, has a copy of the parameters of its own. Behind them stand sums over
-steps, of the states, of their squares and of the size of their changes, the states before the last step, and the states,
-a row of lanes each; then the number of states, the time at which the last step was accepted, and last of all what has
+steps (of the states, their squares and the size of their changes), the states before the last step, and the states, a
+row of lanes each; then the number of states, the time at which the last step was accepted, and last of all what has
 passed since.
 """
 

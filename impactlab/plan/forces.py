@@ -48,7 +48,8 @@ class Forces:
         """
         return cls(
             generate(model, single), model.members.parameters, model.members.indices, model.members.states,
-            model.states, model.state_ends, model.timed, model.timed_contacts, model.passes, likely, _kicked(model, likely),
+            model.states, model.state_ends, model.timed, model.timed_contacts, model.passes, likely,
+            _kicked(model, likely),
             np.zeros((0, model.wall + 1)) if kick is None else _half_kick(model, kick),
         )  # fmt: skip
 

@@ -388,7 +388,8 @@ class Block:
             if keeper.wants_end:
                 keeper.end(self._final())
         endless = self.events.impacts.seen[[ENDLESS, SLOW]]
-        return BlockResult(*kept, endless, [keeper.result() for keeper in keepers])
+        bodies, contacts, products, points, laws = kept
+        return BlockResult(bodies, contacts, products, points, laws, endless, [keeper.result() for keeper in keepers])
 
     def _snapshot(self) -> np.ndarray:
         """Return where bodies are read, velocities, contact forces, states of laws and peaks, [quantity, lane]."""

@@ -76,7 +76,7 @@ def measured(
     told = error.told()
     if told.certain > WORTH_SAYING:
         name, label, bias, scatter = told.worst
-        scatter = math.hypot(scatter, told.of_order * bias)
+        scatter = math.hypot(scatter, told.doubt_of_order * bias)
         warn(
             "step_bias",
             f"At the step of {plan.clock.step:.3g} s {statistic_of(name).long_name} of {label!r} is about "

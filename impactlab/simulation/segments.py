@@ -153,8 +153,8 @@ class _Pair:
                 self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_State.of(self.fine))
-        *of_fine, fine_laws = _joined(ends)
-        energy = self._energy(x, v, *self.fine_path.at(*of_fine, fine_laws), laws, fine_laws)
+        of_fine = _joined(ends)
+        energy = self._energy(x, v, *self.fine_path.at(*of_fine), laws, of_fine[-1])
         return Segments(coarse, fine, together(energy * (not follow)))  # then nothing is kept that is not seen
 
     def _energy(

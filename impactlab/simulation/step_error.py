@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from impactlab.results.labels import labelled
+from impactlab.results.labels import Variables, labelled
 from impactlab.results.schema import BODY, CONTACT, OF_STATES, STATE, statistic_of
 
 if TYPE_CHECKING:
@@ -235,8 +235,8 @@ class StepError:
         label = self.labels[statistic_of(name).dimension][place]
         return (
             f"Averages along this path are known to ± {100.0 * known[name][place]:.2g} % only "
-            f"({statistic_of(name).long_name} of {label!r}): small errors change it as they change chaotic paths, at any "
-            "step. Run for longer, or use realizations with different initial= values."
+            f"({statistic_of(name).long_name} of {label!r}): small errors change it as they change chaotic paths, at "
+            "any step. Run for longer, or use realizations with different initial= values."
         )
 
     def at(self, step: float) -> StepError:
@@ -254,8 +254,9 @@ class StepError:
         """Return the root mean square of the bias of a statistic, given what was measured: as large as it may well be.
 
         A bias b of which nothing is known but that the step was chosen is a normal number with the standard deviation
-        s that is `usual`, more where steps with larger biases are chosen. Measured as b̂ ± σ, it has the mean q b̂ and the variance q σ² = (1 − q) s², with
-        q = s²/(s² + σ²). What is beyond the `limit` is no unusual measurement but an unusual bias, and known: q = 1.
+        s that is `usual`, more of states, with whose larger biases a step will do. Measured as b̂ ± σ, it has the mean
+        q b̂ and the variance q σ² = (1 − q) s², with q = s²/(s² + σ²). What is beyond the `limit` is no unusual
+        measurement but an unusual bias, and known: q = 1.
         """
         bias, error, usual = self.bias[name], self.error[name], usual * (most_of(name) / MOST_BIAS)
         known = np.where(np.abs(bias) > self.limit * error, 1.0, 1.0 / (1.0 + (error / usual) ** 2))
@@ -363,7 +364,7 @@ class StepError:
             The step that the rules allow (s): biases of larger ones are as much larger as the square of the step.
         """
         usual, where = self.usual(automatic), f" at a step of {self.seen_at:.3g} s, and reduced" * self.foreseen
-        result = {}
+        result: Variables = {}
         for name, bias in self.bias.items():
             statistic = statistic_of(name)
             dimension, units, long_name = statistic.dimension, statistic.units, statistic.long_name
@@ -371,7 +372,7 @@ class StepError:
             part += ", or of the mean rate of all changes where it may be 0" * (name == GROWTH)
             seen = self.error[name][np.isfinite(self.error[name])].max(initial=0.0)
             result[statistic.step_bias] = (
-                dimension,
+                (dimension,),
                 bias,
                 {
                     "units": "1",
@@ -388,7 +389,7 @@ class StepError:
                     error = dataset[variable.error]
                     comment = f"of the scatter, and beside it {statistic.allowance}: square root of the sum of squares"
                     attrs = {**error.attrs, "comment": comment}
-                    result[variable.error] = dimension, np.hypot(error.values, allowance), attrs
+                    result[variable.error] = (dimension,), np.hypot(error.values, allowance), attrs
         return dataset.assign(result)
 
 

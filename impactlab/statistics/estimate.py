@@ -128,8 +128,8 @@ def estimate(
     """Estimate all default statistics from sums over the steps of each batch, of which rows may be known.
 
     These are of bodies, (batch, phase, row, body, realization), of contacts, (batch, row, contact, realization), and
-    products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of states
-    of laws, (batch, row, state, realization).
+    products of pairs, (batch, row, pair, realization), of points, (batch, phase, row, point, realization), and of
+    states of laws, (batch, row, state, realization).
     """
     if rows is None:
         (rows,) = Rows.of_each(plan, [plan], Units.of(plan, bodies, contacts, products, points, laws))
