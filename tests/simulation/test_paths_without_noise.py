@@ -1,5 +1,6 @@
 """Warnings of runs without noise: none that is wrong, none missing, judged by finer steps and by located paths."""
 
+import itertools
 import math
 import warnings
 from collections import Counter
@@ -169,10 +170,7 @@ def scene(number):
         law = il.HertzContact(log(1e3, 1e6)) if rng.random() < 0.6 else il.RigidContact(1.0)
         network = il.Network(
             {name: il.LinearOscillator.from_frequency(1.0) for name in balls},
-            {
-                f"c{place}": il.Contact(one, other, law)
-                for place, (one, other) in enumerate(zip(balls, balls[1:], strict=False))
-            },
+            {f"c{place}": il.Contact(one, other, law) for place, (one, other) in enumerate(itertools.pairwise(balls))},
         )
         return Scene(
             kind,
@@ -275,7 +273,7 @@ def _step(x, v, h, t, m, c, k, on, load, force, frequency):
 def _impacts(m, c, k, on, load, ends, gaps, e, force, frequency, x, v, spin_up, duration, h):
     """Mean squares of displacements and velocities over the duration."""
     t, xx, vv, time = -spin_up, np.zeros(len(m)), np.zeros(len(m)), 0.0
-    for _ in range(int(round((spin_up + duration) / h))):
+    for _ in range(round((spin_up + duration) / h)):
         left = h
         for number in range(50):
             nx, nv = _step(x, v, left, t, m, c, k, on, load, force, frequency)
