@@ -197,24 +197,21 @@ class PowerLawContact(ContactLaw):
 class RigidContact(ContactLaw):
     """Contact of rigid bodies, which never overlap: an impact turns the closing velocity v into −e v at once.
 
-        The coefficient of restitution e is Newton's. Impacts are located within the steps of `ExactFlow` and follow each
-        other in the order of time; those at the same time follow in the order of the contacts. A contact that loses energy
-        comes to rest where a bouncing gets shorter and shorter and would end within the step, and is then held closed as
-        long as something presses it; one without restitution does so at its first impact.
+    The coefficient of restitution e is Newton's. Impacts are located within the steps of `ExactFlow` and follow each
+    other in the order of time; those at the same time follow in the order of the contacts. A contact that loses energy
+    comes to rest where a bouncing gets shorter and shorter and would end within the step, and is then held closed as
+    long as something presses it; one without restitution does so at its first impact.
 
-        ``mean_contact_force`` is the sum of the impulses over time. ``contact_rate`` counts impacts and the beginnings of
-    <<<<<<< HEAD
-        rests, ``contact_ratio`` is the time at rest, and there is no ``peak_contact_force``. In trajectories a force is the
-        impulse since the sample before, over the interval between samples.
-    =======
-        rests, or, where a body comes to rest by endlessly many impacts, those that close with the
-        ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no ``peak_contact_force``. In trajectories a force is the impulse of a step over its length.
-    >>>>>>> methods
+    ``mean_contact_force`` is the sum of the impulses over time. ``contact_rate`` counts impacts and the beginnings of
+    rests, or, where a body comes to rest by endlessly many impacts, those that close with the
+    ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no
+    ``peak_contact_force``. In trajectories a force is the impulse since the sample before, over the interval between
+    samples.
 
-        Parameters
-        ----------
-        restitution : float
-            Coefficient of restitution e, from 0 to 1.
+    Parameters
+    ----------
+    restitution : float
+        Coefficient of restitution e, from 0 to 1.
     """
 
     restitution: float = parameter(minimum=0.0, maximum=1.0)
