@@ -531,7 +531,10 @@ def accept_loop(loop: Loop) -> str:
     States that the force of a contact does not read, such as the work of its friction, are those at the mean rate of
     the kick instead: force times rate is then the power of the kick.
     """
-    kind, begin, slices, sums = loop.kind, (), (), []  # type: Kind, tuple[str, ...], tuple[str, ...], list[str]
+    kind = loop.kind
+    begin: tuple[str, ...] = ()
+    slices: tuple[str, ...] = ()
+    sums: list[str] = []
     targets = [f"{row}[member, lane]" for row in loop.rows]
     if kind.role == "residual":
         values = {"displacement": "x[body + member, lane]", "velocity": "v[body + member, lane]"}
