@@ -169,6 +169,8 @@ def bias_of(coarse: Plan, fine: Plan, model: Model, coverage: Coverage, found: l
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
+    if "mean_square_velocity" in measured:  # a body at rest is none that is too fast
+        measured["mean_square_velocity"][slow] = np.inf
     unsure = {} if coarse.random else _unsure(coarse, model, measured)
     of_order = 0.0 if coarse.random else 1.0 / finer  # all that a bias of first order leaves
     return StepError(
