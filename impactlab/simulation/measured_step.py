@@ -12,6 +12,7 @@ from impactlab.errors import warn
 from impactlab.integrators.base import Integrator
 from impactlab.integrators.exact_flow import ExactFlow
 from impactlab.plan.plan import Plan
+from impactlab.results.measured import measured_text
 from impactlab.results.schema import statistic_of
 from impactlab.simulation.step_error import WORTH_SAYING, StepError
 from impactlab.step_size.certified import alike
@@ -80,7 +81,7 @@ def measured(
         warn(
             "step_bias",
             f"At the step of {plan.clock.step:.3g} s {statistic_of(name).long_name} of {label!r} is about "
-            f"{100.0 * abs(bias):.2g} ± {100.0 * scatter:.1g} % too {'large' if bias > 0.0 else 'small'}, "
+            f"{measured_text(100.0 * abs(bias), 100.0 * scatter)} % too {'large' if bias > 0.0 else 'small'}, "
             f"as measured on this network; try step={error.better:.2g}.",
         )
     return plan, error

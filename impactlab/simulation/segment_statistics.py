@@ -184,6 +184,8 @@ def bias_of(
     # from a given start damped bodies under noise become stationary; all others may meet something to the end
     varying = coarse.noise.time_varying or coarse.led or not (coarse.noise.random & (damping > 0.0)).all()
     reached = coverage.reached if varying else 1.0
+    if "mean_square_velocity" in measured:  # a body at rest is none that is too fast
+        measured["mean_square_velocity"][slow] = np.inf
     unsure = {} if coarse.random else _unsure(coarse, model, measured)
     return StepError(
         coarse.clock.step, bias, error, labels_of, measured, scatter(velocity, 1), reached, unsure,

@@ -59,7 +59,7 @@ def step_error(
     time = plan.realizations.number * plan.clock.duration
     planned = effort.looks[min(1, len(effort.looks) - 1)]
     try:
-        pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
+        pairs = [_Pair(coarse, fine, model, index, effort.whole) for index in range(coarse.realizations.blocks)]
         found: list[Segments] = []
         for done, number in pairwise((0, *effort.looks)):
             more = [pair.run(effort.begins[done:number], effort.steps, effort.run_up) for pair in pairs]
@@ -87,8 +87,8 @@ def _along_paths(error: StepError, coarse: Plan, fine: Plan, model: Model) -> St
     parts = separate(model, one, other)
     if not parts.any():
         return error
-    pairs = [_Pair(coarse, fine, model, index) for index in range(coarse.realizations.blocks)]
-    found = [pair.run(begins, steps, 0, follow=True) for pair in pairs]
+    pairs = [_Pair(coarse, fine, model, index, whole=True) for index in range(coarse.realizations.blocks)]
+    found = [pair.run(begins, steps, 0) for pair in pairs]
     coverage = Coverage(begins, steps, coarse.clock.steps, follow=True)
     scatter = bias_of(coarse, fine, model, coverage, found, _chattering(pairs)).error
     return error.scattered(scatter, rows_of(model, parts, scatter))
@@ -99,8 +99,8 @@ def _speeds(plan: Plan, steps: int, number: int, shift: np.ndarray) -> np.ndarra
     found = []
     for index in range(plan.realizations.blocks):
         block = Block(plan, index, lambda steps: None)
-        block.advance(plan.clock.spin_up_steps, None)
         block.state.v[:-1] += shift[:, None]
+        block.advance(plan.clock.spin_up_steps, None)
         speeds = []
         for _ in range(number):
             block.advance(steps, None)
@@ -110,25 +110,24 @@ def _speeds(plan: Plan, steps: int, number: int, shift: np.ndarray) -> np.ndarra
 
 
 class _Pair:
-    """Blocks of the same realizations at a step and at a part of it."""
+    """Blocks of the same realizations at a step and at a part of it.
 
-    def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int) -> None:
+    Of `whole` paths the fine one goes on by itself, and has its own spin-up if there is one: without noise this may
+    decide to which motion it leads.
+    """
+
+    def __init__(self, coarse: Plan, fine: Plan, model: Model, index: int, whole: bool) -> None:
         self.coarse, self.fine = (Block(plan, index, lambda steps: None) for plan in (coarse, fine))
         self.coarse_path = SmoothPath(coarse, self.coarse.evaluate)
         self.fine_path = SmoothPath(fine, self.fine.evaluate)
-        self.labels = model.connected()
-        self._run_up(coarse.clock.spin_up_steps)
+        self.labels, self.whole = model.connected(), whole
+        self.begun = whole and coarse.clock.spin_up_steps > 0
+        _run_up(self.coarse, coarse.clock.spin_up_steps)
+        if self.begun:
+            _run_up(self.fine, fine.clock.spin_up_steps)
 
-    def _run_up(self, steps: int) -> None:
-        """Let the coarse block make steps without sums."""
-        self.coarse.advance(steps, None)
-        self.coarse.note_gaps(self.coarse.state.reading, self.coarse.state.velocity)
-
-    def run(self, begins: tuple[int, ...], steps: int, run_up: int, follow: bool = False) -> Segments:
-        """Let the coarse block make segments, and the fine one each of them from where the coarse one began it.
-
-        If it is to `follow`, the fine one begins the first of them only there, and goes on by itself.
-        """
+    def run(self, begins: tuple[int, ...], steps: int, run_up: int) -> Segments:
+        """Let the coarse block make segments, and the fine one each of them from where the coarse one began it."""
         plan = self.coarse.plan
         finer = round(plan.clock.step / self.fine.plan.clock.step)
         starts, ends, coarse = [], [], []
@@ -137,7 +136,7 @@ class _Pair:
             if begin > self.coarse.now:
                 if not plan.driving.motions:  # the state of one time is a start at another
                     self.coarse.now = max(self.coarse.now, begin - run_up)
-                self._run_up(begin - self.coarse.now)
+                _run_up(self.coarse, begin - self.coarse.now)
             starts.append(_State.of(self.coarse))
             coarse.append(tuple(map(together, self.coarse.segment(steps))))
             ends.append(_State.of(self.coarse))
@@ -148,14 +147,15 @@ class _Pair:
         for begin, place, speed, states in zip(
             begins, *self.fine_path.begin(start_x, start_v, start_laws), start_laws.states, strict=True
         ):
-            if not (follow and fine):
+            if not self.begun:
                 self.fine.states[:] = states
                 self.fine.begin(place, speed, finer * (plan.clock.spin_up_steps + begin))
+                self.begun = self.whole
             fine.append(tuple(map(together, self.fine.segment(finer * steps))))
             ends.append(_State.of(self.fine))
         of_fine = _joined(ends)
         energy = self._energy(x, v, *self.fine_path.at(*of_fine), laws, of_fine[-1])
-        return Segments(coarse, fine, together(energy * (not follow)))  # then nothing is kept that is not seen
+        return Segments(coarse, fine, together(energy * (not self.whole)))  # nothing is kept of it that is not seen
 
     def _energy(
         self, x: np.ndarray, v: np.ndarray, from_x: np.ndarray, from_v: np.ndarray, laws: Laws, from_laws: Laws
@@ -177,6 +177,12 @@ class _Pair:
         result = np.zeros((self.labels.max() + 1, len(x), x.shape[-1]))
         np.add.at(result, self.labels, energy.swapaxes(0, 1))
         return result.swapaxes(0, 1)
+
+
+def _run_up(block: Block, steps: int) -> None:
+    """Let a block make steps without sums."""
+    block.advance(steps, None)
+    block.note_gaps(block.state.reading, block.state.velocity)
 
 
 def _chattering(pairs: list[_Pair]) -> np.ndarray:

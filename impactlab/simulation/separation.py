@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from impactlab.assembly.model import Model
+from impactlab.simulation.step_error import STILL
 
 PIECES = 32, 16
 """Most and fewest parts of a path that tell how its averages scatter."""
@@ -30,11 +31,13 @@ def in_pieces(run: int) -> tuple[tuple[int, ...], int]:
 
 def separate(model: Model, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Whether two paths are apart, by connected part, from their velocities, (moment, body, realization)."""
-    labels, mass = model.connected(), np.where(model.prescribed, 0.0, model.mass)
-    energy = mass * (one**2).mean(axis=(0, 2))
+    labels, square = model.connected(), (one**2).mean(axis=(0, 2))
+    energy, largest = model.mass * square, np.zeros(labels.max() + 1)
+    np.maximum.at(largest, labels, energy)
     # a moment between the impacts of one and the other counts no more than others
-    square = np.minimum(mass[:, None] * (one - other) ** 2, 4.0 * energy[:, None]).mean(axis=(0, 2))
-    return np.asarray(np.bincount(labels, square) > FAR**2 * np.bincount(labels, energy))
+    distance = np.minimum((one - other) ** 2, 4.0 * square[:, None]).mean(axis=(0, 2))
+    apart = (distance > FAR**2 * square) & (energy > STILL * largest[labels])
+    return np.asarray(np.bincount(labels, apart) > 0.0)
 
 
 def error_of_means(values: np.ndarray, widened: Callable[[int], float]) -> np.ndarray:

@@ -8,6 +8,7 @@ from impactlab_numerics.laws.oscillators import StopOscillator
 from scenes import base, linear, plan_of
 
 import impactlab as il
+from impactlab.statistics.rare import Events
 
 pytestmark = pytest.mark.campaign
 
@@ -338,6 +339,22 @@ def test_a_body_that_only_a_rare_force_moves_is_not_known(link):
     for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
         assert np.isnan(ds[f"{name}_standard_error"][1])
         assert ds[f"{name}_standard_error"][0] > 1e-4
+
+
+@pytest.mark.parametrize("link", ["impacts", "dry friction"])
+def test_impacts_and_dry_friction_move_bodies(link):
+    """They are no kicks, whose forces are summed."""
+    wall = il.backlash("b", "a", il.RigidContact(0.6), clearance=0.1, name="gap") if link == "impacts" else {}
+    friction = {} if wall else {"rub": il.Coupling("a", "b", il.CoulombFrictionCoupling(0.1))}
+    noise = il.Source(il.OrnsteinUhlenbeckNoise(0.1, correlation_time=0.5), on="a")
+    network = il.Network({"a": unit_body(), "b": il.LinearOscillator(mass=0.1)}, wall, {"noise": noise}, friction)
+    plan = plan_of(network, duration=10.0, realizations=64)
+    for units, still in ((64, []), (10, [1] if wall else [])):  # in which it was hit
+        closed = np.zeros((len(wall), 64))
+        closed[:, :units] = 1.0
+        events = Events.of(plan, closed, np.zeros((2, 64)))
+        assert events.moved.tolist() == still
+        assert not events.seldom(plan)[1] or still
 
 
 def test_a_body_that_nothing_can_move_is_known():

@@ -200,6 +200,28 @@ def test_two_at_a_time_leave_the_warnings_of_others_alone():
         warnings.warn("of somebody else", stacklevel=1)
 
 
+def test_many_jobs_give_three_warnings_at_most():
+    kinds = ["few_samples", "drift", "heating", "balance"]
+
+    def job(number):
+        def run(pool, note):
+            for kind in kinds[: 1 + number % 4]:
+                warn(kind, f"{kind} {number}")
+            return xr.Dataset()
+
+        return run
+
+    jobs = {f"k={number}": job(number) for number in range(300)}
+    with pytest.warns(il.AccuracyWarning) as caught:
+        run_together(jobs, lambda *_: None, kind="Point", workers=2)
+    assert [str(item.message) for item in caught] == [
+        "In 300 of 300 points, first 'k=0': few_samples 0",
+        "In 225 of 300 points, first 'k=1': drift 1",
+        "Also in some of 300 points: energy that the step adds or removes (in 150); a balance that does not close (in "
+        "75). See `warnings` in the result.",
+    ]
+
+
 def test_warnings_of_others_are_not_taken():
     def job(pool, note):
         with pytest.warns(UserWarning, match="somebody else"):

@@ -279,9 +279,13 @@ def test_a_warning_is_given_once_and_names_the_points():
     with pytest.warns(
         il.AccuracyWarning, match=r"In 6 of 6 points, first 'ratio=8\.0, clearance=0\.02': Too few"
     ) as caught:
-        il.sweep(base, RATIOS, **SHORT)
+        ds = il.sweep(base, RATIOS, **SHORT)
     assert len(caught) == 1
     assert caught[0].filename == __file__
+    assert caught[0].message.kind == "few_samples"
+    assert ds.warnings.dims == (*RATIOS, "warning")
+    assert ds.warning.values.tolist() == ["few_samples"]
+    assert ds.warnings.str.startswith("Too few independent samples").all()
 
 
 def test_records_that_can_be_read_once_are_for_every_point():
