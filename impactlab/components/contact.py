@@ -204,7 +204,8 @@ class RigidContact(ContactLaw):
 
     ``mean_contact_force`` is the sum of the impulses over time. ``contact_rate`` counts impacts and the beginnings of
     rests, or, where a body comes to rest by endlessly many impacts, those that close with the
-    ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no ``peak_contact_force``. In trajectories a force is the impulse of a step over its length.
+    ``impact_velocity_threshold`` at least. ``contact_ratio`` is the time at rest, and there is no
+    ``peak_contact_force``. In trajectories a force is the impulse of a step over its length.
 
     Parameters
     ----------
