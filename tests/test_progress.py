@@ -1,6 +1,7 @@
 """What is shown while something runs: where somebody watches, and only there."""
 
 import importlib
+import json
 import sys
 import types
 
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from impactlab.assembly import compiling
+import impactlab as il
+from impactlab.assembly import build, compiling
 from impactlab.assembly.compiling import announced
+from impactlab.kernels.jit import compilations
 from impactlab.progress import is_shown, is_watched, reporter
 from impactlab.results.measured import headline
 
@@ -67,40 +70,74 @@ def compiled(tmp_path, monkeypatch):
     return make
 
 
-def test_compilation_is_told_once(capsys, compiled):
-    with announced(True):
-        assert compiled("compiled_one")(2) == 8
-        assert compiled("compiled_two")(2) == 8
-    assert capsys.readouterr().err.count("Compiling, once") == 1
-
-
-def test_the_time_of_the_last_compilation_is_told(capsys, compiled, monkeypatch, tmp_path):
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A cache of compiled code in which nobody has compiled anything."""
     here = tmp_path / "digest-numba1-py3"
-    before = tmp_path / "other-numba1-py3"
-    for folder in (here, before):
-        folder.mkdir()
+    here.mkdir()
     monkeypatch.setattr(compiling, "cache_folder", lambda: here)
-    monkeypatch.setattr(compiling, "_LONG", 0.0)
+    return here
+
+
+@pytest.mark.parametrize("progress", [None, True])
+def test_compilation_is_told_once(capsys, compiled, folder, progress):
+    """Also in pipes, which nobody watches."""
+    with announced(progress):
+        assert compiled(f"compiled_one_{progress}")(2) == 8
+        assert compiled(f"compiled_two_{progress}")(2) == 8
+    assert capsys.readouterr().err == (
+        "Compiling, once: the machine code is kept. The first time this takes half a minute or so of one core.\n"
+    )
+
+
+def test_the_time_of_the_same_compilation_is_told(capsys, compiled, folder):
+    """Known from folders of other versions, too; one that was short is not worth a line."""
     with announced(True):
         compiled("compiled_three")(2)
     assert "half a minute" in capsys.readouterr().err
-    assert 0 <= int((here / "seconds.txt").read_text()) < 60
-    (here / "seconds.txt").rename(before / "seconds.txt")
-    (before / "seconds.txt").write_text("17\n")
+    assert 0.0 < json.loads((folder / "seconds.json").read_text())["four"] < compiling._LONG
     with announced(True):
         compiled("compiled_four")(2)
+    assert capsys.readouterr().err == ""
+    other = folder.parent / "other-numba1-py3"
+    (folder / "seconds.json").unlink()
+    other.mkdir()
+    (other / "seconds.json").write_text('{"four": 17.3, "five": 99.0}')
+    with announced(True):
+        compiled("compiled_five")(2)
     assert "is kept. The last time this took 17 s of one core.\n" in capsys.readouterr().err
 
 
-def test_what_is_not_told(capsys, compiled):
+def test_what_is_not_told(capsys, compiled, folder):
     done = compiled("compiled_before")
     done(2)
     with announced(True):
         done(2)
         compiled("impactlab_network_1")(2)  # takes a second at most
-    with announced(None), announced(False):  # nobody watches
+    with announced(False), announced(lambda part: None):
         compiled("compiled_unseen")(2)
     assert capsys.readouterr() == ("", "")
+    assert not list(folder.iterdir())
+
+
+def test_functions_of_a_new_law_are_not_told(capsys, folder, monkeypatch, tmp_path):
+    """Their module is compiled anew, and parts of the kernels for it."""
+    monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(build, "_modules", {})
+
+    class Own(il.ContactLaw):
+        stiffness: float = il.parameter(units="N m-1")
+
+        def force(indentation, stiffness):
+            return 1.25 * stiffness * indentation
+
+    body = il.LinearOscillator.from_frequency(6.0, 0.1)
+    network = il.Network({"a": body}, {"stop": il.Contact("a", il.WALL, Own(1e3))})
+    with announced(None):
+        before, compiled = compilations(), network.compile()
+        compiled.rhs(0.0, compiled.state(displacement={"a": 0.1}))
+    assert compilations() > before
+    assert capsys.readouterr().err == ""
 
 
 def test_the_headline_of_a_result():
