@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from impactlab.assembly.generate import generate
 from impactlab.assembly.model import Model
 from impactlab.components.component import positive
 from impactlab.components.composition import Composition
@@ -88,6 +89,7 @@ class NetworkCheck:
         method = integrator or ExactFlow()
         check_integrator(method)
         model = Model.of(network)
+        generate(model)  # which refuses kernels that cannot be compiled
         until = RELAXATION_TIMES * relaxation_time(damped(model)[1])
         energy = energies(model, "stationary", until)
         growing = np.isinf(hottest(model, linear_variances(damped(model)[0])[1]))  # excited and not damped

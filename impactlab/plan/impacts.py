@@ -104,9 +104,14 @@ class RigidImpacts:
         return np.array([_order(float(item)) for item in self.rigid.numbers[RESTITUTION]])
 
     @property
+    def restless(self) -> np.ndarray:
+        """Whether white noise ends rests at once, which then last for steps only, (rigid,) of bool."""
+        return np.asarray((self.rigid.numbers[RESTITUTION] < 1.0) & (self.gains.sum(axis=1) > 0.0))
+
+    @property
     def unresolved(self) -> np.ndarray:
         """Whether noise makes impacts so many that their rate is that of a step, (rigid,) of bool."""
-        return np.asarray((self.orders < RESOLVED) & (self.gains.sum(axis=1) > 0.0))
+        return np.asarray((self.orders < RESOLVED) & self.restless)
 
     @property
     def counted(self) -> np.ndarray:

@@ -46,6 +46,11 @@ def findings_of(
             "Of contacts with an impact_velocity_threshold only faster impacts count: slower ones are endlessly many "
             "in finite time."
         )
+    if "contact_ratio" in variables and plan.impacts.restless.any():
+        variables["contact_ratio"][2]["comment"] = (
+            "White noise ends a rest of a rigid contact at once: of such contacts this is the part of the steps of "
+            f"{plan.clock.step:.3g} s at rest, and falls with the step."
+        )
     for index, (item, ratio) in enumerate(plan.observed.records):
         if isinstance(item, PerRealization):
             variables |= _by_realization([one for one in known if one.dimension in coordinates], estimates)

@@ -184,6 +184,7 @@ def test_path_between_impacts_is_of_third_order():
     assert errors[1] < 1e-4
 
 
+@pytest.mark.filterwarnings("ignore:'table' comes to rest")
 @pytest.mark.parametrize("steps", [1, 3, 10, 40])
 @pytest.mark.parametrize("other", [None, 1, 4])
 def test_samples_of_forces_hold_all_impulses(steps, other):
@@ -201,6 +202,7 @@ def test_samples_of_forces_hold_all_impulses(steps, other):
     assert "over the interval" in whole.contact_force.attrs["comment"]
 
 
+@pytest.mark.filterwarnings("ignore:'table' comes to rest")
 def test_samples_of_forces_in_two_parts_and_in_a_file(tmp_path):
     """At the cut the ball bounces, or rests."""
     for height in (0.05, 1.0):

@@ -39,7 +39,7 @@ def empty_sums(phases, rows, half_kick=(), jitter=None, points=((),)):
     work = np.zeros((4, 2, LANES)), np.zeros(((BODIES + 1) * bool(half_kick), LANES)), np.zeros((2, LANES))
     before = np.full((2, 0 if jitter is None else 2, LANES), np.nan)
     jitters = np.zeros(0) if jitter is None else np.array(jitter)
-    peaks = Peaks(0, np.zeros((4, 0, LANES)), np.zeros(0), FLUX + 3)
+    peaks = Peaks(0, np.zeros((4, 0, LANES)), np.zeros(0), FLUX + 3, 0)
     counting = Closings(before, jitters, np.zeros(0), 0.1, peaks)
     turning = BODIES * bool(any(points))
     turns = Turns(0.1 * np.arange(1.0, BODIES + 1.0), np.zeros((turning, LANES)), np.zeros((turning, LANES)))

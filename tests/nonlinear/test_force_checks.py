@@ -107,7 +107,7 @@ REFUSED = {
     Singular(): r"contact 'w', Singular\(\), is nan N at an indentation of 0 m",
     Cap(0.01): r"contact 'w', Cap\(depth=0\.01\), is nan N at an indentation of 0\.01\d* m, which this network reaches",
     Hindered(): r"Hindered\(\), is nan N at an indentation of 0 m and a rate of -\d\.\d* m/s",
-    Rough(): r"Rough\(\), is [\d.]+ N at an indentation of [\d.]+ m, and [\d.]+ N when evaluated again: a law must",
+    Rough(): r"the kernel Rough\.force reads 'np\.random', which is no function of scalars",
     Two(): r"Two\.force failed for Two\(\) at indentation = .*, rate = .*: TypeError: it returned \(.*\), not a number",
 }
 
@@ -169,7 +169,7 @@ def test_forces_of_couplings_and_bodies():
     pair = il.Network({"a": BODY, "b": BODY}, excitations={"a": il.WhiteNoise(1.0)})
     with pytest.raises(il.InvalidInput, match=r"coupling 's', BrokenCoupling\(\), is nan N at an extension of 0 m"):
         il.simulate(pair.replace(couplings={"s": il.Coupling("a", "b", BrokenCoupling())}), **options)
-    with pytest.raises(il.InvalidInput, match=r"coupling 's', RandomCoupling\(\), is .* when evaluated again"):
+    with pytest.raises(il.InvalidInput, match=r"the kernel RandomCoupling\.force reads 'np\.random'"):
         il.simulate(pair.replace(couplings={"s": il.Coupling("a", "b", RandomCoupling())}), **options)
     with pytest.raises(il.InvalidInput, match=r"body 'b', BrokenBody\(.*\), is nan N at a displacement of 0 m"):
         il.simulate(pair.replace(oscillators={"b": BrokenBody(stiffness=1.0, damping=1.0)}), **options)
@@ -183,7 +183,7 @@ def test_many_equal_contacts_are_looked_at_once(monkeypatch):
     )
     many = Model.of(il.chain(3000, BODY, il.HertzContact(1e4)))
     force_checks.check_forces(many, np.full(2999, 0.01), np.ones(3000))
-    assert asked == [1, 1]
+    assert asked == [1]
 
 
 # ruff: noqa: RET502, RET503, RET505  (what is looked at)

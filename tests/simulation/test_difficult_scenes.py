@@ -76,7 +76,7 @@ def test_calls_stay_short_between_distant_samples():
     block = run_block(plan, 0, calls.append)
     assert max(calls) <= plan.realizations.steps_per_call * plan.realizations.lanes
     assert len([call for call in calls if call]) == -(-plan.clock.steps // plan.realizations.steps_per_call) > 2
-    assert block.records[0]["path"].shape == (64, 2, 5)
+    assert block.records[0]["displacement"].shape == (64, 2, 2)
 
 
 def test_samples_do_not_depend_on_the_length_of_calls():

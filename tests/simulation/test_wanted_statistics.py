@@ -84,7 +84,7 @@ def test_values_and_errors_are_those_of_a_run_that_sums_all(network, options, wo
     everything = il.simulate(network(), **arguments)
     result = il.simulate(network(), statistics=wanted, **arguments)
     assert {*wanted} == {name for name in STATISTICS if name in result}
-    for name in result.data_vars:
+    for name in result.drop_vars("warnings", errors="ignore").data_vars:  # their texts tell how closings were counted
         np.testing.assert_array_equal(result[name], everything[name], err_msg=str(name))
     assert result.attrs["step"] == everything.attrs["step"]
     np.testing.assert_equal(result.attrs["step_heating"], everything.attrs["step_heating"])

@@ -99,7 +99,7 @@ def test_points_one_by_one_and_files_have_the_same(own, tmp_path):
 def test_plots_of_a_point(own):
     point, period = own.sel(frequency=0.8), 2.0 * math.pi / 0.8
     axes = il.plot.stroboscopic(point, "body", period, ax=Figure().subplots())
-    assert len(axes.lines[0].get_xdata()) == 21
+    assert len(axes.lines[-1].get_xdata()) == 21
     axes = il.plot.trajectory(point, "body", ax=Figure().subplots())
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), period / 8 * np.arange(161))
     axes = il.plot.density(point, ax=Figure().subplots())
@@ -108,7 +108,7 @@ def test_plots_of_a_point(own):
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), point.displacement_frequency[1:])
     il.plot.peaks(point, ax=Figure().subplots())
     part = point.isel(sample=slice(80, None))
-    assert len(il.plot.stroboscopic(part, "body", period, ax=Figure().subplots()).lines[0].get_xdata()) == 11
+    assert len(il.plot.stroboscopic(part, "body", period, ax=Figure().subplots()).lines[-1].get_xdata()) == 11
 
 
 def test_plots_of_no_point(own):
