@@ -458,7 +458,7 @@ def _estimated(
 ) -> Findings:
     """Return what the dataset of a finished run holds, and warn of what it leaves open.
 
-    A text that says that small errors change the path is given in place of runs that begin elsewhere.
+    A text on `wandering` says that small errors change the path, where no other start is known to do so.
     """
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
@@ -475,12 +475,12 @@ def _estimated(
             f"The two halves of the run differ by {estimates.drift:.1f} standard errors: the spin-up of "
             f"{plan.clock.spin_up:g} s may be too short. Give a longer spin_up=.",
         )
-    if wandering:
-        warn("chaotic_path", wandering)
-    usual = request.initial is None and not plan.noise.coarse and not wandering
+    usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
         warn("several_motions", message)
+    elif wandering:
+        warn("chaotic_path", wandering)
     if not plan.noise.coarse and not drifting:
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:

@@ -29,7 +29,11 @@ class Heard:
 
     def of(self, key: str) -> Listener:
         """Return what hears those of a job; of several of a kind the first counts."""
-        return lambda warning: self.given.setdefault((type(warning), warning.kind), {}).setdefault(key, warning)
+
+        def hear(warning: ImpactLabWarning) -> None:
+            self.given.setdefault((type(warning), warning.kind), {}).setdefault(key, warning)
+
+        return hear
 
     def of_job(self, key: str) -> list[ImpactLabWarning]:
         """Return those of a job."""

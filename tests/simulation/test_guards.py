@@ -31,7 +31,7 @@ def test_a_run_that_is_foreseen_to_take_too_long_is_refused():
 
 def test_a_long_run_is_warned_of_before_it_begins(monkeypatch):
     monkeypatch.setattr(simulate, "LONG", 1e-6)
-    with pytest.warns(il.AccuracyWarning, match=r"would take about .* s\. Give max_seconds= to refuse"):
+    with pytest.warns(il.ImpactLabWarning, match=r"would take about .* s\. Give max_seconds= to refuse"):
         il.simulate(base(), 5.0, realizations=64, rng=1)
 
 
