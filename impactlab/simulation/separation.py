@@ -13,12 +13,16 @@ from impactlab.simulation.step_error import STILL
 PIECES = 32, 16
 """Most and fewest parts of a path that tell how its averages scatter."""
 
-FEWEST = 8
-"""Fewest parts, or realizations, that tell a standard error."""
+FEWEST, FEWEST_PARTS = 8, 4
+"""Fewest realizations, and fewest parts of a path, that tell a standard error."""
 
-SHIFT, FAR = 1e-6, 0.03
-"""Change of the velocities at the start, as a part of them, and the distance of two paths from which on they are apart.
-What such a change does to a path, no step can avoid; on regular paths it grows with time, or as a square root."""
+SHIFT = 1e-6
+"""Change of the velocities at the start, as a part of them. What it does to a path no step can avoid; on regular paths
+it grows with time, or as a square root."""
+
+FAR, OFTEN = 0.1, 0.125
+"""Distance of two paths, as a part of their velocities, beyond which they are apart, and the part of the time in which
+they must be: at a moment between the impacts of one and the other they differ on regular paths, too."""
 
 
 def in_pieces(run: int) -> tuple[tuple[int, ...], int]:
@@ -34,10 +38,11 @@ def separate(model: Model, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     labels, square = model.connected(), (one**2).mean(axis=(0, 2))
     energy, largest = model.mass * square, np.zeros(labels.max() + 1)
     np.maximum.at(largest, labels, energy)
-    # a moment between the impacts of one and the other counts no more than others
-    distance = np.minimum((one - other) ** 2, 4.0 * square[:, None]).mean(axis=(0, 2))
+    distance = np.quantile(((one - other) ** 2).mean(axis=2), 1.0 - OFTEN, axis=0)
     apart = (distance > FAR**2 * square) & (energy > STILL * largest[labels])
-    return np.asarray(np.bincount(labels, apart) > 0.0)
+    result = np.zeros(len(largest), dtype=bool)
+    result[labels[apart]] = True
+    return result
 
 
 def error_of_means(values: np.ndarray, widened: Callable[[int], float]) -> np.ndarray:
@@ -50,11 +55,10 @@ def error_of_means(values: np.ndarray, widened: Callable[[int], float]) -> np.nd
     if lanes >= FEWEST:
         units = [values.mean(axis=-2)]
     else:
-        numbers = [parts // power for power in (1, 2, 4) if parts // power >= FEWEST]
+        numbers = [parts >> power for power in range(4) if parts >> power >= FEWEST_PARTS]
         units = [_joined(values, number) for number in numbers]
     errors = [widened(item.shape[-1] - 1) * item.std(axis=-1, ddof=1) / math.sqrt(item.shape[-1]) for item in units]
-    largest: np.ndarray = np.max(errors, axis=0)
-    return largest
+    return np.asarray(np.max(errors, axis=0))
 
 
 def _joined(values: np.ndarray, number: int) -> np.ndarray:

@@ -465,7 +465,7 @@ def _estimated(
 ) -> Findings:
     """Return what the dataset of a finished run holds, and warn of what it leaves open.
 
-    A text that says that small errors change the path is given in place of runs that begin elsewhere.
+    A text on `wandering` says that small errors change the path, where no other start is known to do so.
     """
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
@@ -493,12 +493,12 @@ def _estimated(
             f"Means contain the transient from rest: the two halves of the run differ by {estimates.drift:.1f} "
             "standard errors. Give spin_up= (s) for stationary means, or spin_up=0.0 if the transient is wanted.",
         )
-    if wandering:
-        warn("chaotic_path", wandering)
-    usual = request.initial is None and not plan.noise.coarse and not wandering
+    usual = request.initial is None and not plan.noise.coarse
     elsewhere = begun_elsewhere(plan, results[0].bodies, lambda other: run_block(other, 0).bodies) if usual else ""
     if message := estimates.remembered or elsewhere:
         warn("several_motions", message)
+    elif wandering:
+        warn("chaotic_path", wandering)
     if not plan.noise.coarse and not drifting:
         partition = unequal_partition(plan, *estimates.values.combined["mean_square_velocity"])
         if message := estimates.heating.warning or partition:

@@ -377,6 +377,7 @@ def judged(item):
     keys = [key for key in truth if not (rigid and key[0] in ("contact_rate", "contact_ratio"))]
     keys = [key for key in keys if largest(truth, key[0]) > 1e-12]
     bias = max((off(values, truth, key) for key in keys), default=0.0)
+    of_all = max((off(values, truth, key) for key in truth if largest(truth, key[0]) > 1e-12), default=0.0)
     apart = max((off(again, truth, key) for key in truth if largest(truth, key[0]) > 1e-12), default=0.0)
     from_paths = max((off(truth, paths, key) for key in keys if key in paths), default=0.0) if paths else 0.0
     chaotic = max(apart, from_paths) > WRONG
@@ -387,7 +388,7 @@ def judged(item):
         else:
             verdict = "right" if kinds or bias < 5.0 * scatter else "missing"
     elif kinds:
-        verdict = "right" if bias > RIGHT or ("chaotic_path" in kinds and apart > RIGHT) else "wrong"
+        verdict = "right" if of_all > RIGHT or ("chaotic_path" in kinds and apart > RIGHT) else "wrong"
     else:
         verdict = "missing" if bias > WRONG else "right"
     where = max(keys, key=lambda key: off(values, truth, key), default=("", ""))

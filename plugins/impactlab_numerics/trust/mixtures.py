@@ -171,7 +171,9 @@ def _records(sketch: Sketch) -> list[il.Record]:
     if rng.random() < 0.5:
         return []
     offered = [il.PerRealization(), il.Density(bins=20), il.Spectrum(), il.FinalState()]
-    if not any(isinstance(item.law, il.RigidContact) for item in sketch.contacts.values()):
+    without = [item for item in sketch.contacts.values() if isinstance(item, il.RoundContact)]
+    without += [item for item in sketch.contacts.values() if isinstance(item.law, il.RigidContact)]
+    if not without:  # contacts whose crossings are not recorded
         offered.append(il.PeakForces())
     chosen = rng.choice(len(offered), int(rng.integers(1, len(offered) + 1)), replace=False)
     return [offered[index] for index in chosen]

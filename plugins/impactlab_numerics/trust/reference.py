@@ -136,12 +136,9 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     method = il.ExactFlow(jumps=False, measured=False)  # looks at every step
     result = il.simulate(network, rng=seed, record=PathMeans(), integrator=method, **options)
     path = path_statistics(result)
-    unseen = np.array(
-        [
-            isinstance(item, il.RoundContact) or isinstance(item.law, il.RigidContact)
-            for item in network.contacts.values()
-        ]
-    )  # contacts whose closings a path of samples does not show
+    rigid = np.array([isinstance(item.law, il.RigidContact) for item in network.contacts.values()], dtype=bool)
+    unseen = rigid | [isinstance(item, il.RoundContact) for item in network.contacts.values()]
+    # a path of samples does not show when these close
     values, errors, doubts = {}, {}, []
     for name in JUDGED:
         if name not in path:
@@ -161,6 +158,8 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
             if name in result:
                 value = np.where(unseen, result[name].values, value)
                 error = np.where(unseen, result[f"{name}_standard_error"].values, error)
+            if name == "contact_ratio":  # noise leaves rests of rigid contacts no duration but that of a step
+                value = np.where(rigid, np.nan, value)
         values[name], errors[name] = value, np.hypot(error, USUAL_BIAS * (options["step"] / step) ** 2 * scale)
     return Reference("fine step", values, errors, options["step"], tuple(doubts))
 
