@@ -47,6 +47,9 @@ REACHED = 0.95
 KNOWN = 0.1
 """Three standard errors, as a part of a statistic, up to which it counts what is not known of its bias."""
 
+HEAVY = 2.0
+"""Factor of standard errors along chaotic paths: few long flights make their tails heavier than normal ones."""
+
 WANDERING = 2.0 * WORTH_SAYING
 """Standard error of an average along a path that small errors change, as a part of it, from which on it is said."""
 UNIMPROVED = 0.8
@@ -206,9 +209,8 @@ class StepError:
 
     def scattered(self, error: dict[str, np.ndarray], apart: dict[str, np.ndarray]) -> StepError:
         """Return these biases with other errors where paths are apart."""
-        return replace(
-            self, error={name: np.where(apart[name], error[name], own) for name, own in self.error.items()}, apart=apart
-        )
+        errors = {name: np.where(apart[name], HEAVY * error[name], own) for name, own in self.error.items()}
+        return replace(self, error=errors, apart=apart)
 
     def told(self) -> StepError:
         """Return these biases with what the compared paths cannot tell in their standard errors."""
@@ -224,7 +226,7 @@ class StepError:
     def wandering(self) -> str:
         """Say how well averages along paths are known that are apart; nothing where no path is, or they are known."""
         known = {
-            name: np.where(self.apart[name] & np.isfinite(error), error, 0.0) / math.sqrt(2.0)
+            name: np.where(self.apart[name] & np.isfinite(error), error, 0.0) / (math.sqrt(2.0) * HEAVY)
             for name, error in self.error.items()
             if name in self.apart
         }
@@ -349,7 +351,8 @@ class StepError:
         for name in REPRESENTATIVE & self.measured.keys():
             (value, error), seen = ran(name), self.measured[name]
             both = np.maximum(np.abs(value), np.abs(seen))
-            if (np.abs(value - seen) > LIKE * both + self.limit * np.nan_to_num(error)).any():
+            scatter = np.nan_to_num(error) * math.sqrt(1.0 + 1.0 / self.reached)  # that of a part is larger
+            if (np.abs(value - seen) > LIKE * both + self.limit * scatter).any():
                 return True
         return False
 

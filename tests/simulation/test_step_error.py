@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -460,6 +461,37 @@ def test_a_body_that_is_much_faster_in_the_run_is_told():
     assert not found.doubt(calm, sampled=True, steady=True)
     assert not found.doubt(unknown, sampled=True, steady=True)
     assert found.doubt(unknown, sampled=False, steady=True)
+
+
+def test_a_part_of_a_run_that_is_like_the_whole_tells_its_bias():
+    names = ("mean_square_velocity", "contact_rate")
+    labels = {"oscillator": ("a",), "contact": ("w",)}
+    seen = StepError(0.1, {}, {}, labels, {name: np.array([1.0]) for name in names}, reached=0.06)
+    for rate, doubted in ((0.9, False), (2.0, True), (0.4, True)):
+        run = statistics(["a"], ["w"], {names[0]: [1.1], names[1]: [rate]}, {name: [0.01] for name in names})
+        assert ("in the first 6 % of the run only" in seen.doubt(run, sampled=True, steady=False)) == doubted
+    unsure = statistics(["a"], ["w"], {names[0]: [1.1], names[1]: [2.0]}, {names[0]: [0.01], names[1]: [0.1]})
+    assert not seen.doubt(unsure, sampled=True, steady=False)
+
+
+def test_a_bias_that_is_not_known_well_is_that_of_the_rules_up_to_their_step():
+    name = "contact_rate"
+    found = StepError(0.1, {name: np.zeros(1)}, {name: np.array([0.02])}, {"contact": ("w",)}, {name: np.ones(1)})
+    unmet = StepError(0.1, {name: np.zeros(1)}, {name: np.array([np.inf])}, {"contact": ("w",)}, {name: np.zeros(1)})
+    found, unmet = (
+        replace(
+            item,
+            measured=item.measured | {"mean_square_velocity": np.ones(1)},
+            labels=item.labels | {"oscillator": ("a",)},
+        )
+        for item in (found, unmet)
+    )
+    run = statistics(
+        ["a"], ["w"], {"mean_square_velocity": [1.0], name: [1.0]}, {"mean_square_velocity": [0.0], name: [1e-3]}
+    )
+    assert "known to ± 2 % only" in found.doubt(run, sampled=True, steady=False, automatic=0.05)
+    assert not found.doubt(run, sampled=True, steady=False, automatic=0.1)
+    assert "it was not seen" in unmet.doubt(run, sampled=True, steady=False, automatic=0.1)
 
 
 def test_a_measurement_that_diverges_is_told_if_the_run_does_not():
