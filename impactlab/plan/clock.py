@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -27,6 +28,9 @@ MOST_STEPS = 2.0**53
 
 LEAST_STEPS = 1e-9
 """Part of a recommended step that a run may take: over less the motion is lost in rounding."""
+
+MOST_PARTS = 1000
+"""Parts of an interval of which another one is looked for as a whole number."""
 
 MOST_SAMPLES = 4096
 """Steps per batch where every step is exact, so that the work does not grow with the time."""
@@ -79,15 +83,15 @@ def fit_step(
 ) -> tuple[float, int]:
     """Return a step that divides all `intervals`, and the number of steps in the duration.
 
-    A step that is not fixed is made smaller until a `multiple` of it divides the first interval; if there is none,
-    until it divides the duration. The number of steps is such a multiple. If the number of steps in the interval is to
-    be `smooth`, it has no prime factor above 5, which an FFT takes best. Intervals that are not a whole number of steps
-    are refused.
+    A step that is not fixed is made smaller until a `multiple` of it divides the longest time that all intervals are
+    whole numbers of; if there is no interval, until it divides the duration. The number of steps is such a multiple. If
+    the number of steps in that time is to be `smooth`, it has no prime factor above 5, which an FFT takes best.
+    Intervals that are not a whole number of steps are refused.
     """
     if fixed and step > duration * (1.0 + 1e-9):
         raise InvalidInput(f"A step of {step:g} s is longer than the duration of {duration:g} s; change one of them.")
     if not fixed:
-        whole = intervals[0] if intervals else duration
+        whole = _common(intervals) if intervals else duration
         count = math.ceil(_steps(whole, multiple * step) * (1.0 - 1e-12))
         if smooth:
             from scipy.fft import next_fast_len  # loaded only where there are series
@@ -96,10 +100,19 @@ def fit_step(
         step = whole / (multiple * count)
     for interval in intervals:
         if abs(interval / step - round(interval / step)) > 1e-6 or round(interval / step) < 1:
-            raise InvalidInput(
-                f"An interval of {interval:g} s is not a whole number of steps of {step:g} s; change one of them."
-            )
+            among = f"Intervals of {intervals[0]:g} s and {interval:g} s are no whole numbers of any usable step"
+            alone = f"An interval of {interval:g} s is not a whole number of steps of {step:g} s"
+            raise InvalidInput(f"{alone if fixed else among}; change one of them.")
     return step, multiple * max(1, round(_steps(duration, multiple * step)))
+
+
+def _common(intervals: list[float]) -> float:
+    """Return the longest time that all intervals are whole numbers of, or the first interval if there is none."""
+    first = intervals[0]
+    shares = [Fraction(interval / first).limit_denominator(MOST_PARTS) for interval in intervals]
+    if any(abs(share * first - interval) > 1e-9 * interval for share, interval in zip(shares, intervals, strict=True)):
+        return first
+    return first / math.lcm(*(share.denominator for share in shares))
 
 
 def _steps(time: float, step: float) -> float:

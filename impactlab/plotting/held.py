@@ -15,11 +15,11 @@ from impactlab.components.contact import Contact, HertzContact, RoundContact
 from impactlab.components.sides import Combination
 from impactlab.errors import ImpactLabError, InvalidInput
 from impactlab.results.dataset import CONFIGURATION, configuration_of
-from impactlab.results.schema import BODY, CONTACT, POINT
+from impactlab.results.schema import BODY, CONTACT, POINT, STATE
 from impactlab.results.snapshot import recorded
 from impactlab.results.stack import DONE, number_of, on_own_axes
 
-LABELS = (BODY, CONTACT, POINT)
+LABELS = (BODY, CONTACT, POINT, STATE)
 """Dimensions whose labels are names of members of a network."""
 
 

@@ -274,14 +274,17 @@ def _shade(axes: Axes, result: xr.Dataset, names: Iterable[Place]) -> None:
         _CLOSED,
         *({**_CLOSED, "facecolor": item} for item in COLORS[4:1:-1]),
     ]
-    if many:
-        found = {"a contact": np.any(list(found.values()), axis=0)}
     times, rigid = result["time"].values, rigid_contacts(result)
+    if many:
+        rigid = {"a contact"} if rigid & found.keys() else set()
+        found = {"a contact": np.any(list(found.values()), axis=0)}
     half = 0.5 * float(np.diff(times[:2]).sum())
     for (name, closed), look in zip(found.items(), looks, strict=False):
         turns = np.flatnonzero(np.diff(closed, prepend=False, append=False)).reshape(-1, 2)
         early = 2.0 * half if name in rigid else half  # an impact is in the interval before the sample
         spans = [(times[begin] - early, times[end - 1] - times[begin] + 2.0 * half) for begin, end in turns]
+        if name in rigid:  # impacts are shorter than a line is wide
+            look = look | {"linewidth": 0.8, "edgecolor": look["facecolor"]}
         label = name_text(f"{name} closed")
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), label=label, **look)
 

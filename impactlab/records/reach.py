@@ -9,7 +9,7 @@ from impactlab.linear.laws import extent, flexibility, hottest
 from impactlab.nonlinear.tangent_stiffness import Stiffening
 
 MARGIN = 0.02
-"""Part of the range of a given motion by which its density is wider on either side."""
+"""Part of its range by which the density of a given motion, or of a body at a contact, is wider on either side."""
 
 MOST_HITS = 50.0
 """How many times faster than a body of given motion one that it hits again and again is taken to get at most."""
@@ -63,6 +63,8 @@ def reach_of_moved(
             bounds[0][-1] = bounds[1][-1] = 0.0
         lower = np.where(touched, np.minimum(low, bounds[0][:-1]), lower)
         upper = np.where(touched, np.maximum(high, bounds[1][:-1]), upper)
+        slack = np.where(touched, MARGIN * (upper - lower), 0.0)  # on a rigid contact a body rests at its limit
+        lower, upper = lower - slack, upper + slack
     return lower, upper
 
 

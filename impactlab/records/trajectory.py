@@ -74,7 +74,8 @@ class Trajectory(Record):
         for field in ("names", "quantities"):
             given = getattr(self, field)
             if not (given is None or (isinstance(given, tuple) and given)):
-                raise InvalidInput(f"Trajectory: {field} is a sequence of at least one name, not {given!r}.")
+                example = (given,) if isinstance(given, str) else "('…',)"
+                raise InvalidInput(f"Trajectory: {field} is a sequence of names such as {example}, not {given!r}.")
         for quantity in self.quantities or ():
             if quantity not in _ALL:
                 raise InvalidInput(f"Trajectory.quantities: {suggestion(quantity, _ALL)}")

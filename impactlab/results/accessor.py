@@ -17,7 +17,7 @@ import xarray as xr
 import impactlab
 from impactlab.errors import InvalidInput
 from impactlab.results.measured import measured_text
-from impactlab.results.schema import OF_POINTS, STATISTICS, Statistic
+from impactlab.results.schema import Statistic, every_statistic
 from impactlab.results.stack import DONE
 
 _OF_NETWORKS = {"network", "network_html"}
@@ -69,7 +69,7 @@ class Accessor:
             If the dataset holds no statistics.
         """
         dataset = self._dataset
-        held = [item for item in (*STATISTICS.values(), *OF_POINTS.values()) if item.name in dataset]
+        held = [item for item in every_statistic().values() if item.name in dataset]
         if not held:
             raise InvalidInput("The dataset holds no statistics: give what il.simulate, il.sweep or il.exact returned.")
         return pd.concat([_rows_of(dataset, item) for item in held], ignore_index=True)

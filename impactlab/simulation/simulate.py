@@ -469,12 +469,12 @@ def _estimated(
     """
     estimates = estimate(plan, *merged(results), rows=rows)
     if message := endless_chatter(plan, results):
-        warn("chatter", message)
+        warn("many_impacts", message)
     slowest_counted = slow_impacts(plan, results)
     if request.statistics is not None and "contact_rate" not in request.statistics:
         slowest_counted[:] = np.nan
     if message := chatter(plan, slowest_counted):
-        warn("small_impacts", message)
+        warn("chatter", message)
     drifting = plan.steady and estimates.drift > DRIFT
     from_rest = not plan.start.given and plan.start.state == "rest" and not plan.clock.spin_up_steps
     transient = from_rest and request.from_rest

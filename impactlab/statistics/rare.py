@@ -122,9 +122,10 @@ def warn_of_still(plan: Plan, events: Events) -> None:
         stillest = int(np.argmin(number))
         warn(
             "rare_pushes",
-            f"{len(moved)} oscillator(s) that only contacts or couplings move were moved fewer than {CLOSINGS} times "
-            f"in all, too seldom for standard errors (NaN for none): {plan.system.bodies[moved[stillest]]!r} about "
-            f"{number[stillest]:.2g} times. Run for longer, or use more realizations.",
+            f"{len(moved)} oscillator(s) that only contacts or couplings move were pushed independently fewer than "
+            f"{CLOSINGS} times in all realizations, too seldom for standard errors (NaN for none): "
+            f"{plan.system.bodies[moved[stillest]]!r} about {number[stillest]:.2g} times. Run for longer, or use more "
+            "realizations.",
         )
 
 

@@ -46,7 +46,8 @@ class Heard:
         Where there are more than `MOST_SAID` kinds, the last warning lists those that concern the fewest jobs.
         """
         order = list(order)
-        kinds = sorted(self.given.items(), key=lambda item: -len(item[1]))
+        rank = {kind: place for place, kind in enumerate(KINDS)}  # whatever the order in which they were given
+        kinds = sorted(self.given.items(), key=lambda item: (-len(item[1]), rank[item[0][1]]))
         said = kinds if len(kinds) <= MOST_SAID else kinds[: MOST_SAID - 1]
         for (category, kind), warnings in said:
             first = next(key for key in order if key in warnings)

@@ -61,6 +61,8 @@ def test_work_by_the_rule_that_anybody_would_write():
         work = last.final_law_state.values[:, 0]
         assert (lost > 0.03).all()
         off.append(np.abs(work / lost - 1.0).mean())
+    table = last.impactlab.table().set_index(["statistic", "label"])
+    assert table.loc[("mean_law_state", "w.work"), "value"] == last.mean_law_state.item()
     assert off[0] < 1e-3  # with the rate before the push of the contact it is 0.2
     assert off[1] < 0.4 * off[0]
 

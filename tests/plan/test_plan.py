@@ -60,6 +60,8 @@ def test_spin_up_is_twelve_relaxation_times_unless_the_start_is_given():
         (0.3, False, [0.5], 1.0, (0.25, 4)),
         (0.3, True, [], 1.0, (0.3, 3)),
         (0.1, True, [0.3, 0.2], 1.0, (0.1, 10)),
+        (0.06, False, [0.1, 0.03], 1.2, (0.01, 120)),
+        (0.06, False, [0.1, 0.125], 1.0, (0.025, 40)),
     ],
 )
 def test_steps_divide_what_they_must(step, fixed, intervals, duration, expected):
@@ -191,6 +193,10 @@ def test_seeds_take_the_forms_of_spec_7():
         ({"record": [3]}, r"record takes records such as il.Density"),
         ({"record": il.Trajectory(0.01), "step": 3e-3}, r"interval of 0.01 s is not a whole number of steps of 0.003"),
         ({"record": il.Trajectory(1e-3), "step": 3e-3}, r"is not a whole number of steps"),
+        (
+            {"record": il.Trajectory(0.1, start=0.0123456789)},
+            r"Intervals of 0\.0123457 s and 0\.1 s are no",
+        ),
         ({"record": il.Density("displacement", oscillators=("tow",))}, r"no oscillator 'tow'; did you mean 'two'"),
         ({"record": il.JointDensity("one", "three")}, r"no oscillator 'three'"),
     ],

@@ -260,8 +260,8 @@ def test_the_memory_of_a_trajectory_is_that_of_what_is_kept():
     ("options", "message"),
     [
         ({"names": ["tow"]}, r"no oscillator, contact, point or state 'tow'; did you mean 'two'\?"),
-        ({"names": "two"}, "names is a sequence of at least one name, not 'two'"),
-        ({"names": []}, "names is a sequence of at least one name"),
+        ({"names": "two"}, r"names is a sequence of names such as \('two',\), not 'two'"),
+        ({"names": []}, "names is a sequence of names such as"),
         ({"quantities": ["velocty"]}, r"Trajectory.quantities: did you mean 'velocity'\?"),
         ({"names": ["two"], "quantities": ["contact_force"]}, "keeps nothing"),
         ({"quantities": ["law_state"]}, "keeps nothing"),

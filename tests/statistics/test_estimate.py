@@ -334,7 +334,7 @@ def test_a_body_that_only_a_rare_force_moves_is_not_known(link):
     network = il.Network(
         {"a": unit_body(), "b": unit_body()}, contact, {"a": il.WhiteNoise(0.2 / np.pi)}, couplings=coupling
     )
-    with pytest.warns(il.AccuracyWarning, match=r"moved fewer than 30 times in all.* 'b' about 0 times"):
+    with pytest.warns(il.AccuracyWarning, match=r"pushed independently fewer than 30 times in all.* 'b' about 0 times"):
         ds = il.simulate(network, 60.0, realizations=64, rng=2, step=0.0125)
     for name in ("mean_displacement", "mean_square_displacement", "variance_displacement", "mean_square_velocity"):
         assert np.isnan(ds[f"{name}_standard_error"][1])

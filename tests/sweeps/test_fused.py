@@ -352,3 +352,19 @@ def test_a_point_with_a_wrong_force_leaves_others_as_they_are():
     assert "BrittleContact(strength=3.0)" in wrong
     alone = il.rerun(swept.sel(strength=1.5))
     np.testing.assert_array_equal(swept.mean_contact_force.sel(strength=1.5), alone.mean_contact_force)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_records_that_differ_from_point_to_point(order):
+    """Snapshots of one point hold peaks between steps, those of another do not."""
+    law = il.HuntCrossleyContact(5e3, dissipation=0.5)
+    records = [[il.Trajectory(0.004)], [il.PeakForces()]][::order]
+
+    def make(place):
+        return base().replace(contacts={"gap": il.Contact("one", "two", law, clearance=0.05)}), {
+            "record": records[place]
+        }
+
+    method = il.ExactFlow(jumps=False, measured=False)
+    swept = il.sweep(make, {"place": [0, 1]}, duration=1.0, realizations=4, step=0.004, integrator=method, rng=1)
+    assert set(swept.status.values.tolist()) == {"done"}
