@@ -49,7 +49,7 @@ class Spring:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicMotion:
-    """Motion of bodies on springs, some of which vary periodically."""
+    """Motion of bodies on linear springs, of which at least one varies periodically."""
 
     slots: np.ndarray  # of the bodies
     period: float  # common to all springs (s)
@@ -83,7 +83,7 @@ def relaxation_time(model: Model) -> float:
 
 @kept
 def periodic(model: Model) -> tuple[PeriodicMotion, ...]:
-    """Return the motions of bodies on linear springs some of which vary, where a common period is known."""
+    """Return the motions of bodies on linear springs that vary, where a common period is known."""
     springs = _springs(model) if model.timed.any() else []
     if not springs:
         return ()

@@ -102,12 +102,10 @@ class Kept(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """Names of the bodies, contacts and states in a snapshot, of the last with units, and of points that follow.
+    """Names of the bodies, contacts and states in a snapshot, of the states with units, and of points.
 
-    Peaks of contact forces come last, if there are any.
-
-    With the names of points there are the bodies of which each is a weighted sum, and their weights. Forces of rigid
-    contacts are means since the snapshot before.
+    The displacement and the velocity of a point are weighted sums of the rows of bodies. Peaks of contact forces come
+    last, if there are any. Forces of rigid contacts are means since the snapshot before.
     """
 
     bodies: tuple[str, ...]

@@ -273,9 +273,9 @@ def rows_of(model: Model, parts: np.ndarray, names: Iterable[str]) -> dict[str, 
 def _gained(
     plan: Plan, units: dict[str, np.ndarray], labels: np.ndarray, energy: np.ndarray, coverage: Coverage
 ) -> np.ndarray:
-    """Return what connected parts have more of their energy, since they keep what a step puts in: (part, unit).
+    """Return the share by which the energy of connected parts grows, since they keep what a step puts in: (part, unit).
 
-    They keep it for as long as friction takes to take it away; no longer than energies are correlated where motion is
+    They keep it until friction takes it away; no longer than energies are correlated where motion is
     stationary, and no longer than the run lasts where it is not. NaN where nobody knows for how long.
     """
     segments, parts, lanes = energy.shape
