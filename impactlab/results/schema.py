@@ -53,7 +53,7 @@ class Moments(NamedTuple):
         return {item.name: self.of(item) for item in self.statistics()}
 
     def statistics(self) -> list[Statistic]:
-        """Return those."""
+        """Return the statistics that are known here."""
         known = [*stationary(), *(OF_POINTS.values() if self.points is not None else ()), *OF_STATES.values()]
         return [item for item in known if item.formed or item.name in self.others]
 
