@@ -45,7 +45,8 @@ class Heard:
         Where there are more than `MOST_SAID` kinds, the last warning lists those that concern the fewest jobs.
         """
         order = list(order)
-        kinds = sorted(self.given.items(), key=lambda item: -len(item[1]))
+        ranks = {kind: rank for rank, kind in enumerate(KINDS)}
+        kinds = sorted(self.given.items(), key=lambda item: (-len(item[1]), ranks[item[0][1]]))
         said = kinds if len(kinds) <= MOST_SAID else kinds[: MOST_SAID - 1]
         for (category, kind), warnings in said:
             first = next(key for key in order if key in warnings)
