@@ -13,6 +13,7 @@ import pytest
 
 import impactlab as il
 from impactlab.command_line.main import parser
+from impactlab.errors import KINDS
 from impactlab.results.schema import OF_STATES, STATISTICS
 
 ROOT = Path(__file__).parent.parent
@@ -172,3 +173,8 @@ def test_planted_bugs_are_drawn_from_what_the_tests_print(tmp_path: Path) -> Non
     )  # fmt: skip
     assert [line.split(" | ")[-1] for line in done.stdout.splitlines()[2:]] == ["195 |", "∞ |", "∞ |"]
     assert (tmp_path / "planted_bugs.png").stat().st_size > 1000
+
+
+def test_kinds_of_warnings_are_listed():
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", text_of(ROOT / "docs" / "reference.md"), re.MULTILINE)
+    assert set(KINDS.items()) <= set(rows)
