@@ -59,7 +59,7 @@ def test_a_motion_without_noise_begins_elsewhere_too(recwarn):
     other = il.simulate(alone(3.0), 30.0, initial=fast, spin_up=ds.spin_up)
     assert abs(other.mean_square_displacement / ds.mean_square_displacement - 1.0) > 0.01
     with pytest.warns(il.AccuracyWarning, match="Averages along this path are known to"):
-        il.simulate(alone(3.0), 30.0, initial="rest")
+        il.simulate(alone(3.0), 30.0, initial="rest", spin_up=ds.spin_up)
 
 
 def sums(motion, batches, rng):
