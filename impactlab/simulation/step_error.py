@@ -277,9 +277,15 @@ class StepError:
         return self.does and all((self.allowance(name, usual) <= most_of(name)).all() for name in self.bias)
 
     def or_from(self, larger: StepError) -> StepError:
-        """Return these biases, or those that follow from the ones of a larger step where they are known better."""
+        """Return these biases, or those that follow from the ones of a larger step where they are known better.
+
+        Where paths are apart, no larger step tells how well averages along them are known.
+        """
         foreseen = larger.at(self.step)
-        better = {name: foreseen.error[name] < error for name, error in self.error.items()}
+        better = {
+            name: (foreseen.error[name] < error) & ~self.apart.get(name, np.zeros(1, dtype=bool))
+            for name, error in self.error.items()
+        }
         bias, error = (
             {name: np.where(better[name], other[name], own[name]) for name in better}
             for own, other in ((self.bias, foreseen.bias), (self.error, foreseen.error))

@@ -541,3 +541,5 @@ def test_a_bias_that_is_not_met_again_is_not_forgotten():
     joint = smaller.or_from(larger)
     np.testing.assert_allclose(joint.bias["contact_ratio"], [0.01, 2e-3])
     np.testing.assert_allclose(joint.error["contact_ratio"], [0.01, 1e-4], rtol=1e-3)
+    chaotic = replace(smaller, apart={"contact_ratio": np.array([True, False])})
+    assert chaotic.or_from(larger).error["contact_ratio"][0] == np.inf
