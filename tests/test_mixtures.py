@@ -73,4 +73,4 @@ def test_a_realization_is_the_same_among_few_and_many(mixed):
 @pytest.mark.parametrize("seed", range(8))
 def test_mixtures_are_right_at_default_settings(seed):
     found = judge(seed, CLASSES, body_steps=2e7, share=0.25)
-    assert found["outcome"] in ("right", "right, few data said", "warned rightly", "refused"), found["messages"]
+    assert found["outcome"] not in ("silently wrong", "diverged", "failed"), found["messages"]

@@ -209,7 +209,7 @@ BUGS = [
     Bug("blocks in another order", ALONE,
         returned(simulate, "merged", lambda found, results: tuple(
             np.concatenate([getattr(item, name) for item in results[::-1]], axis=-1)
-            for name in ("bodies", "contacts", "products", "points")))),
+            for name in ("bodies", "contacts", "products", "points", "laws")))),
     Bug("means without the states at both ends", DRIVEN,
         returned(Block, "_edge", lambda edge, _: type(edge)(*(0.0 * item for item in edge)))),
     Bug("given forces as at the begin of a step", DRIVEN,

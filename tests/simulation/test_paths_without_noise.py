@@ -460,11 +460,15 @@ def test_a_path_is_divided_into_equal_parts():
     assert in_pieces(20) == ((), 0)
 
 
+SCENES = 30
+"""Scenes that are judged: a hundred take ten minutes."""
+
+
 @pytest.mark.campaign
 def test_warnings_of_paths_without_noise_are_right_and_complete(capsys):
-    """A hundred random scenes; the table of verdicts is printed."""
+    """Random scenes of all kinds; the table of verdicts is printed."""
     table, lines = Counter(), []
-    for number in range(100):
+    for number in range(SCENES):
         item = scene(number)
         verdict, nature, bias, *_, given = judged(item)
         warned = bool({one.kind for one in given} & set(COUNTED))

@@ -299,6 +299,7 @@ def driven(duration, **options):
     return il.simulate(network, duration, spin_up=0.0, **options)
 
 
+@pytest.mark.filterwarnings("ignore:Averages along this path")
 @pytest.mark.parametrize(
     ("duration", "measured"),
     [(256.0, False), *(pytest.param(t, True, marks=pytest.mark.campaign) for t in (256.0, 250.0))],

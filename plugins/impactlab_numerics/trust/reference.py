@@ -137,8 +137,8 @@ def _fine(scene: Scene, step: float, seed: Any, body_steps: float) -> Reference:
     result = il.simulate(network, rng=seed, record=PathMeans(), integrator=method, **options)
     path = path_statistics(result)
     rigid = np.array([isinstance(item.law, il.RigidContact) for item in network.contacts.values()], dtype=bool)
-    unseen = rigid | [isinstance(item, il.RoundContact) for item in network.contacts.values()]
-    # a path of samples does not show when these close
+    round_ones = np.array([isinstance(item, il.RoundContact) for item in network.contacts.values()], dtype=bool)
+    unseen = rigid | round_ones  # a path of samples does not show when these close
     values, errors, doubts = {}, {}, []
     for name in JUDGED:
         if name not in path:
