@@ -275,7 +275,6 @@ def _settled(
 
 
 @kept
-@kept
 def _hopping(model: Model) -> tuple[float, bool, int]:
     """Return the longest time between changes of wells (s), whether wells differ in depth, and of which body it is."""
     longest, uneven, trapped = 0.0, False, -1

@@ -29,7 +29,7 @@ MOST_STEPS = 2.0**53
 LEAST_STEPS = 1e-9
 """Part of a recommended step that a run may take: over less the motion is lost in rounding."""
 
-MOST_PARTS = 1000
+MOST_DIVISIONS = 1000
 """Parts of an interval of which another one is looked for as a whole number."""
 
 MOST_SAMPLES = 4096
@@ -109,7 +109,7 @@ def fit_step(
 def _common(intervals: list[float]) -> float:
     """Return the longest time that all intervals are whole numbers of, or the first interval if there is none."""
     first = intervals[0]
-    shares = [Fraction(interval / first).limit_denominator(MOST_PARTS) for interval in intervals]
+    shares = [Fraction(interval / first).limit_denominator(MOST_DIVISIONS) for interval in intervals]
     if any(abs(share * first - interval) > 1e-9 * interval for share, interval in zip(shares, intervals, strict=True)):
         return first
     return first / math.lcm(*(share.denominator for share in shares))
